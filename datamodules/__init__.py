@@ -1,0 +1,1 @@
+"""Recordings into batches. Knows nothing of networks, training or driving."""

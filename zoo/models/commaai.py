@@ -1,0 +1,61 @@
+"""comma.ai's steering network, 2016: https://github.com/commaai/research."""
+
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from zoo.models.layers import Normalize, activation_layer, feature_shape
+
+
+class SameConv2d(nn.Conv2d):
+    """A convolution padded as TensorFlow's "same": where the padding is odd, the end gets more."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        padding: list[int] = []
+        sizes = zip(images.shape[2:], self.kernel_size, self.stride, strict=True)
+        for size, kernel, stride in sizes:
+            total = max((-(-size // stride) - 1) * stride + kernel - size, 0)
+            padding = [total // 2, total - total // 2, *padding]  # F.pad wants the width first
+        return super().forward(F.pad(images, padding))
+
+
+class CommaAi(nn.Module):
+    """6,621,809 parameters at 3 x 160 x 320, nearly all of them in the first dense layer.
+
+    Args:
+        shape: `(channels, height, width)` of the view.
+        activation: `elu` or `relu`.
+        dropout: the rates before and after the first dense layer.
+        width: scales the number of channels and units of every hidden layer.
+    """
+
+    takes_speed = False
+    outputs = 1
+
+    def __init__(
+        self,
+        shape: tuple[int, int, int],
+        activation: str = "elu",
+        dropout: tuple[float, float] = (0.2, 0.5),
+        width: float = 1.0,
+    ) -> None:
+        super().__init__()
+        c1, c2, c3, f1 = (max(1, round(n * width)) for n in (16, 32, 64, 512))
+        self.features = nn.Sequential(
+            Normalize(),
+            SameConv2d(shape[0], c1, 8, 4),
+            activation_layer(activation),
+            SameConv2d(c1, c2, 5, 2),
+            activation_layer(activation),
+            SameConv2d(c2, c3, 5, 2),
+        )
+        self.head = nn.Sequential(
+            nn.Dropout(dropout[0]),
+            activation_layer(activation),
+            nn.Linear(feature_shape(self.features, shape, "CommaAi").numel(), f1),
+            nn.Dropout(dropout[1]),
+            activation_layer(activation),
+            nn.Linear(f1, 1),
+        )
+
+    def forward(self, images: Tensor) -> Tensor:
+        return self.head(self.features(images).flatten(1))

@@ -1,0 +1,53 @@
+"""LeNet-5: LeCun et al., "Gradient-Based Learning Applied to Document Recognition", 1998.
+
+With max pooling and ReLU, as the course teaches it, and one output instead of ten.
+"""
+
+from torch import Tensor, nn
+
+from zoo.models.layers import Normalize, activation_layer, feature_shape
+
+
+class LeNet(nn.Module):
+    """Two convolutions and three dense layers; 137,741 parameters at 1 x 32 x 64.
+
+    Args:
+        shape: `(channels, height, width)` of the view.
+        activation: `relu` or `elu`.
+        dropout: the rate before each of the last two layers.
+        width: scales the number of channels and units of every hidden layer.
+    """
+
+    takes_speed = False
+    outputs = 1
+
+    def __init__(
+        self,
+        shape: tuple[int, int, int],
+        activation: str = "relu",
+        dropout: float = 0.0,
+        width: float = 1.0,
+    ) -> None:
+        super().__init__()
+        c1, c2, f1, f2 = (max(1, round(n * width)) for n in (6, 16, 120, 84))
+        self.features = nn.Sequential(
+            Normalize(),
+            nn.Conv2d(shape[0], c1, 5),
+            activation_layer(activation),
+            nn.MaxPool2d(2),
+            nn.Conv2d(c1, c2, 5),
+            activation_layer(activation),
+            nn.MaxPool2d(2),
+        )
+        self.head = nn.Sequential(
+            nn.Linear(feature_shape(self.features, shape, "LeNet").numel(), f1),
+            activation_layer(activation),
+            nn.Dropout(dropout),
+            nn.Linear(f1, f2),
+            activation_layer(activation),
+            nn.Dropout(dropout),
+            nn.Linear(f2, 1),
+        )
+
+    def forward(self, images: Tensor) -> Tensor:
+        return self.head(self.features(images).flatten(1))

@@ -1,0 +1,60 @@
+"""PilotNet: Bojarski et al., "End to End Learning for Self-Driving Cars", 2016, arXiv:1604.07316.
+
+With ELU and a dropout that rises from layer to layer, as in a well-known solution of the course.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from zoo.models.layers import Normalize, activation_layer, feature_shape
+
+CONVOLUTIONS = [(24, 5, 2), (36, 5, 2), (48, 5, 2), (64, 3, 1), (64, 3, 1)]
+DENSE = [100, 50, 10]
+
+
+class PilotNet(nn.Module):
+    """252,219 parameters at 3 x 66 x 200.
+
+    Args:
+        shape: `(channels, height, width)` of the view.
+        activation: `elu` or `relu`.
+        dropout: the rates after the first and the last hidden layer; between them they rise evenly.
+        width: scales the number of channels and units of every hidden layer.
+        speed: take the speed beside the image, and give steering **and** throttle.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int, int],
+        activation: str = "elu",
+        dropout: tuple[float, float] = (0.1, 0.5),
+        width: float = 1.0,
+        speed: bool = False,
+    ) -> None:
+        super().__init__()
+        rates = torch.linspace(*dropout, len(CONVOLUTIONS) + len(DENSE)).tolist()
+        layers: list[nn.Module] = [Normalize()]
+        channels = shape[0]
+        for (out, kernel, stride), rate in zip(CONVOLUTIONS, rates, strict=False):
+            out = max(1, round(out * width))
+            layers += [nn.Conv2d(channels, out, kernel, stride), activation_layer(activation)]
+            layers += [nn.Dropout(rate)]
+            channels = out
+        self.takes_speed = speed
+        self.outputs = 2 if speed else 1
+        self.features = nn.Sequential(*layers)  # 31x98, 14x47, 5x22, 3x20, 1x18 of 66x200
+
+        units = feature_shape(self.features, shape, "PilotNet").numel() + speed
+        layers = []
+        for out, rate in zip(DENSE, rates[len(CONVOLUTIONS) :], strict=True):
+            out = max(1, round(out * width))
+            layers += [nn.Linear(units, out), activation_layer(activation), nn.Dropout(rate)]
+            units = out
+        self.head = nn.Sequential(*layers, nn.Linear(units, self.outputs))
+
+    def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
+        features = self.features(images).flatten(1)
+        if self.takes_speed:
+            # 30 mph is the simulator's top speed: the input stays within 0..1, as the features do.
+            features = torch.cat([features, speed.to(features.dtype)[:, None] / 30.0], dim=1)
+        return self.head(features)
