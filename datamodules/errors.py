@@ -2,4 +2,4 @@
 
 
 class InputError(Exception):
-    """Bad input. The message is one line that names the file, the row, what was found and the fix."""
+    """Bad input, in one line: the file, the row, what was found, and the fix."""

@@ -1,0 +1,175 @@
+"""Parse `driving_log.csv`, as the original simulator, the course and their forks write it."""
+
+import csv
+import itertools
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from datamodules.errors import InputError
+
+COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
+CAMERAS = COLUMNS[:3]
+NUMBERS = COLUMNS[3:]
+
+# What C# writes of a number behind a decimal comma: it never ends in a zero.
+_FRACTION = re.compile(r"\d*[1-9](E-?\d+)?$", re.IGNORECASE)
+_IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class LogRow:
+    """One row as written: its line number (1 is the first), three paths ('' where there is no such
+    camera), and steering -1..1, throttle, brake, speed in mph."""
+
+    line: int
+    paths: tuple[str, str, str]
+    numbers: tuple[float, float, float, float]
+
+
+def read_log(log: Path) -> Iterator[LogRow]:
+    """The rows of `driving_log.csv`, with or without a header, in any locale's numbers.
+
+    A decimal comma splits a number in two fields. The pieces are joined so that steering, throttle
+    and brake stay within -1..1; where two readings remain, the one whose speed is nearest to the
+    row before is taken.
+
+    Raises:
+        InputError: a row has the wrong number of columns, or a value that is no number, not finite,
+            or a steering beyond -1..1; or there is no row.
+    """
+    previous_speed = 0.0
+    order = None
+    any_row = False
+    with log.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        delimiter = ";" if file.readline().count(";") >= 3 else ","
+        file.seek(0)
+        reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
+        while True:
+            try:
+                fields = next(reader, None)
+            except csv.Error as error:
+                raise InputError(
+                    f"{log}, row {reader.line_num}: not a CSV row ({error}); delete the row"
+                ) from None
+            if fields is None:
+                break
+            fields = [field.strip() for field in fields]
+            if not any(fields):
+                continue
+            if order is None:
+                order = _column_order(log, fields)
+                if _is_header(fields):
+                    continue
+            paths, values = _arrange(log, reader.line_num, fields, order)
+            numbers = _parse_numbers(log, reader.line_num, values, previous_speed)
+            previous_speed = numbers[3]
+            any_row = True
+            yield LogRow(reader.line_num, paths, numbers)
+    if not any_row:
+        raise InputError(f"{log}: the log has no rows; record some driving first")
+
+
+def _is_header(fields: list[str]) -> bool:
+    return fields[0].lower() in ("center", "centre")
+
+
+def _column_order(log: Path, fields: list[str]) -> list[str]:
+    """The names of the columns, from the header or, without one, from how many images a row has."""
+    if _is_header(fields):
+        names = ["center" if name == "centre" else name for name in map(str.lower, fields)]
+        missing = [name for name in ("center", *NUMBERS) if name not in names]
+        if missing:
+            raise InputError(
+                f"{log}, row 1: the header has no column {', '.join(missing)}; "
+                f"expected {','.join(COLUMNS)}"
+            )
+        return names
+    images = len([field for field in fields if _IMAGE.search(field)])
+    if images == 1 and len(fields) == 5:
+        return ["center", *NUMBERS]
+    return list(COLUMNS)
+
+
+def _arrange(
+    log: Path, line: int, fields: list[str], order: list[str]
+) -> tuple[tuple[str, str, str], list[str]]:
+    """A row's three paths, and the fields of its four numbers (more than four: decimal commas)."""
+    if len(fields) == len(order):
+        cells = dict(zip(order, fields, strict=True))
+        paths = tuple(cells.get(camera, "") for camera in CAMERAS)
+        return paths, [cells[name] for name in NUMBERS]
+
+    cameras = [name for name in order if name in CAMERAS]
+    extra = len(fields) - len(order)
+    usual = order == [*cameras, *NUMBERS]
+    if usual and 0 < extra <= len(NUMBERS):
+        cells = dict(zip(cameras, fields, strict=False))
+        return tuple(cells.get(camera, "") for camera in CAMERAS), fields[len(cameras) :]
+    raise InputError(
+        f"{log}, row {line}: {len(fields)} columns, expected {len(order)} ({','.join(order)}); "
+        "mend or delete the row"
+    )
+
+
+def _parse_numbers(
+    log: Path, line: int, values: list[str], previous_speed: float
+) -> tuple[float, float, float, float]:
+    if len(values) == len(NUMBERS):
+        numbers = tuple(_number(log, line, *pair) for pair in zip(NUMBERS, values, strict=True))
+    else:
+        readings = list(_decimal_comma_readings(values))
+        if not readings:
+            raise InputError(
+                f"{log}, row {line}: {','.join(values)!r} are not the four numbers "
+                f"{','.join(NUMBERS)}; mend or delete the row"
+            )
+        numbers = min(readings, key=lambda reading: abs(reading[3] - previous_speed))
+    if abs(numbers[0]) > 1:
+        raise InputError(
+            f"{log}, row {line}: steering is {numbers[0]:g}, beyond -1..1 "
+            "(degrees? divide by 25); mend or delete the row"
+        )
+    return numbers
+
+
+def _number(log: Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text.replace(",", "."))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            f"{log}, row {line}: {name} is {text!r}, not a finite number; mend or delete the row"
+        )
+    return value
+
+
+def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
+    """Every way to join neighbouring pieces into four numbers that the simulator can have written.
+
+    >>> list(_decimal_comma_readings(["0", "25", "1", "0", "30", "19028"]))
+    [(0.25, 1.0, 0.0, 30.19028)]
+    """
+    split = len(pieces) - len(NUMBERS)
+    for joined in itertools.combinations(range(len(NUMBERS)), split):
+        rest = iter(pieces)
+        numbers = []
+        for position in range(len(NUMBERS)):
+            text = next(rest)
+            if position in joined:
+                fraction = next(rest)
+                if not _FRACTION.match(fraction):
+                    break
+                text = f"{text}.{fraction}"
+            try:
+                value = float(text)
+            except ValueError:
+                break
+            if not math.isfinite(value) or (position < 3 and abs(value) > 1):
+                break
+            numbers.append(value)
+        else:
+            yield tuple(numbers)

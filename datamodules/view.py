@@ -1,0 +1,86 @@
+"""What a network sees of a frame: crop, colour and size. The only code that decides it."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import cv2
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+
+CONVERSIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "rgb": lambda picture: picture,
+    "yuv": lambda picture: cv2.cvtColor(picture, cv2.COLOR_RGB2YUV),
+    "gray": lambda picture: cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY),
+    "hsv_s": lambda picture: cv2.cvtColor(picture, cv2.COLOR_RGB2HSV)[:, :, 1],
+}
+
+
+@dataclass(frozen=True)
+class View:
+    """Crop, then colour, then size: uint8 in, uint8 out.
+
+    Attributes:
+        crop: rows taken off the top and the bottom of the 160.
+        colour: `rgb`, `yuv`, `gray` or `hsv_s` (the saturation of HSV).
+        size: `(height, width)` after resizing by area, or None to leave it as cropped.
+    """
+
+    crop: tuple[int, int]
+    colour: str
+    size: tuple[int, int] | None
+
+    def __post_init__(self) -> None:
+        _check_pair("data.crop", self.crop, least=0)
+        if sum(self.crop) >= FRAME_HEIGHT:
+            raise InputError(
+                f"data.crop={list(self.crop)} leaves nothing of {FRAME_HEIGHT} rows; crop less"
+            )
+        if self.colour not in CONVERSIONS:
+            raise InputError(f"model.colour={self.colour} is not one of {', '.join(CONVERSIONS)}")
+        object.__setattr__(self, "crop", tuple(self.crop))
+        if self.size is not None:
+            _check_pair("model.size", self.size, least=1)
+            object.__setattr__(self, "size", tuple(self.size))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """`(height, width, channels)` of what comes out."""
+        size = self.size or (FRAME_HEIGHT - sum(self.crop), FRAME_WIDTH)
+        return (*size, 3 if self.colour in ("rgb", "yuv") else 1)
+
+    def __call__(self, frame: np.ndarray) -> np.ndarray:
+        """Frame uint8 [160, 320, 3] RGB -> uint8 [height, width, channels]."""
+        top, bottom = self.crop
+        picture = CONVERSIONS[self.colour](frame[top : FRAME_HEIGHT - bottom])
+        if self.size is not None:
+            # By area: each pixel of the recording counts, so that thin lane lines do not flicker.
+            height, width = self.size
+            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        return picture.reshape(self.shape)
+
+    def to_dict(self) -> dict:
+        """Plain containers, for a checkpoint; `View.from_dict` reads them back."""
+        plain = asdict(self)
+        return plain | {"crop": list(self.crop), "size": list(self.size) if self.size else None}
+
+    @classmethod
+    def from_dict(cls, plain: dict) -> "View":
+        return cls(**plain)
+
+
+def view_to_rgb(picture: np.ndarray, colour: str) -> np.ndarray:
+    """A view's picture uint8 [H, W, C] as RGB [H, W, 3] for a person to look at."""
+    if colour == "yuv":
+        return cv2.cvtColor(picture, cv2.COLOR_YUV2RGB)
+    if picture.shape[2] == 1:
+        return np.repeat(picture, 3, axis=2)
+    return picture
+
+
+def _check_pair(key: str, pair: object, least: int) -> None:
+    is_pair = isinstance(pair, list | tuple) and len(pair) == 2
+    if not is_pair or any(type(number) is not int or number < least for number in pair):
+        what = "top,bottom" if key == "data.crop" else "height,width"
+        raise InputError(f"{key}={pair} is not two whole numbers, {key}=[{what}], {least} or more")

@@ -1,0 +1,177 @@
+"""Views of recordings, decoded once per image and view, ever.
+
+One `.npy` file per recording, camera and view, named by the fingerprint of all three, memory-mapped
+by whoever reads it. A file appears under its name only when it is whole.
+"""
+
+import errno
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from filelock import FileLock, Timeout
+
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from datamodules.view import View
+
+# Raise it when `decode_image` or `View` changes what comes out: old files are then not read again.
+VERSION = 1
+CHUNK = 256
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class ViewFile:
+    """Views uint8 [N, H, W, C] of N images, and why some could not be decoded (by position)."""
+
+    views: np.ndarray
+    faults: dict[int, str]
+
+
+def load_views(
+    paths: list[str],
+    view: View,
+    folder: Path | None,
+    progress: Progress | None = None,
+    on_wait: Callable[[], None] | None = None,
+) -> ViewFile:
+    """The views of `paths`, from the cache in `folder`, or decoded now and left there.
+
+    Two processes that want the same file do not build it twice: the second waits for the first.
+    Without a folder the views are kept in memory.
+
+    Args:
+        progress: called with (done, total) as images are decoded.
+        on_wait: called once if another process is building this file.
+
+    Raises:
+        InputError: the disk is full or cannot be written to.
+    """
+    if folder is None:
+        views = np.empty((len(paths), *view.shape), np.uint8)
+        faults = {}
+        start = 0
+        for chunk in decode_chunks(paths, view, faults):
+            views[start : start + len(chunk)] = chunk
+            start += len(chunk)
+            if progress:
+                progress(start, len(paths))
+        return ViewFile(views, faults)
+
+    target = folder / f"{cache_key(paths, view)}.npy"
+    if not target.exists():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with _lock(target, on_wait):
+                if not target.exists():
+                    _build(target, paths, view, progress)
+        except OSError as error:
+            raise _cache_error(error, folder, len(paths) * int(np.prod(view.shape))) from error
+    views = np.load(target, mmap_mode="r")
+    notes = json.loads(_faults_path(target).read_text())
+    faults = {int(position): fault for position, fault in notes.items()}
+    return ViewFile(views, faults)
+
+
+def cache_key(paths: list[str], view: View) -> str:
+    """Fingerprint of the files (name, size, time of change) and of the view."""
+    digest = hashlib.sha256(json.dumps([VERSION, view.to_dict()]).encode())
+    for path in paths:
+        try:
+            status = os.stat(path)  # noqa: PTH116 - Path.stat costs three times as much
+            name = os.path.basename(path)  # noqa: PTH119 - so that a moved folder finds its views
+            digest.update(f"{name}|{status.st_size}|{status.st_mtime_ns}\n".encode())
+        except OSError:
+            digest.update(f"{path}|missing\n".encode())
+    return digest.hexdigest()[:24]
+
+
+def decode_chunks(paths: list[str], view: View, faults: dict[int, str]) -> Iterator[np.ndarray]:
+    """Yield uint8 [n, H, W, C] in the order of `paths`, decoded by one thread per core.
+
+    A bad image becomes zeros and a line in `faults`.
+    """
+
+    def decode(path: str) -> np.ndarray | str:
+        try:
+            with open(path, "rb") as file:  # noqa: PTH123
+                return view(decode_image(file.read()))
+        except OSError as error:
+            return f"{path}: {error.strerror}"
+        except ValueError as error:
+            return f"{path}: {error}"
+
+    # OpenCV gives up the interpreter's lock while it decodes, so threads are enough.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for start in range(0, len(paths), CHUNK):
+            chunk = np.zeros((min(CHUNK, len(paths) - start), *view.shape), np.uint8)
+            for offset, result in enumerate(pool.map(decode, paths[start : start + CHUNK])):
+                if isinstance(result, str):
+                    faults[start + offset] = result
+                else:
+                    chunk[offset] = result
+            yield chunk
+
+
+def _build(target: Path, paths: list[str], view: View, progress: Progress | None) -> None:
+    """Write beside the target, then rename: whoever sees the name sees the whole file."""
+    part = target.with_suffix(".part")  # a killed build's is overwritten: the lock is ours
+    faults: dict[int, str] = {}
+    try:
+        # Written, not mapped: on a full disk a write fails with an error, a mapped page kills.
+        with part.open("wb") as file:
+            header = {"descr": "|u1", "fortran_order": False, "shape": (len(paths), *view.shape)}
+            np.lib.format.write_array_header_1_0(file, header)
+            done = 0
+            for chunk in decode_chunks(paths, view, faults):
+                file.write(chunk.tobytes())
+                done += len(chunk)
+                if progress:
+                    progress(done, len(paths))
+            file.flush()
+            os.fsync(file.fileno())
+        _faults_path(target).write_text(json.dumps(faults))
+        part.replace(target)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def _lock(target: Path, on_wait: Callable[[], None] | None) -> Iterator[None]:
+    """Hold the lock of a file; the system gives it back when a process dies."""
+    lock = FileLock(target.with_suffix(".lock"))
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        if on_wait:
+            on_wait()
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _faults_path(target: Path) -> Path:
+    return target.with_suffix(".json")
+
+
+def _cache_error(error: OSError, folder: Path, size: int) -> InputError:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return InputError(
+            f"{folder}: no space left for the view cache ({size / 1e6:.0f} MB a camera); free some, "
+            "set data.cache=FOLDER on another disk, or data.cache=null to keep it in memory"
+        )
+    return InputError(
+        f"{folder}: cannot write the view cache ({error.strerror}); "
+        "set data.cache=FOLDER to a folder that can be written, or null to keep it in memory"
+    )
