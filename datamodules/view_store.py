@@ -168,8 +168,8 @@ def _faults_path(target: Path) -> Path:
 def _cache_error(error: OSError, folder: Path, size: int) -> InputError:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return InputError(
-            f"{folder}: no space left for the view cache ({size / 1e6:.0f} MB a camera); free some, "
-            "set data.cache=FOLDER on another disk, or data.cache=null to keep it in memory"
+            f"{folder}: no space left for the view cache ({size / 1e6:.0f} MB a camera); "
+            "free some, set data.cache=FOLDER on another disk, or null to keep it in memory"
         )
     return InputError(
         f"{folder}: cannot write the view cache ({error.strerror}); "

@@ -1,0 +1,294 @@
+"""The datamodule: from recordings to the batches that a network trains, validates and tests on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import lightning
+import numpy as np
+import torch
+from rich.console import Console
+from torch.utils.data import DataLoader, Dataset
+
+from datamodules.augment import Augment, flip
+from datamodules.balance import BalancedBatches, BatchKey
+from datamodules.driving_log import CAMERAS
+from datamodules.errors import InputError
+from datamodules.leak import Leak, measure_leak
+from datamodules.recording import Recording, read_recordings
+from datamodules.recording_report import report_lines
+from datamodules.row_views import RowViews, load_row_views
+from datamodules.samples import CENTER, Samples, make_samples
+from datamodules.split import PARTS, Split, split_rows
+from datamodules.view import View
+
+# uint8 [N, C, H, W], in memory as [N, H, W, C], which is what convolutions run fastest on; the
+# speed in mph, float32 [N]; steering and throttle, float32 [N, 2].
+Batch = dict[str, torch.Tensor]
+
+EVALUATION_BATCH = 256
+
+
+@dataclass(frozen=True)
+class TrainingBatches(Dataset):
+    """A batch by its key: pictures, flip and augmentation, all from the key's own seed."""
+
+    views: RowViews
+    samples: Samples
+    augment: Augment
+    flip: float
+    seed: int
+
+    def __getitem__(self, key: BatchKey) -> Batch:
+        rng = np.random.default_rng([self.seed, key.epoch, key.number])
+        samples = self.samples
+        mask = samples.flipped[key.samples] ^ (rng.random(len(key.samples)) < self.flip)
+        pictures = self.views.take(samples.row[key.samples], samples.camera[key.samples])
+        pictures, steering = flip(pictures, samples.steering[key.samples], mask)
+        pictures, steering = self.augment(pictures, steering, int(rng.integers(2**31)))
+        return make_batch(
+            pictures, steering, samples.throttle[key.samples], samples.speed_mph[key.samples]
+        )
+
+
+@dataclass(frozen=True)
+class EvaluationBatches(Dataset):
+    """Rows in order, centre camera, true labels: never flipped, augmented, balanced or offset."""
+
+    views: RowViews
+    recording: Recording
+    rows: np.ndarray
+
+    def __len__(self) -> int:
+        return -(-len(self.rows) // EVALUATION_BATCH)
+
+    def __getitem__(self, number: int) -> Batch:
+        if number >= len(self):
+            raise IndexError(number)
+        rows = self.rows[number * EVALUATION_BATCH : (number + 1) * EVALUATION_BATCH]
+        recording = self.recording
+        return make_batch(
+            self.views.take(rows, CENTER),
+            recording.steering[rows],
+            (recording.throttle - recording.brake)[rows],
+            recording.speed_mph[rows],
+        )
+
+
+class DrivingData(lightning.LightningDataModule):
+    """Recordings as batches; `load()` first. The keys of `conf/data` are its arguments.
+
+    Args:
+        root: the recordings' folder, or a list of them.
+        view: what the network sees (`data.crop`, `model.colour`, `model.size`).
+        images: where the pictures are, if not in `IMG` beside each log.
+        cameras: those to train on.
+        offset: steering added for the left camera, taken off for the right one.
+        recover_s: derive that from the rig and the speed instead (see `make_samples`).
+        flip: the probability of a mirrored sample; or `both`, for every sample in both ways.
+        straight_cap: the share of nearly straight samples that no batch exceeds; None for any.
+        straight_threshold: |steering| below this is nearly straight.
+        samples_per_epoch: draw so many; None takes every sample once.
+        batch_size: samples in a batch, per process.
+        split: how rows are dealt, with val_share, test_share, block_s, gap_s and split_seed.
+        augment: the transforms of `conf/augment`, by name.
+        on_bad_image: `fail`, or `skip` the row.
+        cache: the folder for decoded views; None keeps them in memory.
+        workers: processes that prepare batches; 0 leaves the cores to the network.
+        seed: of order, draws, flips and augmentation.
+
+    Raises:
+        InputError: a value that cannot be; from `load`, a recording that cannot be read.
+    """
+
+    def __init__(
+        self,
+        root: str | list[str] | None,
+        view: View,
+        images: str | None = None,
+        cameras: list[str] = CAMERAS,
+        offset: float = 0.275,
+        recover_s: float | None = None,
+        flip: float | str = 0.5,
+        straight_cap: float | None = 0.5,
+        straight_threshold: float = 0.1,
+        samples_per_epoch: int | None = None,
+        batch_size: int = 64,
+        split: str = "blocks",
+        val_share: float = 0.1,
+        test_share: float = 0.1,
+        block_s: float = 10.0,
+        gap_s: float = 1.0,
+        split_seed: int = 0,
+        augment: dict | None = None,
+        on_bad_image: str = "fail",
+        cache: str | None = "outputs/cache",
+        workers: int = 0,
+        seed: int = 1,
+    ) -> None:
+        super().__init__()
+        if root is None:
+            raise InputError("data.root is not set: name your recording, data.root=FOLDER")
+        _check("offset", offset, -1 <= offset <= 1, "a steering in -1..1")
+        _check(
+            "recover_s", recover_s, recover_s is None or recover_s > 0, "seconds above 0, or null"
+        )
+        _check("flip", flip, flip == "both" or _is_share(flip), "a probability 0..1, or both")
+        _check(
+            "straight_cap",
+            straight_cap,
+            straight_cap is None or _is_share(straight_cap),
+            "a share 0..1, or null",
+        )
+        _check("batch_size", batch_size, type(batch_size) is int and batch_size > 0, "1 or more")
+        _check(
+            "samples_per_epoch",
+            samples_per_epoch,
+            samples_per_epoch is None or samples_per_epoch > 0,
+            "1 or more, or null",
+        )
+        _check("on_bad_image", on_bad_image, on_bad_image in ("fail", "skip"), "fail or skip")
+        self.root, self.images, self.view = root, images, view
+        self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
+        self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
+        self.balance = {
+            "samples_per_epoch": samples_per_epoch,
+            "straight_cap": straight_cap,
+            "straight_threshold": straight_threshold,
+        }
+        self.split_settings = {
+            "kind": split,
+            "val_share": val_share,
+            "test_share": test_share,
+            "block_s": block_s,
+            "gap_s": gap_s,
+            "seed": split_seed,
+        }
+        transforms = [transform for transform in (augment or {}).values() if transform]
+        self.augment = Augment(transforms, view.colour)
+        self.on_bad_image = on_bad_image
+        self.cache = Path(cache).expanduser() if cache else None
+        self.recording: Recording | None = None
+
+    def load(self, console: Console) -> None:
+        """Read the recordings, decode what is not in the cache, and deal the rows."""
+        if self.recording is not None:
+            return
+        recording = read_recordings(self.root, self.images, self.on_bad_image)
+        # Validation and test look through the centre camera, whichever are trained on.
+        views, faults = load_row_views(
+            recording, [*self.cameras, "center"], self.view, self.cache, console
+        )
+        if faults:
+            recording, views = self._without(faults, recording, views)
+        self.recording, self.views = recording, views
+        for line in report_lines(recording):
+            console.print(line, highlight=False, markup=False)
+        self.split: Split = split_rows(recording, **self.split_settings)
+        self.samples = make_samples(
+            recording,
+            self.split.train,
+            self.cameras,
+            self.offset,
+            self.recover_s,
+            both_ways=self.flip == "both",
+        )
+        count = self.balance["samples_per_epoch"] or len(self.samples)
+        if self.batch_size > count:
+            raise InputError(
+                f"data.batch_size={self.batch_size} is larger than the {count} training samples; "
+                f"set data.batch_size={count} or less"
+            )
+        self._batches(0, 1)  # a cap that cannot be held is said now, not within the first epoch
+
+    def _without(
+        self, faults: dict[int, str], recording: Recording, views: RowViews
+    ) -> tuple[Recording, RowViews]:
+        lines = tuple(f"{recording.place(row)}: {faults[row]}" for row in sorted(faults))
+        if self.on_bad_image == "fail":
+            raise InputError(
+                f"{lines[0]} ({len(lines)} of {len(recording)} rows have a bad image); "
+                "record or copy it again, or set data.on_bad_image=skip"
+            )
+        good = np.ones(len(recording), dtype=bool)
+        good[list(faults)] = False
+        if not good.any():
+            raise InputError(f"{lines[0]}; no row is left, all have a bad image")
+        return recording.keep(good, lines), views.keep(good)
+
+    def _batches(self, rank: int, world: int) -> BalancedBatches:
+        batches = BalancedBatches(
+            self.samples, self.batch_size, self.seed, rank, world, **self.balance
+        )
+        next(iter(batches))
+        return batches
+
+    def training_batches(self) -> TrainingBatches:
+        """Any training batch by its `BatchKey`, as it will be fed."""
+        chance = 0.0 if self.flip == "both" else self.flip
+        return TrainingBatches(self.views, self.samples, self.augment, chance, self.seed)
+
+    def train_dataloader(self) -> DataLoader:
+        rank, world = 0, 1
+        if self.trainer is not None:
+            rank, world = self.trainer.global_rank, self.trainer.world_size
+        return DataLoader(
+            self.training_batches(),
+            batch_size=None,
+            sampler=self._batches(rank, world),
+            num_workers=self.workers,
+            persistent_workers=self.workers > 0,
+        )
+
+    def evaluation_batches(self, part: str) -> EvaluationBatches:
+        """All rows of `train`, `val` or `test`, in order."""
+        return EvaluationBatches(self.views, self.recording, getattr(self.split, part))
+
+    def val_dataloader(self) -> DataLoader | list:
+        return self._evaluation_loader("val")
+
+    def test_dataloader(self) -> DataLoader | list:
+        return self._evaluation_loader("test")
+
+    def _evaluation_loader(self, part: str) -> DataLoader | list:
+        batches = self.evaluation_batches(part)
+        return DataLoader(batches, batch_size=None, shuffle=False) if len(batches) else []
+
+    def leaks(self) -> dict[str, Leak]:
+        """How near validation and test rows are to training rows."""
+        pictures = _CenterPictures(self.views)
+        return {
+            part: measure_leak(self.recording, self.split.train, rows, pictures)
+            for part in PARTS[1:]
+            if len(rows := getattr(self.split, part))
+        }
+
+
+class _CenterPictures:
+    """Centre views by row number."""
+
+    def __init__(self, views: RowViews) -> None:
+        self.views = views
+
+    def __getitem__(self, row: int) -> np.ndarray:
+        return self.views.take(np.array([row]), CENTER)[0]
+
+
+def make_batch(
+    pictures: np.ndarray, steering: np.ndarray, throttle: np.ndarray, speed_mph: np.ndarray
+) -> Batch:
+    """Arrays as the tensors of a `Batch`; the pictures uint8 [N, H, W, C]."""
+    targets = np.stack([steering, throttle], axis=1).astype(np.float32)
+    return {
+        "images": torch.from_numpy(pictures).permute(0, 3, 1, 2),
+        "speed": torch.from_numpy(speed_mph.astype(np.float32)),
+        "targets": torch.from_numpy(targets),
+    }
+
+
+def _check(key: str, value: object, good: bool, wanted: str) -> None:
+    if not good:
+        raise InputError(f"data.{key}={value} is not {wanted}")
+
+
+def _is_share(value: object) -> bool:
+    return isinstance(value, int | float) and 0 <= value <= 1

@@ -1,0 +1,110 @@
+"""Samples: a row and one of its cameras, with the steering corrected for where it looks from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from datamodules.driving_log import CAMERAS
+from datamodules.errors import InputError
+from datamodules.recording import Recording
+
+CENTER, LEFT, RIGHT = range(3)
+
+# Measured on the original simulator: metres from the centre line, wheelbase, lock of the wheels.
+CAMERA_OFFSET_M = {LEFT: -0.806, RIGHT: 0.825}
+WHEELBASE_M = 2.87
+MAX_STEERING_DEG = 25.0
+MPS_PER_MPH = 0.44704
+MIN_RECOVERY_M = 4.0
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Columns of M samples.
+
+    Attributes:
+        row: int64 [M], the recording's row.
+        camera: int64 [M], 0 center, 1 left, 2 right.
+        steering: float32 [M], corrected for the camera, -1..1.
+        throttle: float32 [M], throttle less brake, -1..1.
+        speed_mph: float32 [M].
+        flipped: bool [M], mirrored before anything else (`steering` is not yet negated).
+    """
+
+    row: np.ndarray
+    camera: np.ndarray
+    steering: np.ndarray
+    throttle: np.ndarray
+    speed_mph: np.ndarray
+    flipped: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def make_samples(
+    recording: Recording,
+    rows: np.ndarray,
+    cameras: list[str],
+    offset: float = 0.0,
+    recover_s: float | None = None,
+    both_ways: bool = False,
+) -> Samples:
+    """A sample for each of `rows` (int64) and each of its `cameras` that was recorded.
+
+    Args:
+        offset: added to the steering of left images and taken from that of right ones.
+        recover_s: derive the correction from the rig and each row's speed instead: the steering
+            that brings the side camera back to the centre line within so many seconds.
+        both_ways: every sample a second time, mirrored.
+
+    Raises:
+        InputError: an unknown camera, or no image of any of them.
+    """
+    unknown = [name for name in cameras if name not in CAMERAS]
+    if unknown or not cameras:
+        raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
+    parts = []
+    for number in sorted(CAMERAS.index(name) for name in set(cameras)):
+        seen = rows[[image is not None for image in recording.images[rows, number]]]
+        speed = recording.speed_mph[seen]
+        correction = {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number]
+        if recover_s is not None and number != CENTER:
+            correction = recovery_steering(CAMERA_OFFSET_M[number], speed, recover_s)
+        steering = np.clip(recording.steering[seen] + correction, -1, 1)
+        parts.append((seen, np.full(len(seen), number), steering))
+    row, camera, steering = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if not len(row):
+        raise InputError(f"no row has an image of data.cameras={cameras}; name other cameras")
+    order = np.lexsort((camera, row))
+    flipped = np.zeros(len(row), dtype=bool)
+    if both_ways:
+        order = np.concatenate([order, order])
+        flipped = np.arange(len(order)) >= len(row)
+    row = row[order]
+    return Samples(
+        row=row,
+        camera=camera[order],
+        steering=steering[order].astype(np.float32),
+        throttle=(recording.throttle - recording.brake)[row].astype(np.float32),
+        speed_mph=recording.speed_mph[row].astype(np.float32),
+        flipped=flipped,
+    )
+
+
+def recovery_steering(
+    offset_m: float, speed_mph: np.ndarray | float, recover_s: float
+) -> np.ndarray:
+    """The steering (-1..1) that brings a car `offset_m` right of the line back in `recover_s`.
+
+    The arc that meets the line at the distance driven in that time (pure pursuit: Coulter,
+    "Implementation of the Pure Pursuit Path Tracking Algorithm", 1992), by the bicycle model. A
+    car that hardly moves gets the arc of 4 m.
+
+    >>> float(recovery_steering(-0.806, 9.0, 2.0).round(3))
+    0.162
+    """
+    distance = np.maximum(np.asarray(speed_mph) * MPS_PER_MPH * recover_s, MIN_RECOVERY_M)
+    curvature = -2 * offset_m / (distance**2 + offset_m**2)
+    steering_deg = np.degrees(np.arctan(WHEELBASE_M * curvature))
+    return np.clip(steering_deg / MAX_STEERING_DEG, -1, 1)

@@ -1,0 +1,183 @@
+"""Train, validation and test rows, and how near they are to each other."""
+
+import csv
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.recording import LOG_NAME, Recording, file_name
+
+PARTS = ("train", "val", "test")
+KINDS = ("blocks", "random", "recording")
+
+
+@dataclass(frozen=True)
+class Split:
+    """Row numbers (int64, ascending) of each part; rows of a gap are in none."""
+
+    train: np.ndarray
+    val: np.ndarray
+    test: np.ndarray
+
+
+def split_rows(
+    recording: Recording,
+    kind: str = "blocks",
+    val_share: float = 0.1,
+    test_share: float = 0.1,
+    block_s: float = 10.0,
+    gap_s: float = 1.0,
+    seed: int = 0,
+) -> Split:
+    """Deal rows to train, validation and test.
+
+    Args:
+        kind: `blocks`: contiguous blocks of `block_s`, with `gap_s` of training rows dropped where
+            they border on another part, since neighbouring frames are near copies; `random`: row by
+            row, as the publications do; `recording`: whole recordings; or the path of a CSV with
+            `image,part` rows, such as the `split.csv` that every run leaves.
+        seed: of the dealing alone, so that experiments with other seeds share their test rows.
+
+    Raises:
+        InputError: an unknown kind, shares beyond 0..1, a part that gets no row.
+    """
+    if min(val_share, test_share) < 0 or val_share + test_share >= 1:
+        raise InputError(
+            f"data.val_share={val_share} and data.test_share={test_share} leave nothing to train on"
+        )
+    shares = np.array([1 - val_share - test_share, val_share, test_share])
+    rng = np.random.default_rng(seed)
+    if kind == "blocks":
+        part = _split_blocks(recording, shares, block_s, gap_s, rng)
+    elif kind == "random":
+        part = _deal(np.ones(len(recording)), shares, rng)
+    elif kind == "recording":
+        part = _split_recordings(recording, shares, rng)
+    elif Path(kind).is_file():
+        part = _read_split(recording, Path(kind))
+    else:
+        raise InputError(
+            f"data.split={kind} is not one of {', '.join(KINDS)}, nor a file with image,part rows"
+        )
+    split = Split(*(np.flatnonzero(part == number) for number in range(3)))
+    if not len(split.train):
+        raise InputError(f"data.split={kind} leaves no rows to train on; record more driving")
+    for name, share in (("val", val_share), ("test", test_share)):
+        if share > 0 and not len(getattr(split, name)):
+            raise InputError(
+                f"data.split={kind} leaves no {name} rows of {len(recording)}; "
+                f"record more driving, or set data.{name}_share=0 or data.split=random"
+            )
+    return split
+
+
+def rows_per_second(recording: Recording) -> float:
+    """One over the median step between rows; 15, the simulator's rate, where no time is known."""
+    steps = np.diff(recording.time_s)
+    steps = steps[steps > 0]
+    return float(1 / np.median(steps)) if len(steps) else 15.0
+
+
+def write_split(path: Path, recording: Recording, split: Split) -> None:
+    """Write `image,part` rows that `data.split=FILE` reads back."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["image", "part"])
+        for name in PARTS:
+            writer.writerows(
+                [file_name(recording.images[row, 0]), name] for row in getattr(split, name)
+            )
+
+
+def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Deal blocks of `sizes` to parts so that the parts' rows come near the shares."""
+    part = np.zeros(len(sizes), dtype=np.int64)
+    order = rng.permutation(len(sizes))
+    start = 0
+    for number in (1, 2):
+        wanted = shares[number] * sizes.sum()
+        if wanted == 0:
+            continue
+        reached = np.cumsum(sizes[order[start:]])
+        # The number of blocks that comes nearest to the share, but one at least, and one left over.
+        count = int(np.abs(reached - wanted).argmin()) + 1
+        count = min(count, max(len(sizes) - start - (3 - number), 0))
+        part[order[start : start + count]] = number
+        start += count
+    return part
+
+
+def _split_blocks(
+    recording: Recording,
+    shares: np.ndarray,
+    block_s: float,
+    gap_s: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    rate = rows_per_second(recording)
+    # A short recording is cut finer, so that every part gets a block.
+    length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
+    gap = min(round(gap_s * rate), length)
+    bounds = [
+        (start, min(start + length, stop))
+        for first, stop in _runs(recording)
+        for start in range(first, stop, length)
+    ]
+    dealt = _deal(np.array([stop - start for start, stop in bounds]), shares, rng)
+    part = np.empty(len(recording), dtype=np.int64)
+    for (start, stop), number in zip(bounds, dealt, strict=True):
+        part[start:stop] = number
+    kept = part.copy()
+    for border in np.flatnonzero(np.diff(part)) + 1:
+        same_recording = recording.recording[border - 1] == recording.recording[border]
+        if not same_recording:
+            continue
+        # Training rows give way first: they are many. Between the other two, validation does.
+        for number in (0, 1):
+            if number in (part[border - 1], part[border]):
+                near = slice(max(border - gap, 0), border + gap)
+                kept[near] = np.where(part[near] == number, -1, kept[near])
+                break
+    return kept
+
+
+def _split_recordings(
+    recording: Recording, shares: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    needed = int((shares > 0).sum())
+    if len(recording.names) < needed:
+        raise InputError(
+            f"data.split=recording needs {needed} recordings, data.root names "
+            f"{len(recording.names)}; name more, or set data.split=blocks"
+        )
+    sizes = np.bincount(recording.recording, minlength=len(recording.names))
+    return _deal(sizes, shares, rng)[recording.recording]
+
+
+def _read_split(recording: Recording, path: Path) -> np.ndarray:
+    parts = {}
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        for line, row in enumerate(csv.reader(file), start=1):
+            if not row or row == ["image", "part"]:
+                continue
+            if len(row) != 2 or row[1].strip() not in PARTS:
+                raise InputError(
+                    f"{path}, row {line}: {','.join(row)!r} is not image,part with a part of "
+                    f"{', '.join(PARTS)}; mend the row"
+                )
+            parts[file_name(row[0])] = PARTS.index(row[1].strip())
+    names = [file_name(image) for image in recording.images[:, 0]]
+    part = np.array([parts.get(name, -1) for name in names])
+    if (part < 0).all():
+        raise InputError(f"{path}: names no image of this recording ({LOG_NAME} starts {names[0]})")
+    return part
+
+
+def _runs(recording: Recording) -> list[tuple[int, int]]:
+    """First row and end of each recording."""
+    borders = np.flatnonzero(np.diff(recording.recording)) + 1
+    edges = [0, *borders.tolist(), len(recording)]
+    return list(itertools.pairwise(edges))
