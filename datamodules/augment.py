@@ -126,16 +126,6 @@ class Augment:
         return out, corrected
 
 
-def flip(
-    pictures: np.ndarray, steering: np.ndarray, mask: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mirror the pictures (uint8 [N, H, W, C]) in `mask` (bool [N]) and negate their steering."""
-    pictures, steering = pictures.copy(), steering.copy()
-    pictures[mask] = pictures[mask][:, :, ::-1]
-    steering[mask] *= -1
-    return pictures, steering
-
-
 def _shape_like(picture: np.ndarray, original: np.ndarray) -> np.ndarray:
     """OpenCV drops a last axis of one; put it back."""
     return picture.reshape(original.shape)

@@ -9,7 +9,7 @@ import torch
 from rich.console import Console
 from torch.utils.data import DataLoader, Dataset
 
-from datamodules.augment import Augment, flip
+from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches, BatchKey
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
@@ -39,15 +39,28 @@ class TrainingBatches(Dataset):
     seed: int
 
     def __getitem__(self, key: BatchKey) -> Batch:
-        rng = np.random.default_rng([self.seed, key.epoch, key.number])
         samples = self.samples
-        mask = samples.flipped[key.samples] ^ (rng.random(len(key.samples)) < self.flip)
         pictures = self.views.take(samples.row[key.samples], samples.camera[key.samples])
-        pictures, steering = flip(pictures, samples.steering[key.samples], mask)
-        pictures, steering = self.augment(pictures, steering, int(rng.integers(2**31)))
+        mirrored = self._mirrored(key)
+        pictures[mirrored] = pictures[mirrored][:, :, ::-1]
+        seed = int(self._rng(key, "augment").integers(2**31))
+        pictures, steering = self.augment(pictures, self.steering(key), seed)
         return make_batch(
             pictures, steering, samples.throttle[key.samples], samples.speed_mph[key.samples]
         )
+
+    def steering(self, key: BatchKey) -> np.ndarray:
+        """The batch's steering, float32 [N], flipped but before any augmentation."""
+        steering = self.samples.steering[key.samples]
+        return np.where(self._mirrored(key), -steering, steering)
+
+    def _mirrored(self, key: BatchKey) -> np.ndarray:
+        draws = self._rng(key, "flip").random(len(key.samples))
+        return self.samples.flipped[key.samples] ^ (draws < self.flip)
+
+    def _rng(self, key: BatchKey, purpose: str) -> np.random.Generator:
+        stream = ("flip", "augment").index(purpose)
+        return np.random.default_rng([self.seed, key.epoch, key.number, stream])
 
 
 @dataclass(frozen=True)
@@ -198,7 +211,7 @@ class DrivingData(lightning.LightningDataModule):
                 f"data.batch_size={self.batch_size} is larger than the {count} training samples; "
                 f"set data.batch_size={count} or less"
             )
-        self._batches(0, 1)  # a cap that cannot be held is said now, not within the first epoch
+        next(iter(self.sampler()))  # a cap that cannot be held is said now
 
     def _without(
         self, faults: dict[int, str], recording: Recording, views: RowViews
@@ -215,12 +228,11 @@ class DrivingData(lightning.LightningDataModule):
             raise InputError(f"{lines[0]}; no row is left, all have a bad image")
         return recording.keep(good, lines), views.keep(good)
 
-    def _batches(self, rank: int, world: int) -> BalancedBatches:
-        batches = BalancedBatches(
+    def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
+        """The keys of an epoch's batches, of one process of several."""
+        return BalancedBatches(
             self.samples, self.batch_size, self.seed, rank, world, **self.balance
         )
-        next(iter(batches))
-        return batches
 
     def training_batches(self) -> TrainingBatches:
         """Any training batch by its `BatchKey`, as it will be fed."""
@@ -234,7 +246,7 @@ class DrivingData(lightning.LightningDataModule):
         return DataLoader(
             self.training_batches(),
             batch_size=None,
-            sampler=self._batches(rank, world),
+            sampler=self.sampler(rank, world),
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
         )

@@ -1,0 +1,125 @@
+"""From a config to the objects of an experiment; configs end here."""
+
+import logging
+import os
+import warnings
+from pathlib import Path
+
+import lightning
+import torch
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger
+from omegaconf import DictConfig, OmegaConf
+
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.view import View
+from zoo.checkpoint import VIEW_KEYS, make_network
+from zoo.steering_module import SteeringModule
+
+QUICK_EPOCHS, QUICK_SAMPLES = 3, 3_200
+
+
+def apply_quick(config: DictConfig) -> None:
+    """With `quick=true`, cap epochs and samples in place: a first try in minutes."""
+    if not config.quick:
+        return
+    config.trainer.max_epochs = min(config.trainer.max_epochs, QUICK_EPOCHS)
+    config.data.samples_per_epoch = min(config.data.samples_per_epoch or 10**9, QUICK_SAMPLES)
+
+
+def build_data(config: DictConfig) -> DrivingData:
+    """The datamodule, not loaded yet."""
+    model = OmegaConf.to_container(config.model, resolve=True)
+    view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
+    settings = {key: value for key, value in config.data.items() if key != "crop"}
+    # Hydra would turn the view, a dataclass, into a config of its own.
+    return _instantiate("data", settings, _partial_=True)(view=view, seed=config.seed)
+
+
+def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringModule:
+    """The LightningModule around a freshly initialised network."""
+    torch.manual_seed(config.seed)
+    network = make_network(OmegaConf.to_container(config.model, resolve=True), data.view)
+    optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
+    return SteeringModule(
+        network,
+        loss=_instantiate("loss", config.loss),
+        optimizer=_instantiate("optim", optim),
+        schedule=_instantiate("schedule", config.schedule),
+        l2=config.optim.l2,
+        backbone_lr=config.optim.backbone_lr,
+        seed=config.seed,
+        card=card,
+    )
+
+
+def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
+    """The Trainer with its callbacks and loggers, all writing in the run's folder."""
+    silence_libraries()
+    callbacks = [
+        _instantiate(f"callbacks.{name}", settings)
+        for name, settings in (config.callbacks or {}).items()
+        if settings
+    ]
+    for callback in callbacks:
+        if isinstance(callback, ModelCheckpoint):
+            callback.dirpath = str(folder / "checkpoints")
+        if isinstance(callback, ModelCheckpoint | EarlyStopping) and not has_validation:
+            monitor = callback.monitor or ""
+            if monitor.startswith("val/"):
+                raise InputError(
+                    f"{type(callback).__name__} monitors {monitor}, but data.val_share=0 leaves no "
+                    "validation rows; set data.val_share=0.1, or callbacks.early_stopping=null "
+                    "callbacks.checkpoints.monitor=train/loss"
+                )
+    loggers = [CSVLogger(folder, name="", version="")]
+    for name, settings in (config.logger or {}).items():
+        if settings:
+            place = {"save_dir": str(folder)} if name in ("tensorboard", "wandb") else {}
+            loggers.append(_instantiate(f"logger.{name}", settings, **place))
+    return _instantiate(
+        "trainer",
+        config.trainer,
+        callbacks=callbacks,
+        logger=loggers,
+        default_root_dir=str(folder),
+    )
+
+
+def silence_libraries() -> None:
+    """What libraries say and a user cannot act on, one by one."""
+    # "GPU available: ...", "TPU ...", tips of the day: the run prints its device itself.
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    ignored = [
+        # Batches are prepared in the main process on purpose: workers would fight for its cores.
+        ".*does not have many workers.*",
+        # An epoch can be shorter than log_every_n_steps; figures are logged by epoch.
+        ".*number of training batches .* is smaller than the logging interval.*",
+        # Resuming writes to the folder it resumes from.
+        ".*Checkpoint directory .* exists and is not empty.*",
+        ".*Experiment logs directory .* exists and is not empty.*",
+        # Lightning steps the scheduler by epoch after resuming; torch takes that for a mistake.
+        ".*Detected call of `lr_scheduler.step\\(\\)` before `optimizer.step\\(\\)`.*",
+        # A checkpoint of ours is loaded by Lightning after we read it with weights_only ourselves.
+        ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
+    ]
+    for message in ignored:
+        warnings.filterwarnings("ignore", message=message)
+
+
+def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
+    """`hydra.utils.instantiate`, whose failures name the config's key in one line."""
+    os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
+    try:
+        return instantiate(settings, **more, _convert_="all")
+    except InstantiationException as error:
+        cause = error.__cause__ or error
+        while isinstance(cause, InstantiationException) and cause.__cause__:
+            cause = cause.__cause__
+        if isinstance(cause, InputError):
+            raise cause from None
+        reason = " ".join(str(cause).split())
+        raise InputError(f"{key}: {reason}") from error

@@ -1,0 +1,81 @@
+"""One progress bar for the whole training, or one line an epoch where nobody watches."""
+
+import time
+
+import lightning
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+
+class TrainingProgress(lightning.Callback):
+    """Shows epoch, samples per second, training loss and validation MSE.
+
+    Costs a look at the clock per step: the bar is drawn by a thread of its own.
+
+    Args:
+        refresh_s: seconds between two looks at the figures.
+    """
+
+    def __init__(self, refresh_s: float = 0.2) -> None:
+        self.refresh_s = refresh_s
+        self.progress: Progress | None = None
+        self.next_refresh = 0.0
+
+    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        self.console = Console(soft_wrap=True)
+        self.started, self.done = time.perf_counter(), 0
+        self.steps = int(trainer.num_training_batches)
+        if trainer.is_global_zero and self.console.is_terminal:
+            self.progress = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn("{task.fields[figures]}"),
+                TimeRemainingColumn(),
+                console=self.console,
+                transient=True,
+            )
+            total = (trainer.max_epochs or 0) * self.steps or None
+            self.task = self.progress.add_task("training", total=total, figures="")
+            self.progress.start()
+
+    def on_train_batch_end(
+        self,
+        trainer: lightning.Trainer,
+        module: lightning.LightningModule,
+        outputs: object,
+        batch: dict,
+        number: int,
+    ) -> None:
+        self.done += len(batch["images"]) * trainer.world_size
+        now = time.perf_counter()
+        if self.progress is None or now < self.next_refresh:
+            return
+        self.next_refresh = now + self.refresh_s
+        rate = self.done / (now - self.started)
+        self.progress.update(
+            self.task,
+            completed=trainer.current_epoch * self.steps + number + 1,
+            description=f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}",
+            figures=f"{rate:,.0f} samples/s",
+        )
+
+    def on_train_epoch_end(
+        self, trainer: lightning.Trainer, module: lightning.LightningModule
+    ) -> None:
+        if not trainer.is_global_zero:
+            return
+        metrics = trainer.callback_metrics
+        line = f"epoch {trainer.current_epoch + 1:>3}/{trainer.max_epochs}"
+        line += f"  train/loss {float(module.mean_loss()):.4f}"
+        for name in ("val/mse", "val/mae"):
+            if name in metrics:
+                line += f"  {name} {float(metrics[name]):.4f}"
+        line += f"  {module.train_samples / module.train_seconds:,.0f} samples/s"
+        self.console.print(line, highlight=False)
+
+    def teardown(
+        self, trainer: lightning.Trainer, module: lightning.LightningModule, stage: str
+    ) -> None:
+        if self.progress is not None:
+            self.progress.stop()
+            self.progress = None

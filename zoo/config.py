@@ -1,0 +1,100 @@
+"""The border between what a person types and the code: Hydra's config, checked and explained."""
+
+import difflib
+import re
+from pathlib import Path
+
+from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+
+# Their values are places on this disk; one that exists is taken as it stands, whatever is in it.
+PATH_KEYS = ("data.root", "data.images", "data.cache", "data.split", "model.weights")
+
+_NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
+_NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in struct")
+
+
+def conf_folder() -> Path:
+    """Where the YAML files are: in the installed package, or beside it in a checkout."""
+    package = Path(__file__).parent
+    installed = package / "conf"
+    return installed if installed.is_dir() else package.parent / "conf"
+
+
+def quote_paths(arguments: list[str]) -> list[str]:
+    """Quote the value of a key that names a place on this disk, so that Hydra reads none of it.
+
+    >>> quote_paths(["data.root=/", "seed=1"])
+    ["data.root='/'", 'seed=1']
+    """
+    quoted = []
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if equals and key in PATH_KEYS and value and value != "null" and _exists(value):
+            escaped = value.replace("\\", "\\\\").replace("'", "\\'")
+            argument = f"{key}='{escaped}'"
+        quoted.append(argument)
+    return quoted
+
+
+def _exists(value: str) -> bool:
+    try:
+        return Path(value).expanduser().exists()
+    except OSError:
+        return False
+
+
+def explain(error: HydraException, arguments: list[str]) -> str:
+    """One line for what Hydra says in many: the nearest valid key or choice."""
+    text = str(error)
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file:
+        group, _, choice = str(error.missing_cfg_file).rpartition("/")
+        if group:
+            return f"{group}={choice}: no such choice; {_nearest(choice, choices(group))}"
+    found = _NO_OVERRIDE.search(text)
+    if isinstance(error, ConfigCompositionException) and not found:
+        found = _NO_KEY.search(f"{text} {error.__cause__}")
+    if found:
+        key = next(value for value in found.groupdict().values() if value)
+        return f"{key}: no such key; {_nearest(key, valid_keys())}"
+    first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
+    return f"{first} (in: {' '.join(arguments)}); python -m zoo --help lists all keys"
+
+
+def choices(group: str) -> list[str]:
+    """The names in a config group: the YAML files of its folder."""
+    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
+
+
+def valid_keys() -> list[str]:
+    """Every key that can be overridden: those of the default config, the groups, and `resume`."""
+    config = compose_config([])
+    keys = ["resume"]
+
+    def walk(node: dict, prefix: str) -> None:
+        for key, value in node.items():
+            keys.append(f"{prefix}{key}")
+            if isinstance(value, dict):
+                walk(value, f"{prefix}{key}.")
+
+    walk(config, "")
+    return keys + [path.name for path in conf_folder().iterdir() if path.is_dir()]
+
+
+def compose_config(overrides: list[str]) -> dict:
+    """The config that `python -m zoo *overrides` would run with, as plain containers."""
+    from hydra import compose, initialize_config_dir
+    from omegaconf import OmegaConf
+
+    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+        return OmegaConf.to_container(compose("config", overrides), resolve=True)
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    # The last part counts too: `ofset` is near `data.offset`.
+    by_tail = {name.rpartition(".")[2]: name for name in reversed(known)}
+    near = difflib.get_close_matches(word, known, n=2, cutoff=0.6)
+    tail = difflib.get_close_matches(word.rpartition(".")[2], list(by_tail), n=2, cutoff=0.7)
+    near += [by_tail[name] for name in tail if by_tail[name] not in near]
+    if near:
+        return f"did you mean {' or '.join(near[:2])}?"
+    return f"there are {', '.join(known)}" if len(known) < 15 else "python -m zoo --help lists all"

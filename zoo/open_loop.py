@@ -1,0 +1,48 @@
+"""Open-loop figures: how near the predicted steering is to the recorded one.
+
+They do not say whether the car stays on the road; they say what a recording can.
+"""
+
+import numpy as np
+import torch
+
+from datamodules.driving import EvaluationBatches
+
+# 21 bins of 0.1, the middle one around straight ahead.
+BIN_EDGES = np.linspace(-1.05, 1.05, 22)
+
+
+def open_loop_metrics(predicted: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Figures of steering, both float [N] in -1..1.
+
+    `mse` and `mae` as usual; `balanced_mae` is the mean over steering bins of each bin's MAE, so
+    that a log that goes straight 72 % of the time cannot be answered by going straight; `bias` is
+    the mean of predicted less true, positive to the right.
+    """
+    error = np.asarray(predicted, np.float64) - np.asarray(true, np.float64)
+    bins = np.digitize(true, BIN_EDGES)
+    return {
+        "mse": float(np.square(error).mean()),
+        "mae": float(np.abs(error).mean()),
+        "balanced_mae": float(np.mean([np.abs(error[bins == b]).mean() for b in np.unique(bins)])),
+        "bias": float(error.mean()),
+    }
+
+
+def baseline_metrics(true: np.ndarray, train_mean: float) -> dict[str, dict[str, float]]:
+    """What two networks that look at nothing would get: always zero, always the training mean."""
+    return {
+        "always zero": open_loop_metrics(np.zeros_like(true), true),
+        "mean": open_loop_metrics(np.full_like(true, train_mean), true),
+    }
+
+
+@torch.inference_mode()
+def predict_steering(module: torch.nn.Module, batches: EvaluationBatches) -> np.ndarray:
+    """The steering (float32 [N]) that a `SteeringModule` gives for rows, on its own device."""
+    module.eval()
+    steering = []
+    for batch in batches:
+        batch = {name: tensor.to(module.device) for name, tensor in batch.items()}
+        steering.append(module(batch)[:, 0].float().cpu().numpy())
+    return np.concatenate(steering)

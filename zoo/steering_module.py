@@ -1,0 +1,150 @@
+"""The one LightningModule that trains every network of the zoo."""
+
+import time
+from collections.abc import Callable
+
+import lightning
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from datamodules.driving import Batch
+from datamodules.errors import InputError
+from zoo.open_loop import open_loop_metrics
+
+CHECK_EVERY = 20  # steps between looks at the loss: each look waits for the device
+
+
+class SteeringModule(lightning.LightningModule):
+    """Trains a network of the zoo on batches of `DrivingData`.
+
+    Args:
+        network: uint8 images (and speed) to steering (and throttle).
+        loss: called with predicted and true, float32 [N, outputs].
+        optimizer: makes a torch optimizer of parameter groups.
+        schedule: makes a torch scheduler of an optimizer, stepped each epoch.
+        l2: the weight of the sum of squared weights (not biases) in the loss, as Keras' `l2(...)`.
+        backbone_lr: the learning rate of the network's `backbone`, where it has one.
+        seed: of dropout, by epoch, so that a resumed run repeats an unbroken one.
+        card: plain containers that every checkpoint carries (see `zoo.checkpoint`).
+
+    Logs `train/loss` (mean over the epoch, of the loss without l2) and, over the validation rows,
+    `val/mse`, `val/mae`, `val/balanced_mae`, `val/bias` (see `zoo.open_loop`).
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        loss: nn.Module,
+        optimizer: Callable[[list[dict]], torch.optim.Optimizer],
+        schedule: Callable | None = None,
+        l2: float = 0.0,
+        backbone_lr: float | None = None,
+        seed: int = 1,
+        card: dict | None = None,
+    ) -> None:
+        super().__init__()
+        self.network, self.loss = network, loss
+        self.optimizer, self.schedule = optimizer, schedule
+        self.l2, self.backbone_lr, self.seed, self.card = l2, backbone_lr, seed, card or {}
+        self.train_samples, self.train_seconds = 0, 0.0
+        self.validation: tuple[np.ndarray, np.ndarray] | None = None
+
+    def forward(self, batch: Batch) -> Tensor:
+        """Float32 [N, outputs], steering first."""
+        if self.network.takes_speed:
+            return self.network(batch["images"], batch["speed"])
+        return self.network(batch["images"])
+
+    def on_train_epoch_start(self) -> None:
+        # Dropout's draws depend on the epoch alone: nothing of the generator needs to be saved.
+        torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
+        self._loss_sum: Tensor | float = 0.0
+        self._loss_count = 0
+        self._clock = time.perf_counter()
+
+    def training_step(self, batch: Batch, number: int) -> Tensor:
+        loss = self.loss(self(batch), batch["targets"][:, : self.network.outputs])
+        count = len(batch["images"])
+        self._loss_sum = self._loss_sum + loss.detach() * count
+        self._loss_count += count
+        self.train_samples += count * self.trainer.world_size
+        if number % CHECK_EVERY == 0:
+            self._check_finite()
+        return loss
+
+    def on_train_batch_end(self, *_: object) -> None:
+        # From the end of a step to the end of the next: validation and pictures do not count.
+        now = time.perf_counter()
+        self.train_seconds += now - self._clock
+        self._clock = now
+
+    def on_validation_start(self) -> None:
+        # Before anything of this epoch is saved: the last checkpoint stays a good one.
+        if not self.trainer.sanity_checking:
+            self._check_finite()
+
+    def on_train_epoch_end(self) -> None:
+        self._check_finite()
+        self.log("train/loss", self.mean_loss(), sync_dist=True)
+
+    def mean_loss(self) -> Tensor:
+        """The mean loss of the epoch so far."""
+        return self._loss_sum / self._loss_count
+
+    def _check_finite(self) -> None:
+        if not np.isfinite(float(self._loss_sum)):
+            raise InputError(
+                f"the loss is not finite in epoch {self.current_epoch + 1}: training stopped, the "
+                "checkpoints of the epochs before are kept; lower optim.lr, or set "
+                "trainer.gradient_clip_val=1"
+            )
+
+    def on_validation_epoch_start(self) -> None:
+        self._predicted: list[Tensor] = []
+        self._true: list[Tensor] = []
+
+    def validation_step(self, batch: Batch, _: int) -> None:
+        self._predicted.append(self(batch)[:, 0].float().cpu())
+        self._true.append(batch["targets"][:, 0].cpu())
+
+    def on_validation_epoch_end(self) -> None:
+        predicted, true = torch.cat(self._predicted).numpy(), torch.cat(self._true).numpy()
+        self.validation = predicted, true
+        metrics = open_loop_metrics(predicted, true)
+        self.log_dict(
+            {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
+        )
+
+    def configure_optimizers(self) -> dict:
+        optimizer = self.optimizer(self._parameter_groups())
+        if self.schedule is None:
+            return {"optimizer": optimizer}
+        scheduler = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
+        if isinstance(scheduler["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
+            scheduler["monitor"] = "val/mse"
+        return {"optimizer": optimizer, "lr_scheduler": scheduler}
+
+    def _parameter_groups(self) -> list[dict]:
+        """Weights decay and biases do not; a backbone may learn at its own rate."""
+        backbone = getattr(self.network, "backbone", None)
+        slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()
+        groups: dict[tuple[bool, bool], list[nn.Parameter]] = {}
+        for parameter in self.network.parameters():
+            if parameter.requires_grad:
+                key = (id(parameter) in slow and self.backbone_lr is not None, parameter.ndim > 1)
+                groups.setdefault(key, []).append(parameter)
+        if not groups:
+            raise InputError("no parameter is left to train; set model.trainable_blocks above 0")
+        return [
+            {
+                "params": parameters,
+                # The gradient of l2 * w^2 is 2 * l2 * w; torch's weight_decay w adds w itself.
+                "weight_decay": 2 * self.l2 if decays else 0.0,
+                **({"lr": self.backbone_lr} if is_backbone else {}),
+            }
+            for (is_backbone, decays), parameters in groups.items()
+        ]
+
+    def on_save_checkpoint(self, checkpoint: dict) -> None:
+        checkpoint["drivezoo"] = self.card
