@@ -77,7 +77,8 @@ def valid_keys() -> list[str]:
                 walk(value, f"{prefix}{key}.")
 
     walk(config, "")
-    return keys + [path.name for path in conf_folder().iterdir() if path.is_dir()]
+    groups = [path.name for path in conf_folder().iterdir() if path.is_dir()]
+    return list(dict.fromkeys(keys + groups))
 
 
 def compose_config(overrides: list[str]) -> dict:

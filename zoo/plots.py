@@ -27,6 +27,7 @@ def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) 
         axis.set_title(f"{title}: {len(steering):,}, {straight:.0%} within ±{threshold:g}")
         axis.set_xlabel("steering (left is negative)")
         axis.set_ylabel("samples")
+        axis.set_xticks([-1, -0.5, 0, 0.5, 1])
         _plain(axis)
     return figure
 
@@ -39,6 +40,8 @@ def predicted_against_true(predicted: np.ndarray, true: np.ndarray, title: str) 
     axis.plot([-limit, limit], [-limit, limit], color=ORANGE, lw=1.5, label="equal")
     axis.scatter(true, predicted, s=9, alpha=0.4, color=BLUE, lw=0)
     axis.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
+    for each in (axis.xaxis, axis.yaxis):
+        each.get_major_locator().set_params(nbins=5)
     axis.set_xlabel("recorded steering")
     axis.set_ylabel("predicted steering")
     axis.set_title(title)
@@ -85,7 +88,7 @@ def fed_batch(pictures: np.ndarray, steering: np.ndarray, colour: str, title: st
         length, angle = 0.5 * height, label * np.pi / 4
         tip = (width / 2 + length * np.sin(angle), height - 1 - length * np.cos(angle))
         axis.plot([width / 2, tip[0]], [height - 1, tip[1]], color=ORANGE, lw=2)
-        axis.set_title(f"{label:+.3f}", fontsize=9, pad=2)
+        axis.set_title(f"{label + 0.0:+.3f}", fontsize=9, pad=2)
     return figure
 
 

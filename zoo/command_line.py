@@ -1,0 +1,32 @@
+"""What every command of ours shares: overrides in, one line and an exit status out."""
+
+import os
+import sys
+from collections.abc import Callable
+
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from datamodules.errors import InputError
+from zoo.config import explain
+from zoo.status import StoppedError
+
+
+def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
+    """Call `command(arguments)`; its user's errors become one line each and the exit status."""
+    os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+    failure: Exception | None = None
+    try:
+        command(arguments)
+    except (InputError, StoppedError) as error:
+        failure = error
+    except (HydraException, OmegaConfBaseException) as error:
+        failure = InputError(explain(error, arguments))
+    except KeyboardInterrupt:
+        failure = StoppedError("stopped")
+    except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if failure is None:
+        return 0
+    print(f"{name}: {' '.join(str(failure).split())}", file=sys.stderr)
+    return 130 if isinstance(failure, StoppedError) else 1

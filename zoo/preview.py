@@ -1,0 +1,35 @@
+"""`python -m zoo.preview [overrides]`: see what a network will be fed, before training it."""
+
+import sys
+from pathlib import Path
+
+from zoo.command_line import run_command
+
+COUNT = 32
+
+
+def preview(arguments: list[str]) -> None:
+    """Write `outputs/preview/fed_batch.png` and `steering_histogram.png` for the overrides."""
+    from omegaconf import OmegaConf
+    from rich.console import Console
+
+    from zoo import plots
+    from zoo.build import apply_quick, build_data
+    from zoo.callbacks.pictures import figure_of_fed_batch, figure_of_steering
+    from zoo.config import compose_config, quote_paths
+
+    console = Console(soft_wrap=True)
+    config = OmegaConf.create(compose_config(quote_paths(arguments)))
+    apply_quick(config)
+    data = build_data(config)
+    data.load(console)
+    folder = Path("outputs/preview")
+    for name, figure in (
+        ("fed_batch", figure_of_fed_batch(data, COUNT)),
+        ("steering_histogram", figure_of_steering(data)),
+    ):
+        console.print(str(plots.save_figure(figure, folder / f"{name}.png")), highlight=False)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.preview", preview, sys.argv[1:]))
