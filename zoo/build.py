@@ -73,7 +73,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
                 raise InputError(
                     f"{type(callback).__name__} monitors {monitor}, but data.val_share=0 leaves no "
                     "validation rows; set data.val_share=0.1, or callbacks.early_stopping=null "
-                    "callbacks.checkpoints.monitor=train/loss"
+                    "callbacks.best.monitor=train/loss"
                 )
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.logger or {}).items():
