@@ -240,13 +240,15 @@ class DrivingData(lightning.LightningDataModule):
         return TrainingBatches(self.views, self.samples, self.augment, chance, self.seed)
 
     def train_dataloader(self) -> DataLoader:
-        rank, world = 0, 1
+        sampler = self.sampler()
         if self.trainer is not None:
-            rank, world = self.trainer.global_rank, self.trainer.world_size
+            sampler = self.sampler(self.trainer.global_rank, self.trainer.world_size)
+            # A run that goes on takes its first batch before Lightning names the epoch.
+            sampler.set_epoch(self.trainer.current_epoch)
         return DataLoader(
             self.training_batches(),
             batch_size=None,
-            sampler=self.sampler(rank, world),
+            sampler=sampler,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
         )

@@ -57,13 +57,15 @@ class SteeringModule(lightning.LightningModule):
         return self.network(batch["images"])
 
     def on_train_epoch_start(self) -> None:
-        # Dropout's draws depend on the epoch alone: nothing of the generator needs to be saved.
-        torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
         self._loss_sum: Tensor | float = 0.0
         self._loss_count = 0
         self._clock = time.perf_counter()
 
     def training_step(self, batch: Batch, number: int) -> Tensor:
+        if number == 0:
+            # Dropout's draws depend on the epoch alone, so that a resumed run repeats them. Not
+            # earlier: making a loader's iterator draws too, and a resumed run makes it before.
+            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
         loss = self.loss(self(batch), batch["targets"][:, : self.network.outputs])
         count = len(batch["images"])
         self._loss_sum = self._loss_sum + loss.detach() * count
