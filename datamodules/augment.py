@@ -112,7 +112,11 @@ class Augment:
         """uint8 [N, H, W, C] and float32 [N] -> the same, changed as `seed` decides."""
         if self.compose is None:
             return pictures, steering
-        self.compose.set_random_seed(seed)
+        # Not by the compose's own seed, which gives all of them the same draws: what is shifted
+        # would always be blurred too.
+        own_seeds = np.random.SeedSequence(seed).generate_state(len(self.compose.transforms))
+        for transform, own_seed in zip(self.compose.transforms, own_seeds, strict=True):
+            transform.set_random_seed(int(own_seed))
         out, corrected = np.empty_like(pictures), steering.copy()
         for index, picture in enumerate(pictures):
             if self.colour == "yuv":

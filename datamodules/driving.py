@@ -1,5 +1,6 @@
 """The datamodule: from recordings to the batches that a network trains, validates and tests on."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -141,24 +142,39 @@ class DrivingData(lightning.LightningDataModule):
         super().__init__()
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
-        _check("offset", offset, -1 <= offset <= 1, "a steering in -1..1")
+        known = isinstance(cameras, list | tuple) and set(cameras) <= set(CAMERAS)
+        _check("cameras", cameras, known and cameras, f"a list of {', '.join(CAMERAS)}")
+        _check("offset", offset, _is_in(offset, -1, 1), "a steering in -1..1")
         _check(
-            "recover_s", recover_s, recover_s is None or recover_s > 0, "seconds above 0, or null"
+            "recover_s",
+            recover_s,
+            recover_s is None or (_is_in(recover_s, 0) and recover_s > 0),
+            "seconds above 0, or null",
         )
-        _check("flip", flip, flip == "both" or _is_share(flip), "a probability 0..1, or both")
+        _check("flip", flip, flip == "both" or _is_in(flip, 0, 1), "a probability 0..1, or both")
         _check(
             "straight_cap",
             straight_cap,
-            straight_cap is None or _is_share(straight_cap),
+            straight_cap is None or _is_in(straight_cap, 0, 1),
             "a share 0..1, or null",
         )
         _check("batch_size", batch_size, type(batch_size) is int and batch_size > 0, "1 or more")
         _check(
             "samples_per_epoch",
             samples_per_epoch,
-            samples_per_epoch is None or samples_per_epoch > 0,
+            samples_per_epoch is None or (type(samples_per_epoch) is int and samples_per_epoch > 0),
             "1 or more, or null",
         )
+        _check("workers", workers, type(workers) is int and workers >= 0, "0 or more")
+        _check("split", split, isinstance(split, str), "blocks, random, recording or a file")
+        for key, value in (
+            ("straight_threshold", straight_threshold),
+            ("val_share", val_share),
+            ("test_share", test_share),
+            ("block_s", block_s),
+            ("gap_s", gap_s),
+        ):
+            _check(key, value, _is_in(value, 0), "a number, 0 or more")
         _check("on_bad_image", on_bad_image, on_bad_image in ("fail", "skip"), "fail or skip")
         self.root, self.images, self.view = root, images, view
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
@@ -304,5 +320,6 @@ def _check(key: str, value: object, good: bool, wanted: str) -> None:
         raise InputError(f"data.{key}={value} is not {wanted}")
 
 
-def _is_share(value: object) -> bool:
-    return isinstance(value, int | float) and 0 <= value <= 1
+def _is_in(value: object, least: float, most: float = math.inf) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and least <= value <= most

@@ -14,8 +14,9 @@ COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
 NUMBERS = COLUMNS[3:]
 
-# What C# writes of a number behind a decimal comma: it never ends in a zero.
-_FRACTION = re.compile(r"\d*[1-9](E-?\d+)?$", re.IGNORECASE)
+# What C# writes of a number with a decimal comma: no needless zero in front, none at the end, and
+# one digit before the comma where there is an exponent.
+_NUMBER = re.compile(r"-?((0|[1-9]\d*)(,\d*[1-9])?|[1-9](,\d*[1-9])?E[-+]?\d+)$", re.IGNORECASE)
 _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
 
 
@@ -33,8 +34,8 @@ def read_log(log: Path) -> Iterator[LogRow]:
     """The rows of `driving_log.csv`, with or without a header, in any locale's numbers.
 
     A decimal comma splits a number in two fields. The pieces are joined so that steering, throttle
-    and brake stay within -1..1; where two readings remain, the one whose speed is nearest to the
-    row before is taken.
+    and brake stay within -1..1; where two readings remain, one that does not press throttle and
+    brake at once (the simulator cannot), and then the one whose speed is nearest to the row before.
 
     Raises:
         InputError: a row has the wrong number of columns, or a value that is no number, not finite,
@@ -73,7 +74,7 @@ def read_log(log: Path) -> Iterator[LogRow]:
 
 
 def _is_header(fields: list[str]) -> bool:
-    return fields[0].lower() in ("center", "centre")
+    return any(field.lower() in ("center", "centre") for field in fields)
 
 
 def _column_order(log: Path, fields: list[str]) -> list[str]:
@@ -88,7 +89,7 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
             )
         return names
     images = len([field for field in fields if _IMAGE.search(field)])
-    if images == 1 and len(fields) == 5:
+    if images == 1 and len(fields) > 1 and fields[1]:  # the steering stands there, no empty path
         return ["center", *NUMBERS]
     return list(COLUMNS)
 
@@ -126,7 +127,7 @@ def _parse_numbers(
                 f"{log}, row {line}: {','.join(values)!r} are not the four numbers "
                 f"{','.join(NUMBERS)}; mend or delete the row"
             )
-        numbers = min(readings, key=lambda reading: abs(reading[3] - previous_speed))
+        numbers = min(readings, key=lambda one: (one[1] * one[2] > 0, abs(one[3] - previous_speed)))
     if abs(numbers[0]) > 1:
         raise InputError(
             f"{log}, row {line}: steering is {numbers[0]:g}, beyond -1..1 "
@@ -160,14 +161,10 @@ def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
         for position in range(len(NUMBERS)):
             text = next(rest)
             if position in joined:
-                fraction = next(rest)
-                if not _FRACTION.match(fraction):
-                    break
-                text = f"{text}.{fraction}"
-            try:
-                value = float(text)
-            except ValueError:
+                text = f"{text},{next(rest)}"
+            if not _NUMBER.match(text):
                 break
+            value = float(text.replace(",", "."))
             if not math.isfinite(value) or (position < 3 and abs(value) > 1):
                 break
             numbers.append(value)

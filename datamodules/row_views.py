@@ -56,7 +56,7 @@ def load_row_views(
     position = file.copy()
     files: list[np.ndarray] = []
     faults: dict[int, str] = {}
-    with Progress(console=console, transient=True) as progress:
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=None, visible=False)
 
         def show(done: int, total: int) -> None:

@@ -61,8 +61,7 @@ def make_samples(
     Raises:
         InputError: an unknown camera, or no image of any of them.
     """
-    unknown = [name for name in cameras if name not in CAMERAS]
-    if unknown or not cameras:
+    if not cameras or any(name not in CAMERAS for name in cameras):
         raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
     parts = []
     for number in sorted(CAMERAS.index(name) for name in set(cameras)):

@@ -12,6 +12,7 @@ from datamodules.recording import LOG_NAME, Recording, file_name
 
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
+REDEALS = 100
 
 
 @dataclass(frozen=True)
@@ -126,21 +127,27 @@ def _split_blocks(
         for first, stop in _runs(recording)
         for start in range(first, stop, length)
     ]
-    dealt = _deal(np.array([stop - start for start, stop in bounds]), shares, rng)
-    part = np.empty(len(recording), dtype=np.int64)
-    for (start, stop), number in zip(bounds, dealt, strict=True):
-        part[start:stop] = number
+    sizes = np.array([stop - start for start, stop in bounds])
+    # Where blocks are few, the gaps can take all of a part that fell between the others: deal anew.
+    for _ in range(REDEALS):
+        part = np.repeat(_deal(sizes, shares, rng), sizes)
+        kept = _without_gaps(part, recording.recording, gap)
+        if all((kept == number).any() for number in np.flatnonzero(shares > 0)):
+            break
+    return kept
+
+
+def _without_gaps(part: np.ndarray, recording: np.ndarray, gap: int) -> np.ndarray:
+    """`part` with -1 for rows that are within `gap` of another part of the same recording."""
     kept = part.copy()
     for border in np.flatnonzero(np.diff(part)) + 1:
-        same_recording = recording.recording[border - 1] == recording.recording[border]
-        if not same_recording:
+        if recording[border - 1] != recording[border]:
             continue
         # Training rows give way first: they are many. Between the other two, validation does.
-        for number in (0, 1):
-            if number in (part[border - 1], part[border]):
-                near = slice(max(border - gap, 0), border + gap)
-                kept[near] = np.where(part[near] == number, -1, kept[near])
-                break
+        gives_way = min(part[border - 1], part[border])
+        near = slice(max(border - gap, 0), border + gap)
+        dropped = (part[near] == gives_way) & (recording[near] == recording[border])
+        kept[near][dropped] = -1
     return kept
 
 

@@ -92,7 +92,9 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
 def silence_libraries() -> None:
     """What libraries say and a user cannot act on, one by one."""
     # "GPU available: ...", "TPU ...", tips of the day: the run prints its device itself.
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    # With several processes each would announce itself as well.
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)
     ignored = [
         # Batches are prepared in the main process on purpose: workers would fight for its cores.
         ".*does not have many workers.*",
@@ -103,8 +105,10 @@ def silence_libraries() -> None:
         ".*Experiment logs directory .* exists and is not empty.*",
         # Lightning steps the scheduler by epoch after resuming; torch takes that for a mistake.
         ".*Detected call of `lr_scheduler.step\\(\\)` before `optimizer.step\\(\\)`.*",
-        # A checkpoint of ours is loaded by Lightning after we read it with weights_only ourselves.
+        # Lightning's own use of a part of torch that is on its way out.
         ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
+        # data.val_share=0 is allowed.
+        ".*Total length of `list` across ranks is zero.*",
     ]
     for message in ignored:
         warnings.filterwarnings("ignore", message=message)

@@ -55,7 +55,7 @@ def read_checkpoint_file(path: str | Path) -> dict:
             f"{path}: refused, it is no plain checkpoint: it is damaged or carries code, and none "
             "of it was run; use a checkpoint written by python -m zoo"
         ) from None
-    except (RuntimeError, EOFError, OSError, ValueError, KeyError):
+    except Exception:  # bytes of any kind make the unpickler fail in any way
         raise InputError(
             f"{path}: is no checkpoint, or a truncated one; use one written by python -m zoo"
         ) from None

@@ -20,7 +20,7 @@ from zoo import plots
 from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
-from zoo.status import StoppedError, run_status
+from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
@@ -39,7 +39,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
     folder.mkdir(parents=True, exist_ok=True)
     with run_status(folder):
         started = time.perf_counter()
-        console = Console(soft_wrap=True)
+        console = Console(soft_wrap=True, quiet=not is_first_process())
         apply_quick(config)
         data = build_data(config)
         data.load(console)

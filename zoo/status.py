@@ -17,6 +17,9 @@ class StoppedError(Exception):
 @contextmanager
 def run_status(folder: Path) -> Iterator[None]:
     """`running` within, then `finished`, or `failed` with the reason; whatever the exception."""
+    if not is_first_process():
+        yield
+        return
     write_status(folder, "running")
     try:
         yield
@@ -25,6 +28,11 @@ def run_status(folder: Path) -> Iterator[None]:
         write_status(folder, "failed", reason=reason.splitlines()[0])
         raise
     write_status(folder, "finished")
+
+
+def is_first_process() -> bool:
+    """False in those that Lightning starts beside the first to train on several devices."""
+    return os.environ.get("LOCAL_RANK", "0") == "0"
 
 
 def write_status(folder: Path, status: str, **more: str) -> None:

@@ -1,0 +1,217 @@
+import colorsys
+from pathlib import Path
+
+import albumentations
+import cv2
+import numpy as np
+import pytest
+from hydra.utils import instantiate
+from omegaconf import OmegaConf
+
+from datamodules.augment import Augment, Brightness, Shadow, Shift
+from datamodules.image import decode_image
+from datamodules.view import CONVERSIONS, View
+
+CONF = sorted((Path(__file__).parents[2] / "conf" / "augment").glob("*.yaml"))
+
+
+@pytest.fixture(scope="module")
+def pictures(recorded) -> np.ndarray:
+    """uint8 [6, 66, 200, 3] RGB."""
+    return views(recorded, "rgb")
+
+
+def views(recorded, colour: str) -> np.ndarray:
+    view = View((60, 25), colour, (66, 200))
+    return np.stack([view(decode_image(recorded.image(row).read_bytes())) for row in range(6)])
+
+
+def zeros(pictures: np.ndarray) -> np.ndarray:
+    return np.zeros(len(pictures), np.float32)
+
+
+def always(scale: float, colour: str = "rgb") -> Augment:
+    return Augment([Brightness(scale=(scale, scale), p=1.0)], colour)
+
+
+@pytest.mark.parametrize("scale", [0.25, 0.6, 1.0, 1.2, 1.25, 3.0])
+def test_brightness_scales_v_of_hsv(scale):
+    """Within 6 of 255: OpenCV keeps the hue in steps of 2 degrees (4 levels), and rounds."""
+    colours = np.random.default_rng(0).integers(0, 256, (1, 12, 12, 3), np.uint8)
+    changed, _ = always(scale)(colours, np.zeros(1, np.float32), seed=1)
+    for before, after in zip(colours.reshape(-1, 3), changed.reshape(-1, 3), strict=True):
+        hue, saturation, value = colorsys.rgb_to_hsv(*(before / 255))
+        wanted = colorsys.hsv_to_rgb(hue, saturation, min(value * scale, 1))
+        assert np.abs(after - 255 * np.array(wanted)).max() <= 6
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.25, 2.0])
+def test_brightness_keeps_the_hue_even_where_it_is_cut_off(scale):
+    orange = np.full((1, 8, 8, 3), (240, 120, 30), np.uint8)
+    changed, _ = always(scale)(orange, np.zeros(1, np.float32), seed=1)
+    hue = 360 * colorsys.rgb_to_hsv(*(changed[0, 0, 0] / 255))[0]
+    assert hue == pytest.approx(360 * colorsys.rgb_to_hsv(240, 120, 30)[0], abs=2)
+
+
+def test_brightness_of_grey(recorded):
+    gray = views(recorded, "gray")
+    changed, _ = always(1.2, "gray")(gray, zeros(gray), seed=1)
+    assert np.abs(changed - np.minimum(gray * 1.2, 255)).max() <= 0.5
+
+
+def test_brightness_draws_from_the_whole_range():
+    white = np.full((400, 2, 2, 3), 200, np.uint8)
+    changed, _ = Augment([Brightness(scale=(0.25, 1.25))], "rgb")(white, zeros(white), seed=1)
+    factors = changed[:, 0, 0, 0] / 200
+    assert 0.25 <= factors.min() < 0.3
+    assert 1.2 < factors.max() <= 1.25
+    assert factors.mean() == pytest.approx(0.75, abs=0.05)
+
+
+def test_light_leaves_the_steering_alone(pictures):
+    steering = np.linspace(-1, 1, 6, dtype=np.float32)
+    augment = Augment([Brightness(), Shadow(p=1.0)], "rgb")
+    _, corrected = augment(pictures, steering, seed=1)
+    np.testing.assert_array_equal(corrected, steering)
+
+
+def column_of_post(picture: np.ndarray) -> float:
+    weights = picture[..., 0].astype(float).sum(axis=0)
+    return float((weights * np.arange(len(weights))).sum() / weights.sum())
+
+
+@pytest.mark.parametrize("width", [320, 160])
+def test_scenery_moved_right_steers_right_by_the_pixel(width):
+    """Pixels are those of the 320 wide recording, whatever the view's width."""
+    posts = np.zeros((60, 40, width, 3), np.uint8)
+    posts[:, :, width // 2 - 2 : width // 2 + 2] = 255
+    augment = Augment([Shift(pixels=40, steering_per_pixel=0.01, p=1.0)], "rgb")
+    moved, steering = augment(posts, zeros(posts), seed=3)
+    pixels = [column_of_post(picture) - column_of_post(posts[0]) for picture in moved]
+    right = np.array(pixels) * 320 / width
+    np.testing.assert_allclose(steering, 0.01 * right, atol=0.006)
+    assert right.min() < -30
+    assert right.max() > 30
+
+
+def test_shift_adds_to_the_steering_and_clips_it():
+    picture = np.zeros((200, 8, 320, 3), np.uint8)
+    augment = Augment([Shift(pixels=40, steering_per_pixel=0.004, p=1.0)], "rgb")
+    _, around = augment(picture, np.full(200, 0.5, np.float32), seed=3)
+    assert np.abs(around - 0.5).max() == pytest.approx(0.16, abs=0.01)
+    _, clipped = augment(picture, np.full(200, 0.95, np.float32), seed=3)
+    assert clipped.max() == 1.0
+
+
+def test_shift_of_rows_moves_up_and_down_without_steering():
+    horizon = np.zeros((40, 40, 320, 3), np.uint8)
+    horizon[:, 20:] = 255
+    augment = Augment([Shift(pixels=0, rows=6, p=1.0)], "rgb")
+    moved, steering = augment(horizon, zeros(horizon), seed=3)
+    edges = 40 - moved[:, :, 0, 0].sum(axis=1) / 255
+    assert not steering.any()
+    assert 14 <= edges.min() < 16
+    assert 24 < edges.max() <= 26
+
+
+def test_what_is_not_shifted_keeps_its_steering(pictures):
+    augment = Augment([Shift(pixels=40, p=0.5)], "rgb")
+    moved, steering = augment(pictures.repeat(20, axis=0), np.zeros(120, np.float32), seed=1)
+    same = (moved == pictures.repeat(20, axis=0)).all(axis=(1, 2, 3))
+    np.testing.assert_array_equal(same, steering == 0)
+    assert 40 < same.sum() < 80
+
+
+def test_yuv_is_lit_as_rgb_is(recorded):
+    rgb, yuv = views(recorded, "rgb"), views(recorded, "yuv")
+    lit_rgb, _ = always(0.5)(rgb, zeros(rgb), seed=1)
+    lit_yuv, _ = always(0.5, "yuv")(yuv, zeros(yuv), seed=1)
+    wanted = np.stack([cv2.cvtColor(picture, cv2.COLOR_RGB2YUV) for picture in lit_rgb])
+    difference = np.abs(lit_yuv.astype(int) - wanted)
+    assert difference.mean() < 1
+    assert np.abs(yuv.astype(int) - wanted).mean() > 10, "it was changed"
+
+
+def test_saturation_ignores_light_but_not_shifts(recorded):
+    saturation = views(recorded, "hsv_s")
+    lit, _ = Augment([Brightness(), Shadow(p=1.0)], "hsv_s")(saturation, zeros(saturation), seed=1)
+    np.testing.assert_array_equal(lit, saturation)
+    shifts = Augment([Brightness(), Shift(p=1.0)], "hsv_s")
+    shifted, steering = shifts(saturation, zeros(saturation), seed=1)
+    assert not np.array_equal(shifted, saturation)
+    assert steering.all()
+
+
+def everything() -> list[albumentations.BasicTransform]:
+    return [Brightness(), Shadow(p=0.5), Shift(), albumentations.GaussNoise(p=0.5)]
+
+
+def test_same_seed_same_pictures(pictures):
+    steering = zeros(pictures)
+    first = Augment(everything(), "rgb")
+    one = first(pictures, steering, seed=5)
+    first(pictures, steering, seed=6)
+    for again in (
+        first(pictures, steering, 5),
+        Augment(everything(), "rgb")(pictures, steering, 5),
+    ):
+        np.testing.assert_array_equal(again[0], one[0])
+        np.testing.assert_array_equal(again[1], one[1])
+
+
+def test_other_seed_other_pictures(pictures):
+    augment = Augment(everything(), "rgb")
+    one, other = (augment(pictures, zeros(pictures), seed)[0] for seed in (5, 6))
+    assert not np.array_equal(one, other)
+
+
+def test_pictures_of_a_batch_are_changed_each_for_itself():
+    same = np.full((8, 10, 10, 3), 100, np.uint8)
+    changed, _ = Augment([Brightness()], "rgb")(same, zeros(same), seed=1)
+    assert len({picture.tobytes() for picture in changed}) > 4
+
+
+def test_transforms_of_a_batch_draw_independently():
+    """albumentations would give all of them the same draws: both or neither, in every batch."""
+    white = np.full((1, 8, 320, 3), 200, np.uint8)
+    dark = Brightness(scale=(0.5, 0.5), p=0.5)
+    augment = Augment([Shift(p=0.5), dark], "rgb")
+    seen = set()
+    for seed in range(60):
+        picture, steering = augment(white, np.zeros(1, np.float32), seed)
+        seen.add((steering[0] != 0, picture.mean() < 150))
+    assert len(seen) == 4
+
+
+def test_what_is_fed_in_is_left_as_it_was(pictures):
+    before, steering = pictures.copy(), zeros(pictures)
+    Augment(everything(), "rgb")(pictures, steering, seed=1)
+    np.testing.assert_array_equal(pictures, before)
+    assert not steering.any()
+
+
+def test_no_transforms_change_nothing(pictures):
+    same, steering = Augment([], "yuv")(pictures, zeros(pictures), seed=1)
+    np.testing.assert_array_equal(same, pictures)
+    assert not steering.any()
+
+
+@pytest.mark.parametrize("colour", CONVERSIONS)
+@pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)
+def test_every_yaml_runs_on_every_colour(path, colour, recorded):
+    transform = instantiate(OmegaConf.load(path), p=1.0, _convert_="all")
+    inputs = views(recorded, colour)
+    changed, steering = Augment([transform], colour)(inputs, zeros(inputs), seed=1)
+    assert (changed.shape, changed.dtype) == (inputs.shape, np.uint8)
+    assert (steering.shape, steering.dtype) == ((6,), np.float32)
+    unseen = colour == "hsv_s" and getattr(transform, "lighting", False)
+    assert np.array_equal(changed, inputs) == unseen
+    assert np.abs(changed.astype(int) - inputs).mean() < 128, "still a picture of the same thing"
+
+
+@pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)
+def test_every_yaml_opens_with_the_command_that_uses_it(path):
+    package, command = path.read_text().splitlines()[:2]
+    assert package == f"# @package data.augment.{path.stem}"
+    assert command.startswith("# python -m zoo augment=[")
+    assert path.stem in command

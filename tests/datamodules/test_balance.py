@@ -1,0 +1,171 @@
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from datamodules.balance import BalancedBatches, epoch_batches
+from datamodules.errors import InputError
+from datamodules.samples import Samples, make_samples
+from tests.recordings import recording_in_memory
+
+FREE = {"straight_cap": None}
+
+
+def samples_of(steering: np.ndarray, cameras: tuple[str, ...] = ("center",)) -> Samples:
+    recording = recording_in_memory(steering)
+    return make_samples(recording, np.arange(len(steering)), list(cameras), 0.25)
+
+
+def straight_of(samples: Samples, batch: np.ndarray, threshold: float = 0.1) -> int:
+    return int((np.abs(samples.steering[batch]) < threshold).sum())
+
+
+@st.composite
+def straight_and_curved(draw) -> np.ndarray:
+    """Steering of 2 to 300 rows, most of it straight; one curved row at least."""
+    rows = draw(st.integers(1, 300))
+    share = draw(st.floats(0, 1))
+    rng = np.random.default_rng(draw(st.integers(0, 1000)))
+    steering = np.where(rng.random(rows) < share, 0.0, rng.uniform(-1, 1, rows))
+    return np.append(steering, 0.5)
+
+
+@given(
+    steering=straight_and_curved(),
+    cap=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 0.1, 0.29, 0.3, 0.5, 0.7, 1.0])),
+    batch_size=st.integers(1, 130),
+    world=st.integers(1, 3),
+    count=st.one_of(st.none(), st.integers(1, 500)),
+    epoch=st.integers(0, 3),
+)
+def test_no_batch_of_any_process_exceeds_the_cap(steering, cap, batch_size, world, count, epoch):
+    samples = samples_of(steering)
+    for rank in range(world):
+        batches = BalancedBatches(
+            samples, batch_size, 1, rank, world, samples_per_epoch=count, straight_cap=cap
+        )
+        batches.set_epoch(epoch)
+        for key in batches:
+            assert straight_of(samples, key.samples) <= math.floor(cap * len(key.samples))
+
+
+@given(steering=straight_and_curved(), batch_size=st.integers(1, 130))
+def test_a_cap_never_shrinks_a_batch(steering, batch_size):
+    samples = samples_of(steering)
+    sizes = [len(batch) for batch in epoch_batches(samples, batch_size, 0, 1, straight_cap=0.2)]
+    assert sum(sizes) == len(samples)
+    assert all(size == batch_size for size in sizes[:-1])
+
+
+def test_the_cap_is_used_up():
+    """Nine of ten rows are straight: each batch of 20 holds 10 of them, not fewer."""
+    samples = samples_of(np.where(np.arange(1000) % 10, 0.0, 0.5))
+    batches = epoch_batches(samples, 20, 0, 1, straight_cap=0.5)
+    assert {straight_of(samples, batch) for batch in batches[:-1]} == {10}
+
+
+def test_the_cap_is_judged_on_the_corrected_steering():
+    """A straight row is a curve through the left camera, and a curve may be straight there."""
+    samples = samples_of(np.array([0.0, -0.25] * 50), ("center", "left"))
+    for batch in epoch_batches(samples, 10, 0, 1, straight_cap=0.3):
+        nearly_straight = np.isclose(samples.steering[batch], 0.0)
+        assert nearly_straight.sum() <= 3
+
+
+def test_the_threshold_itself_is_not_straight():
+    samples = samples_of(np.full(10, 0.25))
+    batches = epoch_batches(samples, 5, 0, 1, straight_cap=0.0, straight_threshold=0.25)
+    assert len(batches) == 2
+
+
+def test_without_cap_each_sample_comes_once():
+    samples = samples_of(np.zeros(103))
+    batches = epoch_batches(samples, 10, 0, 1, **FREE)
+    assert [len(batch) for batch in batches] == [10] * 10 + [3]
+    assert sorted(np.concatenate(batches)) == list(range(103))
+
+
+def test_under_the_cap_each_sample_comes_once():
+    """A cap that no batch reaches changes nothing."""
+    samples = samples_of(np.full(100, 0.5))
+    drawn = np.concatenate(epoch_batches(samples, 10, 0, 1, straight_cap=0.5))
+    assert sorted(drawn) == list(range(100))
+
+
+def test_samples_per_epoch_draws_so_many():
+    samples = samples_of(np.zeros(50))
+    batches = epoch_batches(samples, 64, 0, 1, samples_per_epoch=200, **FREE)
+    assert [len(batch) for batch in batches] == [64, 64, 64, 8]
+
+
+def test_rows_are_drawn_alike_however_many_cameras_they_have():
+    """Row 0 has one camera, row 1 has three: each gets half of the draws."""
+    recording = recording_in_memory(np.zeros(2))
+    recording.images[0, 1:] = None
+    samples = make_samples(recording, np.arange(2), ["center", "left", "right"], 0.25)
+    (batch,) = epoch_batches(samples, 6000, 0, 1, samples_per_epoch=6000, **FREE)
+    counts = Counter(zip(samples.row[batch].tolist(), samples.camera[batch].tolist(), strict=True))
+    assert counts[0, 0] == pytest.approx(3000, abs=200)
+    for camera in range(3):
+        assert counts[1, camera] == pytest.approx(1000, abs=120)
+
+
+def keys(samples: Samples, seed: int = 1, epoch: int = 0, rank: int = 0, world: int = 1, **balance):
+    batches = BalancedBatches(samples, 10, seed, rank, world, **balance)
+    batches.set_epoch(epoch)
+    listed = list(batches)
+    assert len(listed) == len(batches)
+    return listed
+
+
+def order(listed) -> list[int]:
+    return np.concatenate([key.samples for key in listed]).tolist()
+
+
+def test_same_seed_and_epoch_same_batches():
+    samples = samples_of(np.append(np.zeros(200), np.full(20, 0.5)))
+    assert order(keys(samples, epoch=3)) == order(keys(samples, epoch=3))
+
+
+def test_other_seed_or_epoch_other_batches():
+    samples = samples_of(np.append(np.zeros(200), np.full(20, 0.5)))
+    orders = [order(keys(samples, seed, epoch)) for seed in (1, 2) for epoch in (0, 1)]
+    assert all(one != other for at, one in enumerate(orders) for other in orders[:at])
+
+
+def test_keys_are_numbered_within_their_epoch():
+    listed = keys(samples_of(np.zeros(35)), epoch=2, **FREE)
+    assert [(key.epoch, key.number) for key in listed] == [(2, 0), (2, 1), (2, 2), (2, 3)]
+
+
+def test_processes_share_an_epoch_without_repeats():
+    samples = samples_of(np.zeros(240))
+    ranks = [keys(samples, rank=rank, world=3, **FREE) for rank in range(3)]
+    assert [len(listed) for listed in ranks] == [8, 8, 8]
+    together = order(key for listed in ranks for key in listed)
+    assert sorted(together) == list(range(240))
+    numbers = sorted(key.number for listed in ranks for key in listed)
+    assert numbers == list(range(24))
+
+
+def test_processes_take_as_many_steps_where_batches_do_not_divide():
+    samples = samples_of(np.zeros(95))  # ten batches
+    ranks = [keys(samples, rank=rank, world=4, **FREE) for rank in range(4)]
+    assert [len(listed) for listed in ranks] == [3, 3, 3, 3]
+    assert set(order(key for listed in ranks for key in listed)) == set(range(95))
+
+
+def test_one_process_and_several_draw_the_same_batches():
+    samples = samples_of(np.zeros(240))
+    alone = {key.number: key.samples.tolist() for key in keys(samples, **FREE)}
+    for rank in range(3):
+        for key in keys(samples, rank=rank, world=3, **FREE):
+            assert key.samples.tolist() == alone[key.number]
+
+
+def test_a_cap_without_a_curved_sample_cannot_be_held():
+    with pytest.raises(InputError, match=r"straight_cap=0\.5 cannot be held.*straight_cap=null"):
+        epoch_batches(samples_of(np.zeros(50)), 10, 0, 1)

@@ -1,0 +1,122 @@
+"""`python -m datamodules.check`, as a person runs it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+from datamodules.check import look_at_image
+from tests.recordings import Written, write_recording
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def run_check(*arguments: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "datamodules.check", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Written:
+    return write_recording(tmp_path / "my lake [1]", rows=12)
+
+
+def cut_off(image: Path) -> None:
+    image.write_bytes(image.read_bytes()[:-200])
+
+
+def test_whole_recording(written):
+    done = run_check(written.folder)
+    report, sizes, verdict = done.stdout.splitlines()
+    assert report.startswith(f"{written.folder}: 12 rows, 3 cameras")
+    assert sizes == "36 images of 320 x 160"
+    assert verdict == "all images are whole"
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_several_recordings(written, tmp_path):
+    other = write_recording(tmp_path / "other", rows=4, cameras=("center",))
+    done = run_check(written.folder, other.folder)
+    assert [line.split(": ")[0] for line in done.stdout.splitlines()[:2]] == [
+        str(written.folder),
+        str(other.folder),
+    ]
+    assert "40 images of 320 x 160" in done.stdout
+
+
+def test_images_elsewhere(written, tmp_path):
+    elsewhere = (written.folder / "IMG").rename(tmp_path / "pictures")
+    assert run_check(written.folder).returncode == 1
+    assert run_check(written.folder, "--images", elsewhere).returncode == 0
+
+
+def test_each_bad_image_is_named_with_its_row(written):
+    cut_off(written.image(2, "left"))
+    written.image(4).write_bytes(b"")
+    written.image(5).write_bytes(b"version https://git-lfs.github.com/spec/v1")
+    written.image(7, "right").unlink()
+    done = run_check(written.folder)
+    log = written.log
+    assert done.returncode == 1
+    assert f"{log}, row 3: {written.image(2, 'left')}: the image is truncated" in done.stdout
+    assert f"{log}, row 5: {written.image(4)}: the file is empty" in done.stdout
+    assert f"{log}, row 6: {written.image(5)}: the file is no JPEG or PNG" in done.stdout
+    assert f"{log}, row 8: no image {written.image(7, 'right').name}" in done.stdout
+    assert done.stdout.splitlines()[-1].startswith("4 bad; ")
+
+
+def test_after_twenty_bad_images_comes_a_count(written):
+    for row in range(12):
+        cut_off(written.image(row))
+        cut_off(written.image(row, "left"))
+    lines = run_check(written.folder).stdout.splitlines()
+    assert len([line for line in lines if "truncated" in line]) == 20
+    assert lines[-2:-1] == ["and 4 more"]
+    assert lines[-1].startswith("24 bad; ")
+
+
+def test_other_picture_sizes_are_counted(written):
+    large = cv2.resize(cv2.imread(str(written.image(3))), (640, 320))
+    cv2.imwrite(str(written.image(3)), large)
+    done = run_check(written.folder)
+    assert "35 images of 320 x 160\n" in done.stdout
+    assert "1 images of 640 x 320 (will be resized to 320 x 160)" in done.stdout
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize("broken", ["folder", "log", "row"])
+def test_what_cannot_be_read_is_one_line_on_stderr(written, broken):
+    folder = written.folder
+    if broken == "folder":
+        folder = folder / "nowhere"
+    elif broken == "log":
+        written.log.unlink()
+    else:
+        written.log.write_text(written.log.read_text() + "center.jpg,1,2\n")
+    done = run_check(folder)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"check: {folder}")
+
+
+def test_no_folder_is_a_usage_error():
+    done = run_check()
+    assert done.returncode == 2
+    assert "usage: python -m datamodules.check" in done.stderr
+
+
+def test_png_is_whole_or_truncated(written, tmp_path):
+    image = tmp_path / "center.png"
+    cv2.imwrite(str(image), cv2.imread(str(written.image(0))))
+    assert look_at_image(str(image)) == (320, 160)
+    cut_off(image)
+    assert look_at_image(str(image)) == "the image is truncated"
+
+
+def test_header_that_is_damaged(tmp_path):
+    image = tmp_path / "center.jpg"
+    image.write_bytes(b"\xff\xd8\xff\xe0\x00\x10JFIF\x00\x01\xff\xd9")
+    assert isinstance(look_at_image(str(image)), str)

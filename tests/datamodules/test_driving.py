@@ -1,0 +1,291 @@
+"""The datamodule as training uses it: from a folder to batches."""
+
+import numpy as np
+import pytest
+import torch
+
+from datamodules.augment import Brightness, Shift
+from datamodules.balance import BatchKey
+from datamodules.driving import EVALUATION_BATCH, DrivingData
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from datamodules.view import View
+from tests.recordings import write_recording
+
+VIEW = View((60, 25), "yuv", (66, 200))
+
+
+@pytest.fixture
+def load(recorded, tmp_path, console):
+    """Make and load a datamodule over the shared recording, unless told of another."""
+
+    def make(root=None, view: View = VIEW, **settings) -> DrivingData:
+        settings = {"batch_size": 16, "cache": str(tmp_path / "cache")} | settings
+        data = DrivingData(str(root or recorded.folder), view, **settings)
+        data.load(console)
+        return data
+
+    return make
+
+
+def assert_same(one: dict, other: dict) -> None:
+    assert one.keys() == other.keys()
+    for name, tensor in one.items():
+        assert torch.equal(tensor, other[name]), name
+
+
+def whole(data: DrivingData) -> BatchKey:
+    """All training samples in one batch."""
+    return BatchKey(0, 0, np.arange(len(data.samples)))
+
+
+@pytest.mark.parametrize(
+    "view", [VIEW, View((40, 20), "gray", None), View((50, 0), "hsv_s", (11, 32))]
+)
+def test_batches_are_as_documented(load, view):
+    data = load(view=view, augment={"brightness": Brightness(), "shift": Shift()})
+    batches = list(data.train_dataloader())
+    assert sum(len(batch["speed"]) for batch in batches) == len(data.samples)
+    height, width, channels = view.shape
+    first = batches[0]
+    assert first["images"].shape == (16, channels, height, width)
+    assert first["images"].dtype == torch.uint8
+    assert first["images"].is_contiguous(memory_format=torch.channels_last)
+    assert first["speed"].shape == (16,)
+    assert first["speed"].dtype == torch.float32
+    assert first["targets"].shape == (16, 2)
+    assert first["targets"].dtype == torch.float32
+    assert first["targets"].abs().max() <= 1
+
+
+def test_unchanged_samples_are_the_views_and_their_corrected_labels(load, recorded):
+    data = load(flip=0.0, offset=0.25)
+    batch = data.training_batches()[whole(data)]
+    for at in (0, 1, 2, 100):
+        row, camera = data.samples.row[at], data.samples.camera[at]
+        image = recorded.image(row, ("center", "left", "right")[camera])
+        picture = VIEW(decode_image(image.read_bytes())).transpose(2, 0, 1)
+        np.testing.assert_array_equal(batch["images"][at].numpy(), picture)
+        steering = np.clip(recorded.steering[row] + (0, 0.25, -0.25)[camera], -1, 1)
+        throttle = recorded.throttle[row] - recorded.brake[row]
+        np.testing.assert_allclose(batch["targets"][at], [steering, throttle], atol=1e-6)
+        assert batch["speed"][at] == pytest.approx(recorded.speed_mph[row])
+
+
+def test_flip_mirrors_and_negates(load):
+    straight, mirrored = load(flip=0.0), load(flip=1.0)
+    one, other = (data.training_batches()[whole(data)] for data in (straight, mirrored))
+    assert torch.equal(other["images"], one["images"].flip(3))
+    assert torch.equal(other["targets"][:, 0], -one["targets"][:, 0])
+    assert torch.equal(other["targets"][:, 1], one["targets"][:, 1])
+    assert torch.equal(other["speed"], one["speed"])
+
+
+def test_flip_is_a_probability(load):
+    straight, some = load(flip=0.0), load(flip=0.25)
+    one, other = (data.training_batches()[whole(data)] for data in (straight, some))
+    mirrored = (one["images"] != other["images"]).flatten(1).any(dim=1)
+    assert mirrored.float().mean() == pytest.approx(0.25, abs=0.08)
+    assert torch.equal(other["targets"][mirrored, 0], -one["targets"][mirrored, 0])
+    assert torch.equal(other["targets"][~mirrored], one["targets"][~mirrored])
+
+
+def test_flip_both_has_every_sample_in_both_ways(load):
+    data = load(flip="both")
+    batch = data.training_batches()[whole(data)]
+    half = len(data.samples) // 2
+    assert torch.equal(batch["images"][half:], batch["images"][:half].flip(3))
+    assert torch.equal(batch["targets"][half:, 0], -batch["targets"][:half, 0])
+
+
+def test_steering_before_augmentation_is_that_of_the_batch(load):
+    data = load(flip=0.5)
+    key = next(iter(data.sampler()))
+    batches = data.training_batches()
+    np.testing.assert_allclose(batches.steering(key), batches[key]["targets"][:, 0])
+
+
+def test_shift_reaches_the_targets(load):
+    plain, shifted = load(flip=0.0), load(flip=0.0, augment={"shift": Shift(p=1.0)})
+    one, other = (data.training_batches()[whole(data)] for data in (plain, shifted))
+    moved = (one["targets"] - other["targets"])[:, 0].abs()
+    assert moved.mean() > 0.03
+    assert moved.max() <= 0.16 + 1e-6
+
+
+def test_augmentations_that_are_switched_off_are_left_out(load):
+    plain, without = load(), load(augment={"brightness": None})
+    key = next(iter(plain.sampler()))
+    assert_same(plain.training_batches()[key], without.training_batches()[key])
+
+
+@pytest.mark.parametrize("part", ["val", "test"])
+def test_validation_is_centre_camera_and_true_labels(load, recorded, part):
+    data = load(offset=0.5, flip=1.0, straight_cap=0.1, augment={"dark": Brightness((0.2, 0.2))})
+    batches = list(getattr(data, f"{part}_dataloader")())
+    rows = getattr(data.split, part)
+    images = torch.cat([batch["images"] for batch in batches]).numpy()
+    targets = torch.cat([batch["targets"] for batch in batches]).numpy()
+    wanted = [VIEW(decode_image(recorded.image(row).read_bytes())) for row in rows]
+    np.testing.assert_array_equal(images, np.stack(wanted).transpose(0, 3, 1, 2))
+    np.testing.assert_allclose(targets[:, 0], recorded.steering[rows], atol=1e-7)
+    throttle = recorded.throttle[rows] - recorded.brake[rows]
+    np.testing.assert_allclose(targets[:, 1], throttle, atol=1e-7)
+
+
+def test_validation_is_centre_even_when_only_side_cameras_are_trained_on(load, recorded):
+    data = load(cameras=["left", "right"])
+    assert set(data.samples.camera) == {1, 2}
+    batch = next(iter(data.val_dataloader()))
+    row = data.split.val[0]
+    picture = VIEW(decode_image(recorded.image(row).read_bytes()))
+    np.testing.assert_array_equal(batch["images"][0].permute(1, 2, 0).numpy(), picture)
+
+
+def test_validation_comes_in_large_batches(load, tmp_path):
+    written = write_recording(tmp_path / "lake", rows=400, cameras=("center",))
+    data = load(written.folder, val_share=0.7, test_share=0.1, split="random")
+    sizes = [len(batch["speed"]) for batch in data.val_dataloader()]
+    assert sizes == [EVALUATION_BATCH, 280 - EVALUATION_BATCH]
+
+
+def test_no_test_share_no_test_batches(load):
+    data = load(test_share=0.0)
+    assert len(data.test_dataloader()) == 0
+    assert list(data.leaks()) == ["val"]
+
+
+def test_training_and_held_out_rows_never_meet(load):
+    data = load()
+    assert not set(data.samples.row) & (set(data.split.val) | set(data.split.test))
+
+
+def test_batches_are_the_same_whoever_prepares_them(load):
+    settings = {"augment": {"brightness": Brightness(), "shift": Shift()}, "flip": 0.5}
+    alone, helped = load(**settings), load(**settings, workers=1)
+    for one, other in zip(alone.train_dataloader(), helped.train_dataloader(), strict=True):
+        assert_same(one, other)
+
+
+def test_epochs_differ_and_come_back(load):
+    data = load(augment={"brightness": Brightness()})
+    loader = data.train_dataloader()
+    drawn = []
+    for epoch in (0, 1, 0):
+        loader.sampler.set_epoch(epoch)
+        drawn.append(next(iter(loader)))
+    assert_same(drawn[0], drawn[2])
+    assert not torch.equal(drawn[0]["images"], drawn[1]["images"])
+
+
+def test_seed_changes_order_and_augmentation_but_not_the_split(load):
+    one, other = load(seed=1), load(seed=2)
+    np.testing.assert_array_equal(one.split.test, other.split.test)
+    batches = [next(iter(data.train_dataloader())) for data in (one, other)]
+    assert not torch.equal(batches[0]["targets"], batches[1]["targets"])
+
+
+def test_cache_and_memory_feed_the_same(load):
+    cached, in_memory = load(), load(cache=None)
+    key = next(iter(cached.sampler()))
+    assert_same(cached.training_batches()[key], in_memory.training_batches()[key])
+
+
+def test_the_report_is_printed(load, recorded, console):
+    load()
+    assert f"{recorded.folder}: 120 rows, 3 cameras" in console.file.getvalue()
+
+
+@pytest.fixture
+def damaged(tmp_path):
+    """A recording whose left image of row 6 is cut off."""
+    written = write_recording(tmp_path / "damaged", rows=60)
+    image = written.image(5, "left")
+    image.write_bytes(image.read_bytes()[:1000])
+    return written
+
+
+def test_bad_image_stops_with_file_row_and_reason(load, damaged):
+    with pytest.raises(InputError) as caught:
+        load(damaged.folder)
+    message = str(caught.value)
+    assert message.startswith(f"{damaged.log}, row 6: {damaged.image(5, 'left')}: ")
+    assert "the image is truncated (1 of 60 rows" in message
+    assert "data.on_bad_image=skip" in message
+
+
+def test_bad_image_may_be_skipped_and_is_said(load, damaged, console):
+    data = load(damaged.folder, on_bad_image="skip")
+    assert len(data.recording) == 59
+    assert 6 not in data.recording.line
+    printed = console.file.getvalue()
+    assert "skipped 1 rows with a bad image" in printed
+    assert f"{damaged.image(5, 'left')}: the image is truncated" in printed
+    row = int(np.flatnonzero(data.recording.line == 7)[0])
+    picture = VIEW(decode_image(damaged.image(6).read_bytes()))
+    np.testing.assert_array_equal(data.views.take(np.array([row]), 0)[0], picture)
+
+
+def test_bad_image_of_a_camera_that_is_not_used_is_no_matter(load, damaged):
+    assert len(load(damaged.folder, cameras=["center"]).recording) == 60
+
+
+@pytest.mark.parametrize("on_bad_image", ["fail", "skip"])
+def test_all_images_bad(load, tmp_path, on_bad_image):
+    written = write_recording(tmp_path / "damaged", rows=5)
+    for image in written.folder.glob("IMG/center*"):
+        image.write_bytes(b"")
+    with pytest.raises(InputError, match=r"row 1: .*the file is empty"):
+        load(written.folder, on_bad_image=on_bad_image)
+
+
+def test_batch_larger_than_the_data(load):
+    with pytest.raises(InputError, match=r"data\.batch_size=4096 is larger than the \d+ training"):
+        load(batch_size=4096)
+
+
+def test_cap_that_cannot_be_held_is_said_on_loading(load):
+    with pytest.raises(InputError, match="cannot be held"):
+        load(straight_threshold=2.0)
+
+
+def test_root_must_be_set():
+    with pytest.raises(InputError, match=r"data\.root is not set"):
+        DrivingData(None, VIEW)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"cameras": ["center", "back"]},
+        {"cameras": "center"},
+        {"cameras": []},
+        {"offset": 2},
+        {"offset": float("nan")},
+        {"offset": "left"},
+        {"recover_s": 0},
+        {"recover_s": "2 s"},
+        {"flip": 1.5},
+        {"flip": "always"},
+        {"straight_cap": -0.1},
+        {"straight_cap": 50},
+        {"batch_size": 0},
+        {"batch_size": 2.5},
+        {"samples_per_epoch": 0},
+        {"samples_per_epoch": 1.5},
+        {"straight_threshold": "small"},
+        {"val_share": -0.1},
+        {"test_share": "a tenth"},
+        {"block_s": -1},
+        {"gap_s": None},
+        {"workers": -1},
+        {"split": None},
+        {"on_bad_image": "ignore"},
+    ],
+    ids=str,
+)
+def test_value_that_cannot_be_names_its_key(setting):
+    ((key, value),) = setting.items()
+    with pytest.raises(InputError) as caught:
+        DrivingData("lake", VIEW, **setting)
+    assert str(caught.value).startswith(f"data.{key}={value} is not ")

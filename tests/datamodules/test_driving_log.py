@@ -1,0 +1,222 @@
+"""Logs as people have them, written byte for byte."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from datamodules.driving_log import LogRow, read_log
+from datamodules.errors import InputError
+from tests.recordings import format_number
+
+CENTER = r"C:\me\IMG\center_2018_07_16_17_11_43_382.jpg"
+LEFT, RIGHT = CENTER.replace("center", "left"), CENTER.replace("center", "right")
+PATHS = f"{CENTER},{LEFT},{RIGHT}"
+HEADER = "center,left,right,steering,throttle,brake,speed"
+
+
+def read_text(folder: Path, text: str | bytes) -> list[LogRow]:
+    log = folder / "driving_log.csv"
+    log.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return list(read_log(log))
+
+
+def refusal(folder: Path, text: str) -> str:
+    with pytest.raises(InputError) as caught:
+        read_text(folder, text)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_row_without_header(tmp_path):
+    (row,) = read_text(tmp_path, f"{PATHS},-0.25,0.5,0,30.19\n")
+    assert row == LogRow(1, (CENTER, LEFT, RIGHT), (-0.25, 0.5, 0.0, 30.19))
+
+
+def test_header_is_not_a_row_and_lines_count_from_it(tmp_path):
+    rows = read_text(tmp_path, f"{HEADER}\n{PATHS},0.1,0,0,1\n{PATHS},0.2,0,0,2\n")
+    assert [(row.line, row.numbers[0]) for row in rows] == [(2, 0.1), (3, 0.2)]
+
+
+@pytest.mark.parametrize("first", ["speed", "steering"])
+def test_header_with_columns_in_another_order(tmp_path, first):
+    values = {"center": CENTER, "left": LEFT, "right": RIGHT}
+    values |= {"steering": "-0.5", "throttle": "0.7", "brake": "0.1", "speed": "12"}
+    names = [first, *(name for name in reversed(values) if name != first)]
+    text = f"{','.join(names)}\n{','.join(values[name] for name in names)}\n"
+    (row,) = read_text(tmp_path, text)
+    assert row.paths == (CENTER, LEFT, RIGHT)
+    assert row.numbers == (-0.5, 0.7, 0.1, 12.0)
+
+
+def test_header_with_a_column_of_a_fork_that_we_do_not_know(tmp_path):
+    (row,) = read_text(tmp_path, f"{HEADER},lap\n{PATHS},0.25,0,0,1,3\n")
+    assert row.numbers == (0.25, 0.0, 0.0, 1.0)
+
+
+def test_header_of_a_centre_only_recording(tmp_path):
+    text = f"center,steering,throttle,brake,speed\n{CENTER},0.25,0.5,0,7\n"
+    (row,) = read_text(tmp_path, text)
+    assert row.paths == (CENTER, "", "")
+    assert row.numbers == (0.25, 0.5, 0.0, 7.0)
+
+
+def test_centre_only_without_header(tmp_path):
+    (row,) = read_text(tmp_path, f"{CENTER},0.25,0.5,0,7\n")
+    assert (row.paths, row.numbers) == ((CENTER, "", ""), (0.25, 0.5, 0.0, 7.0))
+
+
+def test_centre_only_without_header_and_with_decimal_commas(tmp_path):
+    (row,) = read_text(tmp_path, f"{CENTER},0,25,1,0,30,19028\n")
+    assert (row.paths, row.numbers) == ((CENTER, "", ""), (0.25, 1.0, 0.0, 30.19028))
+
+
+def test_empty_columns_of_side_cameras(tmp_path):
+    (row,) = read_text(tmp_path, f"{CENTER},,,0.25,0.5,0,7\n")
+    assert (row.paths, row.numbers) == ((CENTER, "", ""), (0.25, 0.5, 0.0, 7.0))
+
+
+def test_blanks_before_left_and_right(tmp_path):
+    (row,) = read_text(tmp_path, "IMG/center_1.jpg, IMG/left_1.jpg, IMG/right_1.jpg, 0, 0, 0, 2\n")
+    assert row.paths == ("IMG/center_1.jpg", "IMG/left_1.jpg", "IMG/right_1.jpg")
+
+
+def test_byte_order_mark(tmp_path):
+    (row,) = read_text(tmp_path, b"\xef\xbb\xbf" + f"{PATHS},0,0,0,1\n".encode())
+    assert row.paths[0] == CENTER
+
+
+def test_folder_name_in_an_old_code_page(tmp_path):
+    text = "C:\\Ren\xe9\\IMG\\center_1.jpg,,,0.5,0,0,1\n".encode("latin-1")
+    (row,) = read_text(tmp_path, text)
+    assert row.paths[0].endswith("\\IMG\\center_1.jpg")
+    assert row.numbers[0] == 0.5
+
+
+def test_windows_line_ends(tmp_path):
+    rows = read_text(tmp_path, f"{PATHS},0.1,0,0,1\r\n{PATHS},0.2,0,0,2\r\n")
+    assert [row.numbers[3] for row in rows] == [1.0, 2.0]
+
+
+def test_empty_lines_are_passed_over_and_counted(tmp_path):
+    rows = read_text(tmp_path, f"{PATHS},0,0,0,1\n\n   \n{PATHS},0,0,0,2\n\n")
+    assert [row.line for row in rows] == [1, 4]
+
+
+def test_quoted_decimal_commas(tmp_path):
+    (row,) = read_text(tmp_path, f'{PATHS},"-0,25","0,5","0","30,19"\n')
+    assert row.numbers == (-0.25, 0.5, 0.0, 30.19)
+
+
+def test_semicolons_between_decimal_commas(tmp_path):
+    (row,) = read_text(tmp_path, f"{PATHS.replace(',', ';')};-0,25;0,5;0;30,19\n")
+    assert (row.paths[2], row.numbers) == (RIGHT, (-0.25, 0.5, 0.0, 30.19))
+
+
+def steering_numbers() -> st.SearchStrategy[float]:
+    return st.floats(-1, 1, width=32).map(lambda value: float(format_number(value)))
+
+
+def pedals() -> st.SearchStrategy[tuple[float, float]]:
+    """Throttle and brake, which one axis of the simulator makes: never both."""
+    press = st.floats(0, 1, width=32).map(lambda value: float(format_number(value)))
+    return st.tuples(press, st.booleans()).map(
+        lambda one: (one[0], 0.0) if one[1] else (0.0, one[0])
+    )
+
+
+numbers_of_a_row = st.builds(
+    lambda steering, pedal, speed: (steering, *pedal, speed),
+    steering_numbers(),
+    pedals(),
+    # Below a thousandth, "0,1,2E-05" is a brake of 0 or of 0.1 alike.
+    st.floats(0, 31).map(lambda value: float(format_number(value)) if value > 0.001 else 0.0),
+)
+
+
+@given(numbers_of_a_row, st.floats(-0.04, 0.04))
+@example((0.1, 0.0, 1.0, 0.0), 0.0)
+@example((-3.278255e-07, 0.0, 0.0, 25.0), 0.0)
+@example((0.01, 0.0, 0.0, 21.5), 0.0)
+@example((1e-05, 1.0, 0.0, 4.0), 0.0)
+@example((0.0, 0.0, 0.0, 1.175494e-38), 0.0)
+def test_decimal_commas_round_trip(tmp_path_factory, numbers, nearby):
+    """Seven digits as C# writes them, after a row of nearly the same speed."""
+    folder = tmp_path_factory.mktemp("log")
+    before = format_number(max(numbers[3] + nearby, 0))
+    first = [f'"{number}"' for number in ("0", "0", "0", before.replace(".", ","))]
+    fields = [format_number(number).replace(".", ",") for number in numbers]
+    text = f"{PATHS},{','.join(first)}\n{PATHS},{','.join(fields)}\n"
+    assert read_text(folder, text)[1].numbers == numbers
+
+
+@given(numbers_of_a_row)
+def test_semicolons_round_trip_any_numbers(tmp_path_factory, numbers):
+    fields = [format_number(number).replace(".", ",") for number in numbers]
+    text = f"{PATHS.replace(',', ';')};{';'.join(fields)}\n"
+    (row,) = read_text(tmp_path_factory.mktemp("log"), text)
+    assert row.numbers == numbers
+
+
+def test_decimal_commas_of_a_log_that_starts_at_speed(tmp_path):
+    """A brake of 0.21 at 5 mph, or none at 21.5: throttle and brake are not both pressed."""
+    (row,) = read_text(tmp_path, f"{PATHS},0,5,1,0,21,5\n")
+    assert row.numbers == (0.5, 1.0, 0.0, 21.5)
+
+
+@pytest.mark.parametrize("columns", [4, 6])
+def test_wrong_number_of_columns_names_file_and_row(tmp_path, columns):
+    short = ",".join([*PATHS.split(","), "0", "0", "0"][:columns])
+    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{short}\n")
+    assert f"{tmp_path}/driving_log.csv, row 2: {columns} columns, expected 7" in message
+
+
+def test_too_many_columns_name_file_and_row(tmp_path):
+    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n")
+    assert f"{tmp_path}/driving_log.csv, row 2: 12 columns" in message
+
+
+def test_extra_column_with_decimal_points_is_refused(tmp_path):
+    message = refusal(tmp_path, f"{PATHS},0.5,0.25,0,20.5,7\n")
+    assert "row 1" in message
+    assert "four numbers" in message
+
+
+def test_header_without_a_column_names_it(tmp_path):
+    assert "no column brake" in refusal(tmp_path, HEADER.replace(",brake", "") + "\n")
+
+
+@pytest.mark.parametrize("text", ["NaN", "nan", "inf", "-Infinity", "", "left"])
+def test_steering_that_is_no_finite_number_names_row_and_value(tmp_path, text):
+    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},{text},0,0,1\n")
+    assert f"row 2: steering is {text!r}" in message
+
+
+def test_speed_that_is_no_finite_number_names_it(tmp_path):
+    assert "speed is 'NaN'" in refusal(tmp_path, f"{PATHS},0,0,0,NaN\n")
+
+
+@pytest.mark.parametrize("steering", ["1.01", "-25"])
+def test_steering_beyond_one_names_the_row(tmp_path, steering):
+    assert f"row 1: steering is {steering}, beyond" in refusal(
+        tmp_path, f"{PATHS},{steering},0,0,1"
+    )
+
+
+@pytest.mark.parametrize("steering", ["1", "-1"])
+def test_full_lock_is_accepted(tmp_path, steering):
+    (row,) = read_text(tmp_path, f"{PATHS},{steering},0,0,1\n")
+    assert row.numbers[0] == float(steering)
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", HEADER + "\n", "\ufeff"])
+def test_log_without_rows(tmp_path, text):
+    assert "the log has no rows" in refusal(tmp_path, text)
+
+
+def test_field_that_csv_cannot_read_names_the_row(tmp_path):
+    endless = '"' + "x" * 200_000
+    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{endless}\n")
+    assert "row 2: not a CSV row" in message

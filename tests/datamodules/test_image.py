@@ -1,0 +1,75 @@
+import io
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from datamodules.image import decode_image
+
+
+@pytest.fixture
+def jpeg(recorded) -> bytes:
+    return recorded.image(7).read_bytes()
+
+
+def encoded(picture: np.ndarray, kind: str) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, kind)
+    return buffer.getvalue()
+
+
+def test_jpeg_is_rgb_as_another_library_decodes_it(jpeg):
+    theirs = np.asarray(Image.open(io.BytesIO(jpeg)).convert("RGB")).astype(int)
+    ours = decode_image(jpeg)
+    assert (ours.shape, ours.dtype) == ((160, 320, 3), np.uint8)
+    assert np.abs(ours - theirs).mean() < 1
+    assert ours[5, 5, 2] > ours[5, 5, 0] + 50, "the sky is blue"
+
+
+def test_png_to_the_bit():
+    picture = np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
+    np.testing.assert_array_equal(decode_image(encoded(picture, "PNG")), picture)
+
+
+def test_grey_png_becomes_rgb():
+    picture = np.random.default_rng(0).integers(0, 256, (160, 320), np.uint8)
+    np.testing.assert_array_equal(decode_image(encoded(picture, "PNG"))[:, :, 2], picture)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2, 4])
+def test_another_size_is_resized_to_the_recordings(jpeg, factor):
+    picture = decode_image(jpeg)
+    other = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    resized = decode_image(encoded(other, "PNG"))
+    assert resized.shape == (160, 320, 3)
+    assert np.abs(resized.astype(int) - picture).mean() < 8
+
+
+@pytest.mark.parametrize("share", [0.999, 0.9, 0.5, 0.1])
+def test_truncated_jpeg(jpeg, share):
+    with pytest.raises(ValueError, match="truncated"):
+        decode_image(jpeg[: int(share * len(jpeg))])
+
+
+def test_jpeg_with_bytes_after_its_end(jpeg):
+    np.testing.assert_array_equal(decode_image(jpeg + b"\0" * 64), decode_image(jpeg))
+
+
+def test_truncated_png():
+    data = encoded(np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8), "PNG")
+    with pytest.raises(ValueError, match="truncated"):
+        decode_image(data[: len(data) // 2])
+
+
+def test_empty_file():
+    with pytest.raises(ValueError, match="empty"):
+        decode_image(b"")
+
+
+@pytest.mark.parametrize(
+    "data", [b"version https://git-lfs.github.com/spec/v1", b"\xff\xd8\xff\xd9"]
+)
+def test_no_picture(data):
+    with pytest.raises(ValueError, match="no JPEG or PNG"):
+        decode_image(data)

@@ -1,0 +1,91 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.image import decode_image
+from datamodules.recording import read_recordings
+from datamodules.row_views import load_row_views
+from datamodules.view import View
+from tests.recordings import write_recording
+
+VIEW = View((60, 25), "rgb", (33, 100))
+CAMERAS = ["center", "left", "right"]
+
+
+def view_of(path: Path | str) -> np.ndarray:
+    return VIEW(decode_image(Path(path).read_bytes()))
+
+
+@pytest.fixture
+def two(tmp_path):
+    """A recording of three cameras and one of the centre alone."""
+    return [
+        write_recording(tmp_path / "one", rows=8, seed=1),
+        write_recording(tmp_path / "two", rows=6, seed=2, cameras=("center",)),
+    ]
+
+
+def roots(written) -> list[str]:
+    return [str(one.folder) for one in written]
+
+
+@pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
+def test_pictures_by_row_and_camera(two, tmp_path, console, cached):
+    recording = read_recordings(roots(two))
+    cache = tmp_path / "cache" if cached else None
+    views, faults = load_row_views(recording, CAMERAS, VIEW, cache, console)
+    assert faults == {}
+    rows, cameras = np.array([13, 2, 2, 7, 8]), np.array([0, 1, 0, 2, 0])
+    taken = views.take(rows, cameras)
+    for picture, row, camera in zip(taken, rows, cameras, strict=True):
+        np.testing.assert_array_equal(picture, view_of(recording.images[row, camera]))
+
+
+def test_one_camera_for_all_rows(two, console):
+    recording = read_recordings(roots(two))
+    views, _ = load_row_views(recording, CAMERAS, VIEW, None, console)
+    taken = views.take(np.arange(14), 0)
+    np.testing.assert_array_equal(taken[9], view_of(two[1].image(1)))
+
+
+def test_taken_pictures_are_copies(two, console):
+    views, _ = load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, None, console)
+    before = views.take(np.array([3]), 0)
+    views.take(np.array([3]), 0)[:] = 0
+    np.testing.assert_array_equal(views.take(np.array([3]), 0), before)
+
+
+def test_kept_rows_keep_their_pictures(two, console):
+    recording = read_recordings(roots(two))
+    views, _ = load_row_views(recording, CAMERAS, VIEW, None, console)
+    mask = np.ones(14, dtype=bool)
+    mask[[0, 9]] = False
+    kept = views.keep(mask)
+    np.testing.assert_array_equal(kept.take(np.arange(12), 0), views.take(np.flatnonzero(mask), 0))
+
+
+def test_a_bad_image_is_named_by_its_row(two, console):
+    bad = two[0].image(4, "left")
+    bad.write_bytes(bad.read_bytes()[:500])
+    recording = read_recordings([*reversed(roots(two))])  # six rows of the other come first
+    _, faults = load_row_views(recording, CAMERAS, VIEW, None, console)
+    assert faults == {10: f"{bad}: the image is truncated"}
+
+
+def test_a_camera_that_is_not_asked_for_is_not_decoded(two, console):
+    two[0].image(4, "left").write_bytes(b"")
+    recording = read_recordings(roots(two))
+    _, faults = load_row_views(recording, ["center"], VIEW, None, console)
+    assert faults == {}
+
+
+def test_one_more_recording_leaves_the_others_views_alone(two, tmp_path, console):
+    cache = tmp_path / "cache"
+    load_row_views(read_recordings(roots(two)[:1]), CAMERAS, VIEW, cache, console)
+    before = {path: path.stat().st_mtime_ns for path in cache.glob("*.npy")}
+    assert len(before) == 3
+    load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, cache, console)
+    after = {path: path.stat().st_mtime_ns for path in cache.glob("*.npy")}
+    assert len(after) == 4
+    assert before.items() <= after.items()

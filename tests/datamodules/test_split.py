@@ -1,0 +1,203 @@
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from datamodules.errors import InputError
+from datamodules.recording import Recording, read_recordings
+from datamodules.split import PARTS, Split, rows_per_second, split_rows, write_split
+from tests.recordings import recording_in_memory, write_recording
+
+
+def driven(rows: int, sizes: tuple[int, ...] = ()) -> Recording:
+    return recording_in_memory(np.zeros(rows), sizes=sizes)
+
+
+def part_of_each_row(split: Split, rows: int) -> np.ndarray:
+    """int64 [rows], 0 train, 1 val, 2 test, -1 in none; fails if a row is in two."""
+    part = np.full(rows, -1)
+    for number, name in enumerate(PARTS):
+        chosen = getattr(split, name)
+        assert (np.diff(chosen) > 0).all(), "ascending, so each once"
+        assert (part[chosen] == -1).all(), "in one part"
+        part[chosen] = number
+    return part
+
+
+def distance(one: np.ndarray, other: np.ndarray) -> int:
+    """Rows between the two nearest."""
+    return int(np.abs(one[:, None] - other[None]).min())
+
+
+@given(rows=st.integers(60, 3000), seed=st.integers(0, 50))
+def test_blocks_of_any_recording_are_apart(rows, seed):
+    split = split_rows(driven(rows), "blocks", seed=seed)
+    part_of_each_row(split, rows)
+    gap = min(15, max(rows // 20, 1))  # a second, or less where the blocks are shorter
+    for one, other in (("train", "val"), ("train", "test"), ("val", "test")):
+        assert distance(getattr(split, one), getattr(split, other)) > gap
+
+
+def test_blocks_are_contiguous_and_of_the_length_asked_for():
+    split = split_rows(driven(9000), "blocks", block_s=10, gap_s=1)
+    for held_out in (split.val, split.test):
+        runs = np.split(held_out, np.flatnonzero(np.diff(held_out) > 1) + 1)
+        # Whole blocks of 150 rows, less a gap where validation borders on test.
+        assert all(len(run) >= 150 - 2 * 15 for run in runs)
+        assert 2 <= len(runs) <= 6
+
+
+def test_only_rows_near_another_part_are_dropped():
+    split = split_rows(driven(9000), "blocks", block_s=10, gap_s=1)
+    part = part_of_each_row(split, 9000)
+    for dropped in np.flatnonzero(part == -1):
+        near = part[max(dropped - 15, 0) : dropped + 16]
+        assert len(set(near.tolist()) - {-1}) >= 1
+        assert dropped not in split.test
+    assert (part == -1).mean() < 0.06
+
+
+def test_longer_gap_drops_more_training_rows():
+    short = split_rows(driven(9000), "blocks", gap_s=0)
+    long = split_rows(driven(9000), "blocks", gap_s=4)
+    assert len(short.train) + len(short.val) + len(short.test) == 9000
+    assert distance(long.train, long.test) > 60
+    np.testing.assert_array_equal(short.test, long.test)
+
+
+@pytest.mark.parametrize("kind", ["blocks", "random"])
+@pytest.mark.parametrize(("val", "test"), [(0.1, 0.1), (0.2, 0.0), (0.3, 0.2), (0.0, 0.15)])
+def test_shares_come_near_to_those_asked_for(kind, val, test):
+    split = split_rows(driven(6000), kind, val_share=val, test_share=test)
+    assert len(split.val) / 6000 == pytest.approx(val, abs=0.03)
+    assert len(split.test) / 6000 == pytest.approx(test, abs=0.03)
+    assert len(split.train) / 6000 == pytest.approx(1 - val - test, abs=0.08)
+
+
+def test_random_uses_every_row_and_scatters_them():
+    split = split_rows(driven(1000), "random", val_share=0.2, test_share=0.1)
+    part = part_of_each_row(split, 1000)
+    assert np.bincount(part).tolist() == [700, 200, 100]
+    alone = [part[row - 1] != 1 and part[row + 1] != 1 for row in split.val if 0 < row < 999]
+    assert np.mean(alone) > 0.5
+
+
+@pytest.mark.parametrize("kind", ["blocks", "random"])
+def test_same_seed_same_split(kind):
+    splits = [split_rows(driven(3000), kind, seed=seed) for seed in (4, 4, 5)]
+    np.testing.assert_array_equal(splits[0].test, splits[1].test)
+    assert not np.array_equal(splits[0].test, splits[2].test)
+
+
+def test_blocks_never_reach_across_recordings():
+    """Rows on both sides of a border between recordings are no neighbours: none is dropped."""
+    sizes = (300, 300)
+    split = split_rows(driven(600, sizes), "blocks", val_share=0.5, test_share=0.0, block_s=20)
+    part = part_of_each_row(split, 600)
+    assert -1 in part, "some borders lie within a recording"
+    for row in (299, 300):
+        inner = part[row - 30 : row] if row == 299 else part[row + 1 : row + 31]
+        assert part[row] == inner[-1 if row == 299 else 0] != -1
+
+
+def test_a_border_at_a_recordings_end_drops_no_rows_of_the_next():
+    """Each recording ends in a block of 5 rows, less than the gap; the next starts whole."""
+    for seed in range(20):
+        split = split_rows(driven(3010, (1505, 1505)), "blocks", 0.3, 0.3, seed=seed)
+        assert (part_of_each_row(split, 3010)[1505 : 1505 + 15] != -1).all()
+
+
+def test_whole_recordings():
+    sizes = tuple([100] * 10)
+    split = split_rows(driven(1000, sizes), "recording", val_share=0.2, test_share=0.1)
+    part = part_of_each_row(split, 1000).reshape(10, 100)
+    assert (part == part[:, :1]).all()
+    assert np.bincount(part[:, 0]).tolist() == [7, 2, 1]
+
+
+def test_too_few_recordings_to_split_by():
+    with pytest.raises(InputError, match=r"needs 3 recordings, data\.root names 2"):
+        split_rows(driven(100, (50, 50)), "recording")
+
+
+@pytest.mark.parametrize("rows", [10, 20, 45, 150])
+def test_tiny_recording_still_gets_all_three_parts(rows):
+    split = split_rows(driven(rows), "blocks")
+    part_of_each_row(split, rows)
+    assert min(len(split.train), len(split.val), len(split.test)) > 0
+
+
+@pytest.mark.parametrize("kind", ["blocks", "random"])
+@pytest.mark.parametrize("rows", [1, 2])
+def test_too_few_rows_for_three_parts_say_what_to_set(kind, rows):
+    with pytest.raises(InputError, match=r"leaves no .*rows .*record more"):
+        split_rows(driven(rows), kind)
+
+
+def test_two_rows_can_all_be_trained_on():
+    split = split_rows(driven(2), "blocks", val_share=0, test_share=0)
+    assert split.train.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(("val", "test"), [(-0.1, 0.1), (0.5, 0.5), (0.9, 0.3), (0.1, -0.2)])
+def test_shares_that_leave_nothing(val, test):
+    with pytest.raises(InputError, match=r"data\.val_share"):
+        split_rows(driven(100), "random", val_share=val, test_share=test)
+
+
+def test_unknown_kind_names_the_known():
+    with pytest.raises(InputError, match=r"data\.split=block is not one of blocks, random"):
+        split_rows(driven(100), "block")
+
+
+@pytest.fixture
+def small(tmp_path) -> Recording:
+    return read_recordings(str(write_recording(tmp_path / "lake", 40, cameras=("center",)).folder))
+
+
+def test_a_written_split_reads_back(small, tmp_path):
+    split = split_rows(small, "blocks")
+    write_split(tmp_path / "split.csv", small, split)
+    again = split_rows(small, str(tmp_path / "split.csv"))
+    for name in PARTS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(split, name))
+
+
+def test_a_split_file_is_by_name_not_by_row(small, tmp_path):
+    split = split_rows(small, "blocks")
+    write_split(tmp_path / "split.csv", small, split)
+    without_first_five = small.keep(np.arange(40) >= 5)
+    again = split_rows(without_first_five, str(tmp_path / "split.csv"))
+    np.testing.assert_array_equal(again.test, split.test[split.test >= 5] - 5)
+
+
+def write_rows(path: Path, rows: list[list[str]]) -> str:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    return str(path)
+
+
+def test_a_split_file_with_an_unknown_part_names_the_row(small, tmp_path):
+    name = Path(small.images[0, 0]).name
+    path = write_rows(tmp_path / "split.csv", [["image", "part"], [name, "train"], [name, "dev"]])
+    with pytest.raises(InputError, match=r"split\.csv, row 3: .*train, val, test"):
+        split_rows(small, path)
+
+
+def test_a_split_file_of_another_recording(small, tmp_path):
+    path = write_rows(tmp_path / "split.csv", [["center_other.jpg", "train"]])
+    with pytest.raises(InputError, match="names no image of this recording"):
+        split_rows(small, path)
+
+
+def test_rate_is_the_medians(small):
+    assert rows_per_second(small) == pytest.approx(15, abs=0.3)
+
+
+def test_rate_without_times_is_the_simulators():
+    recording = driven(10)
+    recording.time_s[:] = np.nan
+    assert rows_per_second(recording) == 15.0

@@ -1,0 +1,319 @@
+"""The cache of views, with real files and real processes."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from datamodules.view import View
+from datamodules.view_store import load_views
+from tests.recordings import Written, write_recording
+
+VIEW = View((60, 25), "rgb", (33, 100))
+REPOSITORY = Path(__file__).parents[2]
+
+# Says "ready", waits for a line, builds in chunks of 16, and says what happened.
+PROCESS = """
+import hashlib, json, resource, sys, time
+from pathlib import Path
+from datamodules import view_store
+from datamodules.errors import InputError
+from datamodules.view import View
+
+paths, folder, pause_s, limit = json.loads(sys.argv[1])
+if limit:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+view_store.CHUNK = 16
+told = {"built": 0, "waited": False}
+
+def progress(done, total):
+    print(f"progress {done} of {total}", flush=True)
+    told["built"] = done
+    time.sleep(pause_s)
+
+def on_wait():
+    told["waited"] = True
+
+print("ready", flush=True)
+sys.stdin.readline()
+try:
+    loaded = view_store.load_views(
+        paths, View((60, 25), "rgb", (33, 100)), Path(folder), progress, on_wait
+    )
+    told["views"] = hashlib.sha256(loaded.views.tobytes()).hexdigest()
+except InputError as error:
+    told["error"] = str(error)
+print(json.dumps(told), flush=True)
+"""
+
+
+def start_build(paths: list[str], folder: Path, pause_s: float = 0.0, limit: int = 0):
+    arguments = json.dumps([paths, str(folder), pause_s, limit])
+    process = subprocess.Popen(
+        [sys.executable, "-c", PROCESS, arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=REPOSITORY,
+    )
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+def go(process: subprocess.Popen) -> None:
+    process.stdin.write("\n")
+    process.stdin.flush()
+
+
+def outcome(process: subprocess.Popen) -> dict:
+    output, _ = process.communicate(timeout=60)
+    return json.loads(output.splitlines()[-1])
+
+
+def centre_paths(written: Written) -> list[str]:
+    return [str(written.image(row)) for row in range(len(written.stems))]
+
+
+def expected(paths: list[str]) -> np.ndarray:
+    return np.stack([VIEW(decode_image(Path(path).read_bytes())) for path in paths])
+
+
+def digest(views: np.ndarray) -> str:
+    return hashlib.sha256(views.tobytes()).hexdigest()
+
+
+def overwrite_unseen(path: str) -> None:
+    """Change a file's bytes, but neither its size nor its time: only who reads it again knows."""
+    status = Path(path).stat()
+    Path(path).write_bytes(bytes(status.st_size))
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+
+
+class Count:
+    """A progress that counts the images decoded."""
+
+    def __init__(self) -> None:
+        self.decoded = 0
+
+    def __call__(self, done: int, total: int) -> None:
+        self.decoded = done
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Written:
+    return write_recording(tmp_path / "lake", rows=40, cameras=("center",))
+
+
+@pytest.fixture
+def cache(tmp_path: Path) -> Path:
+    return tmp_path / "cache"
+
+
+@pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
+def test_views_are_those_of_the_images_in_order(recorded, cache, cached):
+    paths = centre_paths(recorded)
+    loaded = load_views(paths, VIEW, cache if cached else None)
+    np.testing.assert_array_equal(loaded.views, expected(paths))
+    assert loaded.faults == {}
+
+
+def test_more_images_than_a_chunk(tmp_path, cache):
+    written = write_recording(tmp_path / "lake", rows=300, cameras=("center",))
+    written.image(270).write_bytes(b"")
+    loaded = load_views(centre_paths(written), VIEW, cache)
+    assert list(loaded.faults) == [270]
+    for row in (0, 255, 256, 299):
+        np.testing.assert_array_equal(loaded.views[row], expected([str(written.image(row))])[0])
+
+
+def test_second_time_decodes_nothing(written, cache):
+    paths = centre_paths(written)
+    first = np.array(load_views(paths, VIEW, cache).views)
+    for path in paths:
+        overwrite_unseen(path)
+    again = Count()
+    np.testing.assert_array_equal(load_views(paths, VIEW, cache, again).views, first)
+    assert again.decoded == 0
+
+
+def test_views_are_mapped_and_not_writable(written, cache):
+    views = load_views(centre_paths(written), VIEW, cache).views
+    assert isinstance(views, np.memmap)
+    with pytest.raises(ValueError, match="read-only"):
+        views[0] = 0
+
+
+def test_moved_folder_finds_its_views(written, cache, tmp_path):
+    load_views(centre_paths(written), VIEW, cache)
+    moved = written.folder.rename(tmp_path / "moved")
+    again = Count()
+    load_views(
+        [str(moved / "IMG" / Path(path).name) for path in centre_paths(written)], VIEW, cache, again
+    )
+    assert again.decoded == 0
+
+
+def test_changed_image_is_decoded_again(written, cache):
+    paths = centre_paths(written)
+    load_views(paths, VIEW, cache)
+    Path(paths[3]).write_bytes(Path(paths[30]).read_bytes())
+    views = load_views(paths, VIEW, cache).views
+    np.testing.assert_array_equal(views[3], views[30])
+
+
+@pytest.mark.parametrize(
+    "other", [View((60, 25), "yuv", (33, 100)), View((61, 24), "rgb", (33, 100))]
+)
+def test_another_view_has_its_own_file(written, cache, other):
+    paths = centre_paths(written)
+    before = np.array(load_views(paths, VIEW, cache).views)
+    views = load_views(paths, other, cache).views
+    assert not np.array_equal(views, before)
+    np.testing.assert_array_equal(load_views(paths, VIEW, cache).views, before)
+
+
+@pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
+def test_bad_images_are_zeros_and_named(written, cache, cached):
+    paths = centre_paths(written)
+    whole = Path(paths[2]).read_bytes()
+    Path(paths[2]).write_bytes(whole[: len(whole) // 2])
+    Path(paths[5]).write_bytes(b"")
+    Path(paths[9]).write_bytes(b"no picture")
+    Path(paths[11]).unlink()
+    folder = cache if cached else None
+    for _ in range(2):  # found in the cache, they are still known
+        loaded = load_views(paths, VIEW, folder)
+        assert sorted(loaded.faults) == [2, 5, 9, 11]
+        assert loaded.faults[2] == f"{paths[2]}: the image is truncated"
+        assert loaded.faults[5] == f"{paths[5]}: the file is empty"
+        assert loaded.faults[9] == f"{paths[9]}: the file is no JPEG or PNG"
+        assert loaded.faults[11] == f"{paths[11]}: No such file or directory"
+        assert not loaded.views[[2, 5, 9, 11]].any()
+        np.testing.assert_array_equal(loaded.views[[3, 12]], expected([paths[3], paths[12]]))
+
+
+def test_two_processes_at_once_build_once_and_agree(written, cache):
+    paths = centre_paths(written)
+    processes = [start_build(paths, cache, pause_s=0.5) for _ in range(2)]
+    for process in processes:
+        go(process)
+    outcomes = [outcome(process) for process in processes]
+    assert sorted(one["built"] for one in outcomes) == [0, 40]
+    assert sorted(one["waited"] for one in outcomes) == [False, True]
+    assert {one["views"] for one in outcomes} == {digest(expected(paths))}
+
+
+def test_killed_half_way_is_built_anew(written, cache):
+    paths = centre_paths(written)
+    process = start_build(paths, cache, pause_s=60)
+    go(process)
+    assert process.stdout.readline() == "progress 16 of 40\n"
+    assert list(cache.glob("*.part"))
+    process.kill()
+    process.communicate()
+    assert not list(cache.glob("*.npy"))
+
+    again = Count()
+    loaded = load_views(paths, VIEW, cache, again)
+    np.testing.assert_array_equal(loaded.views, expected(paths))
+    assert again.decoded == 40
+    assert not list(cache.glob("*.part"))
+
+
+def test_a_killed_builds_lock_is_given_back_to_who_waits(written, cache):
+    paths = centre_paths(written)
+    first = start_build(paths, cache, pause_s=60)
+    go(first)
+    assert first.stdout.readline() == "progress 16 of 40\n"
+    second = start_build(paths, cache)
+    go(second)
+    first.kill()
+    first.communicate()
+    told = outcome(second)
+    assert told["built"] == 40
+    assert told["views"] == digest(expected(paths))
+
+
+def test_failed_write_is_one_line_and_leaves_earlier_files(written, cache):
+    paths = centre_paths(written)
+    load_views(paths[:5], VIEW, cache)
+    size = 40 * 33 * 100 * 3
+    process = start_build(paths, cache, limit=size // 2)
+    go(process)
+    message = outcome(process)["error"]
+    assert str(cache) in message
+    assert "cannot write the view cache" in message
+    assert "data.cache=" in message
+    assert len(list(cache.glob("*.npy"))) == 1
+    assert not list(cache.glob("*.part"))
+    again = Count()
+    np.testing.assert_array_equal(
+        load_views(paths[:5], VIEW, cache, again).views, expected(paths[:5])
+    )
+    assert again.decoded == 0
+    np.testing.assert_array_equal(load_views(paths, VIEW, cache).views, expected(paths))
+
+
+@contextmanager
+def small_disk(folder: Path):
+    """A real disk of 256 kB; skips the test where it may not be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
+    try:
+        mounted = subprocess.run(mount, capture_output=True, check=False).returncode == 0
+    except OSError:
+        mounted = False
+    if not mounted:
+        pytest.skip("only root may mount a disk")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def test_full_disk_is_one_line_and_leaves_earlier_files(written, cache):
+    paths = centre_paths(written)
+    with small_disk(cache):
+        load_views(paths[:5], VIEW, cache)
+        with pytest.raises(InputError) as caught:
+            load_views(paths, VIEW, cache)
+        message = str(caught.value)
+        assert message.startswith(f"{cache}: no space left for the view cache (0 MB a camera)")
+        assert "\n" not in message
+        assert not list(cache.glob("*.part"))
+        again = Count()
+        views = np.array(load_views(paths[:5], VIEW, cache, again).views)
+    np.testing.assert_array_equal(views, expected(paths[:5]))
+    assert again.decoded == 0
+
+
+def test_cache_that_cannot_be_a_folder(written, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"cannot write the view cache .*data\.cache="):
+        load_views(centre_paths(written), VIEW, tmp_path / "file" / "cache")
+
+
+def test_recording_may_be_read_only(written, cache):
+    def names_and_times() -> dict[Path, int]:
+        everything = [written.folder, *written.folder.rglob("*")]
+        return {path: path.stat().st_mtime_ns for path in everything}
+
+    before = names_and_times()
+    folders = [written.folder, written.folder / "IMG"]
+    for folder in folders:
+        folder.chmod(0o555)
+    try:
+        loaded = load_views(centre_paths(written), VIEW, cache)
+        assert loaded.views.shape == (40, 33, 100, 3)
+        assert names_and_times() == before, "root may write anyway: nothing was"
+    finally:
+        for folder in folders:
+            folder.chmod(0o755)

@@ -1,0 +1,187 @@
+"""Small real recordings, as the original simulator leaves them, drawn in a moment."""
+
+import datetime
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from datamodules.recording import Recording
+
+HEADER = "center,left,right,steering,throttle,brake,speed"
+FIRST = datetime.datetime(2018, 7, 16, 17, 11, 43, 382_000)
+FPS = 15
+FOLDERS = {
+    "windows": "C:\\Users\\Some One\\Desktop\\new track\\IMG\\",
+    "macos": "/Users/someone/Desktop/new track/IMG/",
+    "linux": "/home/someone/new track/IMG/",
+    "relative": "IMG/",
+}
+# Pixels by which the road's near end is moved in each camera: the left one sees it to its right.
+SIDEWAYS = {"center": 0, "left": 55, "right": -55}
+HORIZON = 60
+
+
+@dataclass(frozen=True)
+class Written:
+    """What `write_recording` wrote, to compare with what is read.
+
+    Attributes:
+        folder: it holds `driving_log.csv` and `IMG`.
+        stems: `2018_07_16_17_11_43_382`, a row each.
+        steering, throttle, brake, speed_mph, time_s: float64 [rows], exactly as in the log.
+    """
+
+    folder: Path
+    stems: list[str]
+    steering: np.ndarray
+    throttle: np.ndarray
+    brake: np.ndarray
+    speed_mph: np.ndarray
+    time_s: np.ndarray
+
+    def image(self, row: int, camera: str = "center") -> Path:
+        return self.folder / "IMG" / f"{camera}_{self.stems[row]}.jpg"
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "driving_log.csv"
+
+
+def write_recording(
+    folder: Path | str,
+    rows: int = 120,
+    header: bool = False,
+    style: str = "windows",
+    decimal_comma: bool = False,
+    cameras: tuple[str, ...] = ("center", "left", "right"),
+    seed: int = 0,
+    speed: float = 20.0,
+) -> Written:
+    """Drive a winding road for `rows` frames at 15 Hz and record it in `folder`.
+
+    The road bends as the steering does, so that a network can learn it; about a quarter of the
+    steering is exactly 0. Cameras left out have an empty column.
+
+    Args:
+        style: of the paths: `windows`, `macos`, `linux` (absolute, of another machine), `relative`
+            (with a blank before left and right, as in the course's data).
+        speed: in mph; the rows' are within 1 of it.
+    """
+    folder = Path(folder)
+    (folder / "IMG").mkdir(parents=True)
+    rng = np.random.default_rng(seed)
+    time = np.arange(rows) / FPS
+    wave = np.sin(time * 1.1 + rng.uniform(0, 6.3)) + 0.5 * np.sin(time * 2.7 + rng.uniform(0, 6.3))
+    bend = 0.5 * np.sign(wave) * np.maximum(np.abs(wave) - 0.4, 0)
+    speeds = np.maximum(speed + np.sin(time + rng.uniform(0, 6.3)), 0)
+    pressed = wave < 0.2
+    columns = {
+        "steering": bend,
+        "throttle": np.where(pressed, rng.uniform(0.1, 1, rows), 0),
+        "brake": np.where(~pressed & (wave > 1.2), rng.uniform(0.1, 1, rows), 0),
+        "speed_mph": speeds,
+    }
+    texts = {name: [format_number(value) for value in column] for name, column in columns.items()}
+    moments = [FIRST + datetime.timedelta(milliseconds=round(1000 * one)) for one in time]
+    stems = [f"{one:%Y_%m_%d_%H_%M_%S}_{one.microsecond // 1000:03d}" for one in moments]
+
+    lines = [HEADER] if header else []
+    for row, stem in enumerate(stems):
+        fields = []
+        for camera in SIDEWAYS:
+            blank = " " if style == "relative" and camera != "center" else ""
+            known = camera in cameras
+            fields.append(f"{blank}{FOLDERS[style]}{camera}_{stem}.jpg" if known else "")
+        numbers = [texts[name][row] for name in columns]
+        fields += [text.replace(".", ",") if decimal_comma else text for text in numbers]
+        lines.append(",".join(fields))
+    (folder / "driving_log.csv").write_text("\n".join(lines) + "\n", newline="")
+
+    grass = _grass(rng)
+    travelled = np.cumsum(speeds) * 0.44704 / FPS
+    for row, stem in enumerate(stems):
+        for camera in cameras:
+            picture = draw_road(float(bend[row]), SIDEWAYS[camera], float(travelled[row]), grass)
+            ok, data = cv2.imencode(".jpg", picture[:, :, ::-1])
+            assert ok
+            (folder / "IMG" / f"{camera}_{stem}.jpg").write_bytes(data.tobytes())
+    utc = datetime.timezone.utc
+    return Written(
+        folder=folder,
+        stems=stems,
+        time_s=np.array([one.replace(tzinfo=utc).timestamp() for one in moments]),
+        **{name: np.array([float(text) for text in column]) for name, column in texts.items()},
+    )
+
+
+def format_number(value: float) -> str:
+    """As C# writes a float: seven digits at most, `5E-05` when small, no trailing zeros.
+
+    >>> format_number(0.275), format_number(0.00005), format_number(0.0), format_number(30.0)
+    ('0.275', '5E-05', '0', '30')
+    """
+    return f"{np.float32(value) + 0.0:.7G}"  # + 0.0: no "-0"
+
+
+def draw_road(steering: float, sideways: int, travelled_m: float, grass: np.ndarray) -> np.ndarray:
+    """A road on grass under a sky that bends to the right for steering > 0: uint8 [160, 320, 3]."""
+    picture = grass.copy()
+    nearness = np.linspace(0, 1, 24)
+    y = HORIZON + nearness * (160 - HORIZON)
+    middle = 160 + 120 * steering * (1 - nearness) ** 2 + sideways * nearness
+    half = 6 + 110 * nearness
+    outline = np.concatenate(
+        [np.stack([middle - half, y], 1), np.stack([middle + half, y], 1)[::-1]]
+    )
+    cv2.fillPoly(picture, [outline.astype(np.int32)], (110, 110, 115))
+    # The verge is striped red and white, and the stripes come nearer.
+    distance = 40 / (nearness + 0.08)
+    striped = ((distance + travelled_m) // 6).astype(int) % 2
+    for edge in (middle - half, middle + half):
+        points = np.stack([edge, y], 1).astype(np.int32)
+        for index in range(len(y) - 1):
+            colour = (200, 40, 40) if striped[index] else (230, 230, 230)
+            width = 1 + int(6 * nearness[index])
+            cv2.line(picture, points[index].tolist(), points[index + 1].tolist(), colour, width)
+    return picture
+
+
+def _grass(rng: np.random.Generator) -> np.ndarray:
+    picture = np.empty((160, 320, 3), np.uint8)
+    picture[:HORIZON] = (120, 160, 220)
+    picture[HORIZON:] = (70, 120, 50)
+    noise = rng.integers(-12, 13, (160, 320, 1))
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def recording_in_memory(
+    steering: np.ndarray,
+    speed_mph: float | np.ndarray = 20.0,
+    sizes: tuple[int, ...] = (),
+    cameras: tuple[str, ...] = ("center", "left", "right"),
+) -> Recording:
+    """Rows with these labels at 15 Hz, whose pictures exist in name only.
+
+    Args:
+        sizes: the rows of each of several recordings; one recording without.
+    """
+    rows = len(steering)
+    sizes = sizes or (rows,)
+    number = np.repeat(np.arange(len(sizes)), sizes)
+    images = np.empty((rows, 3), dtype=object)
+    for column, camera in enumerate(SIDEWAYS):
+        if camera in cameras:
+            images[:, column] = [f"/lake/IMG/{camera}_{row}.jpg" for row in range(rows)]
+    return Recording(
+        names=tuple(f"/lake/{one}" for one in range(len(sizes))),
+        recording=number,
+        line=np.arange(1, rows + 1),
+        images=images,
+        steering=np.asarray(steering, dtype=float),
+        throttle=np.full(rows, 0.5),
+        brake=np.zeros(rows),
+        speed_mph=np.broadcast_to(speed_mph, rows).astype(float),
+        time_s=1.5e9 + np.arange(rows) / FPS,
+    )

@@ -1,0 +1,27 @@
+"""One run of the main job, which many tests look at."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.commands import run
+
+
+@pytest.fixture(scope="session")
+def run_folder(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run of `nvidia`, two epochs, trained through the command line."""
+    cwd = tmp_path_factory.mktemp("work")
+    result = run(
+        cwd,
+        "model=nvidia",
+        f"data.root={recorded.folder}",
+        "data.block_s=0.5",
+        "data.gap_s=0.1",
+        "data.batch_size=16",
+        "trainer.max_epochs=2",
+        "hydra.run.dir=run",
+    )
+    assert result.returncode == 0, result.stderr
+    (cwd / "run" / "stdout.txt").write_text(result.stdout)
+    return cwd / "run"

@@ -1,0 +1,126 @@
+"""Checkpoints and policies: self-contained, safe, and seeing what training saw."""
+
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from tests.recordings import Written
+from tests.zoo.commands import ROOT
+from zoo.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.policy import load_policy
+
+
+@pytest.fixture
+def best(run_folder: Path) -> Path:
+    return run_folder / "checkpoints" / "best.ckpt"
+
+
+def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(best: Path) -> None:
+    contents = torch.load(best, weights_only=True)
+    card = contents["drivezoo"]
+    assert card["view"] == {"crop": [40, 20], "colour": "rgb", "size": [66, 200]}
+    assert card["config"]["model"]["name"] == "nvidia"
+    assert card["data"]["rows"] == 120
+    assert len(card["data"]["fingerprint"]) == 16
+
+
+def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> None:
+    """In another folder, another process, without the recording or the run's config."""
+    copy = shutil.copy(best, tmp_path / "a=b [c].ckpt")
+    code = (
+        "import sys, numpy as np; from zoo.policy import load_policy;"
+        "print(load_policy(sys.argv[1])(np.zeros((160, 320, 3), np.uint8), 9.0))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code, copy],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    steering = float(result.stdout.strip("()\n").split(",")[0])
+    assert -1 <= steering <= 1
+
+
+def test_training_and_driving_see_the_same_bits(
+    run_folder: Path, best: Path, recorded: Written
+) -> None:
+    """One JPEG through the view cache and the batch, and through the policy."""
+    from omegaconf import OmegaConf
+    from rich.console import Console
+
+    from zoo.build import build_data
+
+    config = OmegaConf.create(read_checkpoint_file(best)["drivezoo"]["config"])
+    config.data.cache = str(run_folder.parent / "outputs" / "cache")
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    batch = data.evaluation_batches("test")[0]
+    policy = load_policy(best)
+    for position, row in enumerate(data.split.test[:5]):
+        jpeg = Path(data.recording.images[row, 0]).read_bytes()
+        seen = policy.view(decode_image(jpeg))
+        fed = batch["images"][position].permute(1, 2, 0).numpy()
+        assert np.array_equal(seen, fed)
+
+        with torch.inference_mode():
+            trained = policy.network(batch["images"][position : position + 1])
+        steering, throttle = policy(decode_image(jpeg), 9.0)
+        assert steering == pytest.approx(float(trained[0, 0].clamp(-1, 1)), abs=0)
+        assert throttle is None
+
+
+class Bomb:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple:
+        return os.mkdir, (str(self.path),)
+
+
+def test_pickled_code_is_refused_and_never_run(tmp_path: Path) -> None:
+    evil = tmp_path / "evil.ckpt"
+    torch.save({"drivezoo": {"format": 1}, "state_dict": {}, "x": Bomb(tmp_path / "ran")}, evil)
+    with pytest.raises(InputError, match=r"evil.ckpt: refused.*none of it was run"):
+        load_checkpoint(evil)
+    evil.write_bytes(pickle.dumps(Bomb(tmp_path / "ran")))
+    with pytest.raises(InputError, match=r"evil.ckpt"):
+        load_checkpoint(evil)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_config_that_names_another_callable_is_not_called(best: Path, tmp_path: Path) -> None:
+    contents = torch.load(best, weights_only=True)
+    contents["drivezoo"]["config"]["model"]["_target_"] = "os.getcwd"
+    torch.save(contents, tmp_path / "x.ckpt")
+    with pytest.raises(InputError, match=r"os\.getcwd is no network of zoo\.models"):
+        load_checkpoint(tmp_path / "x.ckpt")
+
+
+def test_what_is_no_checkpoint_is_named(best: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such checkpoint"):
+        load_checkpoint(tmp_path / "none.ckpt")
+    (tmp_path / "text.ckpt").write_text("steering")
+    (tmp_path / "half.ckpt").write_bytes(best.read_bytes()[:20_000])
+    torch.save({"weights": torch.zeros(2)}, tmp_path / "foreign.ckpt")
+    for name in ("text", "half", "foreign"):
+        with pytest.raises(InputError, match=rf"{name}\.ckpt"):
+            load_checkpoint(tmp_path / f"{name}.ckpt")
+
+
+def test_weights_that_do_not_fit_their_config_are_named(best: Path, tmp_path: Path) -> None:
+    contents = torch.load(best, weights_only=True)
+    contents["drivezoo"]["config"]["model"]["width"] = 2.0
+    torch.save(contents, tmp_path / "wide.ckpt")
+    with pytest.raises(InputError, match=r"wide\.ckpt: cannot be made into a network"):
+        load_checkpoint(tmp_path / "wide.ckpt")

@@ -1,0 +1,448 @@
+"""The main job as a person runs it: real recordings, real processes."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from PIL import Image
+
+from tests.recordings import Written, write_recording
+from tests.zoo.commands import command, environment, only_line, run
+from zoo.checkpoint import load_checkpoint
+
+# Small enough for seconds; blocks as short as the recording asks for.
+SMALL = (
+    "model=tiny",
+    "data.crop=[50,0]",
+    "data.block_s=0.5",
+    "data.gap_s=0.1",
+    "data.batch_size=16",
+    "callbacks=published",
+)
+
+
+def weights(run_folder: Path, name: str = "last") -> dict[str, torch.Tensor]:
+    return torch.load(run_folder / "checkpoints" / f"{name}.ckpt", weights_only=True)["state_dict"]
+
+
+def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+    return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
+
+
+def start(cwd: Path, *arguments: str) -> subprocess.Popen:
+    with (cwd / "log.txt").open("w") as log:
+        return subprocess.Popen(
+            command("zoo", *arguments), cwd=cwd, env=environment(), stdout=log, stderr=log
+        )
+
+
+def wait_until(true: Callable[[], bool], process: subprocess.Popen, seconds: int = 90) -> None:
+    until = time.monotonic() + seconds
+    while not true():
+        assert process.poll() is None, "the run ended early"
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def test_a_run_leaves_what_the_design_says(run_folder: Path) -> None:
+    assert json.loads((run_folder / "status.json").read_text())["status"] == "finished"
+    assert (run_folder / ".hydra" / "config.yaml").is_file()
+    assert list(run_folder.glob("events.out.tfevents.*"))
+    for name in ("best", "last"):
+        assert load_checkpoint(run_folder / "checkpoints" / f"{name}.ckpt").network is not None
+    pictures = {
+        "fed_batch",
+        "steering_histogram",
+        "training_curves",
+        "predicted_against_true_val",
+        "predicted_against_true_test",
+    }
+    assert {path.stem for path in (run_folder / "plots").glob("*.png")} == pictures
+    for name in pictures:
+        with Image.open(run_folder / "plots" / f"{name}.png") as picture:
+            assert min(picture.size) > 300
+            assert len(picture.convert("L").getcolors(256) or []) > 10, "an empty picture"
+
+
+def test_metrics_stand_beside_both_baselines(run_folder: Path) -> None:
+    metrics = json.loads((run_folder / "metrics.json").read_text())
+    assert metrics["parameters"] == 252_219
+    assert set(metrics["open_loop"]) == {"train", "val", "test"}
+    for part, figures in metrics["open_loop"].items():
+        assert set(figures) == {"mse", "mae", "balanced_mae", "bias"}
+        assert set(metrics["baselines"][part]) == {"always zero", "mean"}
+    for key in ("samples_per_second", "seconds_per_epoch", "wall_s"):
+        assert metrics[key] > 0
+    assert metrics["seed"] == 1
+    assert metrics["epochs"] == 2
+    assert len(metrics["data"]["fingerprint"]) == 16
+    assert sum(metrics["data"]["split"].values()) <= metrics["data"]["rows"] == 120
+    assert metrics["versions"]["torch"] == torch.__version__.split("+")[0]
+
+
+def test_the_table_says_what_metrics_json_says(run_folder: Path) -> None:
+    printed = (run_folder / "stdout.txt").read_text()
+    metrics = json.loads((run_folder / "metrics.json").read_text())
+    assert f"{metrics['open_loop']['test']['mse']:.4f}" in printed
+    for words in ("nvidia", "always zero", "mean", "balanced MAE", "best.ckpt", "leak: a val"):
+        assert words in printed
+
+
+def test_csv_logs_hold_every_epoch(run_folder: Path) -> None:
+    rows = list(csv.DictReader((run_folder / "metrics.csv").open()))
+    assert {row["epoch"] for row in rows if row["val/mse"]} == {"0", "1"}
+    assert {row["epoch"] for row in rows if row["train/loss"]} == {"0", "1"}
+
+
+@pytest.mark.slow
+def test_a_network_learns_the_drawn_road(recorded: Written, tmp_path: Path) -> None:
+    """Better than both baselines on rows it has not seen, which nothing but looking can give."""
+    result = run(
+        tmp_path,
+        "model=nvidia",
+        "model.dropout=[0,0]",
+        f"data.root={recorded.folder}",
+        "data.split=random",
+        "data.batch_size=16",
+        "data.samples_per_epoch=1200",
+        "augment=[]",
+        "trainer.max_epochs=6",
+        "hydra.run.dir=run",
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stderr
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    for baseline in metrics["baselines"]["test"].values():
+        assert metrics["open_loop"]["test"]["mse"] < 0.5 * baseline["mse"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+def test_a_run_killed_and_resumed_ends_with_the_same_weights(
+    schedule: str, recorded: Written, tmp_path: Path
+) -> None:
+    overrides = (
+        *SMALL,
+        f"schedule={schedule}",
+        f"data.root={recorded.folder}",
+        "data.samples_per_epoch=3200",
+        "trainer.max_epochs=8",
+    )
+    whole = run(tmp_path, *overrides, "hydra.run.dir=whole")
+    assert whole.returncode == 0, whole.stderr
+    process = start(tmp_path, *overrides, "hydra.run.dir=killed")
+    log = tmp_path / "log.txt"
+    wait_until(lambda: "epoch   3/8" in log.read_text(), process)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert json.loads((tmp_path / "killed" / "status.json").read_text())["status"] == "running"
+    before = torch.load(tmp_path / "killed/checkpoints/last.ckpt", weights_only=True)["epoch"]
+    assert before < 7, "killed too late to show anything"
+
+    resumed = run(tmp_path, "resume=killed")
+
+    assert resumed.returncode == 0, resumed.stderr
+    for name in ("best", "last"):
+        assert equal(weights(tmp_path / "whole", name), weights(tmp_path / "killed", name))
+    assert json.loads((tmp_path / "killed" / "status.json").read_text())["status"] == "finished"
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(recorded: Written, tmp_path: Path) -> None:
+    process = start(
+        tmp_path,
+        *SMALL,
+        f"data.root={recorded.folder}",
+        "trainer.max_epochs=100000",
+        "hydra.run.dir=run",
+    )
+    log = tmp_path / "log.txt"
+    wait_until(lambda: "epoch   2/" in log.read_text(), process)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=60) == 130
+    said = log.read_text().strip().splitlines()[-1]
+    assert said.startswith("zoo: stopped; the epochs before ")
+    assert said.endswith("go on with: python -m zoo resume=run")
+    assert "Traceback" not in log.read_text()
+    load_checkpoint(tmp_path / "run" / "checkpoints" / "last.ckpt")
+    assert json.loads((tmp_path / "run" / "status.json").read_text())["status"] == "failed"
+
+
+def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
+    recorded: Written, tmp_path: Path
+) -> None:
+    overrides = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
+    assert run(tmp_path, *overrides, "hydra.run.dir=run").returncode == 0
+    good = weights(tmp_path / "run")
+    # Go on with a rate at which weights overflow.
+    checkpoint = tmp_path / "run" / "checkpoints" / "last.ckpt"
+    contents = torch.load(checkpoint, weights_only=True)
+    for group in contents["optimizer_states"][0]["param_groups"]:
+        group["lr"] = group["initial_lr"] = 1e38
+    contents["lr_schedulers"][0]["_last_lr"] = [1e38, 1e38]
+    contents["lr_schedulers"][0]["base_lrs"] = [1e38, 1e38]
+    torch.save(contents, checkpoint)
+    line = only_line(run(tmp_path, "resume=run", "trainer.max_epochs=3"))
+    assert "the loss is not finite in epoch 2" in line
+    assert equal(weights(tmp_path / "run"), good)
+    status = json.loads((tmp_path / "run" / "status.json").read_text())
+    assert status["status"] == "failed"
+    assert "not finite" in status["reason"]
+
+
+def test_two_trainings_at_once_on_an_empty_cache_agree(recorded: Written, tmp_path: Path) -> None:
+    overrides = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
+    processes = [
+        subprocess.Popen(
+            command("zoo", *overrides, *more),
+            cwd=tmp_path,
+            env=environment(),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        for more in ([], [])
+    ]
+    for process in processes:
+        assert process.wait(timeout=120) == 0, process.stderr.read()
+        process.stderr.close()
+    runs = [path.parent for path in tmp_path.glob("outputs/*/*/metrics.json")]
+    assert len(runs) == 2, "two runs of the same second share a folder"
+    assert equal(weights(runs[0]), weights(runs[1]))
+    assert len(list(tmp_path.glob("outputs/cache/*.npy"))) == 3, "one file a camera"
+
+
+def test_a_read_only_recording_with_an_odd_name_trains(tmp_path: Path) -> None:
+    odd = tmp_path / "my laps=1 [a], (b)"
+    write_recording(odd, rows=60, style="windows")
+    for path in [*odd.rglob("*"), odd]:
+        path.chmod(path.stat().st_mode & ~0o222)
+    result = run(tmp_path, *SMALL, f"data.root={odd}", "trainer.max_epochs=1", "hydra.run.dir=run")
+    assert result.returncode == 0, result.stderr
+    odd.chmod(0o755)
+    (odd / "IMG").chmod(0o755)
+
+
+def test_several_recordings_train_together(recorded: Written, tmp_path: Path) -> None:
+    second = write_recording(tmp_path / "second", rows=60, cameras=("center",), style="linux")
+    result = run(
+        tmp_path,
+        *SMALL,
+        f"data.root=[{recorded.folder},{second.folder}]",
+        "trainer.max_epochs=1",
+        "hydra.run.dir=run",
+    )
+    assert result.returncode == 0, result.stderr
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics["data"]["rows"] == 180
+    assert "centre camera only" in result.stdout
+
+
+def test_a_sweep_goes_on_past_a_job_that_fails(recorded: Written, tmp_path: Path) -> None:
+    result = run(
+        tmp_path,
+        "-m",
+        *SMALL,
+        f"data.root={recorded.folder}",
+        "data.batch_size=100000,16",
+        "trainer.max_epochs=1",
+        "hydra.sweep.dir=sweep",
+    )
+    assert "larger than the" in only_line(result)
+    statuses = [json.loads((tmp_path / f"sweep/{job}/status.json").read_text()) for job in (0, 1)]
+    assert [status["status"] for status in statuses] == ["failed", "finished"]
+
+
+def test_the_weights_of_a_checkpoint_start_another_run(run_folder: Path, tmp_path: Path) -> None:
+    config = (run_folder / ".hydra" / "config.yaml").read_text()
+    root = next(line for line in config.splitlines() if line.strip().startswith("root:"))
+    best = run_folder / "checkpoints" / "best.ckpt"
+    result = run(
+        tmp_path,
+        f"data.root={root.split(':', 1)[1].strip()}",
+        f"model.weights={best}",
+        "data.block_s=0.5",
+        "data.gap_s=0.1",
+        "trainer.max_epochs=0",
+        "hydra.run.dir=run",
+    )
+    assert result.returncode == 0, result.stderr
+    assert equal(weights(tmp_path / "run", "best"), weights(run_folder, "best"))
+
+
+@pytest.mark.slow
+def test_two_processes_train_on_the_cpu(recorded: Written, tmp_path: Path) -> None:
+    result = run(
+        tmp_path,
+        *SMALL,
+        f"data.root={recorded.folder}",
+        "trainer=ddp_cpu",
+        "trainer.max_epochs=2",
+        "hydra.run.dir=run",
+    )
+    assert result.returncode == 0, result.stderr
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 2
+    assert result.stdout.count("leak: a val") == 1, "one process speaks"
+
+
+def break_nothing(folder: Path) -> None:
+    pass
+
+
+def remove_rows(folder: Path) -> None:
+    (folder / "driving_log.csv").write_text("")
+
+
+def cut_a_row(folder: Path) -> None:
+    log = folder / "driving_log.csv"
+    lines = log.read_text().splitlines()
+    lines[6] = ",".join(lines[6].split(",")[:5])
+    log.write_text("\n".join(lines))
+
+
+def spoil_steering(folder: Path) -> None:
+    log = folder / "driving_log.csv"
+    lines = log.read_text().splitlines()
+    fields = lines[3].split(",")
+    fields[3] = "nan"
+    lines[3] = ",".join(fields)
+    log.write_text("\n".join(lines))
+
+
+def turn_in_degrees(folder: Path) -> None:
+    log = folder / "driving_log.csv"
+    lines = log.read_text().splitlines()
+    fields = lines[3].split(",")
+    fields[3] = "12.5"
+    lines[3] = ",".join(fields)
+    log.write_text("\n".join(lines))
+
+
+def truncate_an_image(folder: Path) -> None:
+    image = sorted((folder / "IMG").glob("left_*.jpg"))[4]
+    image.write_bytes(image.read_bytes()[:500])
+
+
+def lose_an_image(folder: Path) -> None:
+    sorted((folder / "IMG").glob("center_*.jpg"))[4].unlink()
+
+
+def lose_the_log(folder: Path) -> None:
+    (folder / "driving_log.csv").unlink()
+
+
+@pytest.mark.parametrize(
+    ("fault", "override", "words"),
+    [
+        (shutil.rmtree, "seed=1", "no such folder"),
+        (lose_the_log, "seed=1", "holds no driving_log.csv"),
+        (remove_rows, "seed=1", "the log has no rows"),
+        (cut_a_row, "seed=1", "driving_log.csv, row 7: 5 columns, expected 7"),
+        (spoil_steering, "seed=1", "driving_log.csv, row 4: steering is 'nan'"),
+        (turn_in_degrees, "seed=1", "driving_log.csv, row 4: steering is 12.5, beyond -1..1"),
+        (truncate_an_image, "seed=1", "driving_log.csv, row 5: "),
+        (truncate_an_image, "seed=1", "the JPEG is truncated"),
+        (lose_an_image, "seed=1", "driving_log.csv, row 5: no image center_"),
+        (break_nothing, "data.batch_size=5000", "data.batch_size=5000 is larger than the"),
+        (break_nothing, "data.straight_threshold=2", "data.straight_cap=0.5 cannot be held"),
+        (break_nothing, "data.split=weekly", "data.split=weekly is not one of blocks, random"),
+        (break_nothing, "data.split=recording", "needs 3 recordings"),
+        (break_nothing, "data.crop=[100,60]", "leaves nothing of 160 rows"),
+        (break_nothing, "model.colour=cmyk", "model.colour=cmyk is not one of"),
+        (break_nothing, "data.flip=often", "data.flip=often is not a probability"),
+        (break_nothing, "data.offset=left", "data.offset=left is not"),
+        (break_nothing, "data.batch_size=big", "data.batch_size=big is not"),
+        (break_nothing, "optim.lr=fast", "lr"),
+        (break_nothing, "trainer.max_epochs=many", "max_epochs"),
+        (break_nothing, "data.val_share=0", "monitors val/mse"),
+        (break_nothing, "data.cache=/proc/none", "cannot write the view cache"),
+        (break_nothing, "model.weights=none.ckpt", "none.ckpt"),
+    ],
+    ids=lambda value: value.__name__ if callable(value) else None,
+)
+def test_bad_input_gets_one_line(
+    fault: Callable, override: str, words: str, tmp_path: Path
+) -> None:
+    written = write_recording(tmp_path / "lake", rows=40)
+    fault(written.folder)
+    result = run(
+        tmp_path,
+        *SMALL,
+        f"data.root={written.folder}",
+        "trainer.max_epochs=1",
+        "hydra.run.dir=run",
+        override,
+    )
+    line = only_line(result)
+    assert words in line
+    if (tmp_path / "run").exists():
+        status = json.loads((tmp_path / "run" / "status.json").read_text())
+        assert status["status"] == "failed"
+        assert status["reason"] in line
+
+
+def test_a_bad_image_can_be_skipped(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lake", rows=60)
+    truncate_an_image(written.folder)
+    result = run(
+        tmp_path,
+        *SMALL,
+        f"data.root={written.folder}",
+        "data.on_bad_image=skip",
+        "trainer.max_epochs=1",
+        "hydra.run.dir=run",
+    )
+    assert result.returncode == 0, result.stderr
+    assert "skipped 1 rows with a bad image" in result.stdout
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert metrics["data"]["rows"] == 59
+
+
+def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: Path) -> None:
+    moved = tmp_path / "lake"
+    shutil.copytree(recorded.folder, moved)
+    overrides = (*SMALL, f"data.root={moved}", "trainer.max_epochs=1", "hydra.run.dir=run")
+    assert run(tmp_path, *overrides).returncode == 0
+    before = weights(tmp_path / "run")
+    log = moved / "driving_log.csv"
+    log.write_text("\n".join(log.read_text().splitlines()[:-10]))
+    line = only_line(run(tmp_path, "resume=run", "trainer.max_epochs=2"))
+    assert "was trained on 120 rows" in line
+    assert "now holds 110" in line
+    assert equal(weights(tmp_path / "run"), before)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
+def test_no_disk_space_is_said_in_one_line(recorded: Written, tmp_path: Path) -> None:
+    """A limit on the size of files stands for a full disk: writes fail in the same place."""
+    arguments = command("zoo", *SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run")
+    result = subprocess.run(
+        ["bash", "-c", 'ulimit -f 8; trap "" XFSZ; exec "$@"', "bash", *arguments],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert "cannot write the view cache" in only_line(result)
+    assert not list(tmp_path.glob("outputs/cache/*.npy"))
+
+
+def test_preview_shows_what_will_be_fed(recorded: Written, tmp_path: Path) -> None:
+    result = run(
+        tmp_path,
+        f"data.root={recorded.folder}",
+        "data.block_s=0.5",
+        "augment=[brightness,shadow,shift,blur,noise]",
+        module="zoo.preview",
+    )
+    assert result.returncode == 0, result.stderr
+    for name in ("fed_batch", "steering_histogram"):
+        assert (tmp_path / "outputs" / "preview" / f"{name}.png").stat().st_size > 10_000

@@ -1,0 +1,111 @@
+"""One parametrised test over the zoo."""
+
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from datamodules.view import View
+from tests.zoo.commands import ROOT, run
+from zoo.checkpoint import VIEW_KEYS, make_network
+from zoo.config import choices, compose_config
+
+PARAMETERS = {
+    "commaai": 6_621_809,
+    "lenet": 137_741,
+    "nvidia": 252_219,
+    "nvidia_speed": 252_330,
+    "tiny": 41,
+    "tiny63": 63,
+    "vgg": 15_370_305,
+}
+
+
+def build(name: str, *overrides: str) -> tuple[torch.nn.Module, View]:
+    config = compose_config([f"model={name}", *overrides])
+    crop = [0, 0] if name == "commaai" else config["data"]["crop"]
+    view = View(crop, **{key: config["model"][key] for key in VIEW_KEYS})
+    return make_network(config["model"], view), view
+
+
+@pytest.mark.parametrize("name", choices("model"))
+def test_every_model_steers_within_its_parameters(name: str) -> None:
+    network, view = build(name)
+    height, width, channels = view.shape
+    images = torch.randint(0, 256, (2, channels, height, width), dtype=torch.uint8)
+    speed = (torch.tensor([9.0, 20.0]),) if network.takes_speed else ()
+
+    out = network.eval()(images, *speed)
+
+    assert out.shape == (2, network.outputs)
+    assert torch.isfinite(out).all()
+    assert torch.equal(out, network(images.float(), *speed)), "uint8 and float must see the same"
+    assert sum(parameter.numel() for parameter in network.parameters()) == PARAMETERS[name]
+
+
+def test_pilotnet_has_the_published_layers() -> None:
+    network, _ = build("nvidia")
+    sizes = [sum(p.numel() for p in m.parameters(recurse=False)) for m in network.modules()]
+    assert [size for size in sizes if size] == [
+        1_824, 21_636, 43_248, 27_712, 36_928, 115_300, 5_050, 510, 11,
+    ]  # fmt: skip
+    maps = []
+    for layer in network.features:
+        if isinstance(layer, torch.nn.Conv2d):
+            layer.register_forward_hook(lambda _, __, out: maps.append(tuple(out.shape[2:])))
+    network(torch.zeros(1, 3, 66, 200))
+    assert maps == [(31, 98), (14, 47), (5, 22), (3, 20), (1, 18)]
+    rates = [m.p for m in network.modules() if isinstance(m, torch.nn.Dropout)]
+    assert rates[0] == pytest.approx(0.1)
+    assert rates[-1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", ["nvidia", "lenet", "commaai", "tiny", "tiny63"])
+def test_settings_reach_the_network(name: str) -> None:
+    plain, _ = build(name)
+    wide, _ = build(name, "model.width=2", "model.activation=elu")
+    assert any(isinstance(m, torch.nn.ELU) for m in wide.modules())
+    assert sum(p.numel() for p in wide.parameters()) > 1.5 * sum(
+        p.numel() for p in plain.parameters()
+    )
+
+
+def test_speed_changes_what_nvidia_speed_says() -> None:
+    network, _ = build("nvidia_speed")
+    images = torch.full((1, 3, 66, 200), 90.0)
+    slow, fast = (network.eval()(images, torch.tensor([mph])) for mph in (0.0, 30.0))
+    assert slow.shape == (1, 2)
+    assert not torch.equal(slow, fast)
+
+
+@pytest.mark.parametrize("trainable", range(6))
+def test_vgg_freezes_all_but_the_last_blocks(trainable: int) -> None:
+    network, _ = build("vgg", f"model.trainable_blocks={trainable}")
+    convolutions = [m for m in network.features if isinstance(m, torch.nn.Conv2d)]
+    learns = [m.weight.requires_grad for m in convolutions]
+    last = sum([2, 2, 3, 3, 3][5 - trainable :])
+    assert learns == [False] * (13 - last) + [True] * last
+    assert all(p.requires_grad for p in network.head.parameters())
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("model.size=[20,20]", "too small"),
+        ("model.activation=tanh", "not one of elu, relu"),
+        ("+model.colour_depth=3", "colour_depth"),
+        ("model._target_=os.system", "no network of zoo.models"),
+        ("model._target_=zoo.models.layers.activation_layer", "no network of zoo.models"),
+    ],
+)
+def test_a_network_that_cannot_be_is_refused_in_words(override: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        build("nvidia", override)
+
+
+def test_the_zoo_is_printed_with_its_papers() -> None:
+    result = run(ROOT, module="zoo.models")
+    assert result.returncode == 0, result.stderr
+    for name, parameters in PARAMETERS.items():
+        assert f"{name}: " in result.stdout
+        assert f"{parameters:,}" in result.stdout
+    assert "26,876,342" in result.stdout  # nvidia's multiply-adds: NVIDIA says about 27 million
