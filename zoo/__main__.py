@@ -60,7 +60,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
     config.merge_with_dotlist(overrides)
     from zoo.experiment import run_experiment
 
-    run_experiment(config, folder, resume=True)
+    run_experiment(config, folder.resolve(), resume=True)
 
 
 if __name__ == "__main__":

@@ -44,7 +44,10 @@ def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringM
     torch.manual_seed(config.seed)
     network = make_network(OmegaConf.to_container(config.model, resolve=True), data.view)
     optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
-    return SteeringModule(
+    rate = config.optim.lr
+    if not isinstance(rate, int | float) or rate <= 0:
+        raise InputError(f"optim.lr={rate} is not a number above 0")
+    module = SteeringModule(
         network,
         loss=_instantiate("loss", config.loss),
         optimizer=_instantiate("optim", optim),
@@ -54,11 +57,20 @@ def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringM
         seed=config.seed,
         card=card,
     )
+    try:
+        module.configure_optimizers()  # says now what it would refuse when training starts
+    except (TypeError, ValueError) as error:
+        raise InputError(f"optim or schedule: {error}; mend its settings") from None
+    return module
 
 
 def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
     """The Trainer with its callbacks and loggers, all writing in the run's folder."""
     silence_libraries()
+    if type(config.trainer.max_epochs) is not int or config.trainer.max_epochs < 0:
+        raise InputError(
+            f"trainer.max_epochs={config.trainer.max_epochs} is not a whole number, 0 or more"
+        )
     callbacks = [
         _instantiate(f"callbacks.{name}", settings)
         for name, settings in (config.callbacks or {}).items()

@@ -2,6 +2,7 @@
 
 import json
 import platform
+import shlex
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -54,9 +55,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         if start is None and config.model.weights is not None:
             from zoo.weights import load_weights
 
-            height, width, channels = data.view.shape
-            shape = (channels, height, width)
-            said = load_weights(module.network, str(config.model.weights), shape)
+            said = load_weights(module.network, str(config.model.weights))
             console.print(f"weights: {said}", highlight=False, markup=False)
         write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
@@ -122,7 +121,7 @@ def _fit(
     except OSError as error:
         raise InputError(
             f"{folder}: cannot write the run ({error.strerror or error}); what was saved before is "
-            f"kept; free some space and go on with: python -m zoo resume={folder}"
+            f"kept; free some space and go on with: {_resume_command(folder)}"
         ) from error
     except SystemExit:
         if not trainer.interrupted:
@@ -133,10 +132,14 @@ def _fit(
         done = f"the epochs before {trainer.current_epoch + 1} are saved"
         if not last.is_file():
             done = "no epoch was complete yet"
-        raise StoppedError(f"stopped; {done}; go on with: python -m zoo resume={folder}")
+        raise StoppedError(f"stopped; {done}; go on with: {_resume_command(folder)}")
     if trainer.max_epochs == 0:  # nothing to learn: only carry the weights over to a checkpoint
         for name in ("best", "last"):
             trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")
+
+
+def _resume_command(folder: Path) -> str:
+    return shlex.join(["python", "-m", "zoo", f"resume={folder}"])
 
 
 def _take_best(module: SteeringModule, folder: Path) -> None:

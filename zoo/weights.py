@@ -1,0 +1,88 @@
+"""Initial weights of a network: `model.weights=...`, from files of several kinds."""
+
+import pickle
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from datamodules.errors import InputError
+from zoo.checkpoint import PREFIX, read_checkpoint_file
+
+IMAGENET = "imagenet"
+KERAS_SUFFIXES = (".h5", ".hdf5")
+TORCH_SUFFIXES = (".pth", ".pt")
+
+
+def load_weights(network: nn.Module, source: str) -> str:
+    """Load weights into `network`, in place, and say what was loaded, in one line.
+
+    Args:
+        source: `imagenet` (VGG16's, downloaded once), or a file: `.ckpt` of ours, `.pth` or `.pt`
+            with a state dict (of the whole network, or VGG16's public one), or Keras' `.h5`.
+
+    Raises:
+        InputError: no such file, one that cannot be read or carries code, or one that does not fit.
+    """
+    if source == IMAGENET:
+        from zoo.imagenet_weights import imagenet_file
+
+        path = imagenet_file()
+    else:
+        path = Path(source).expanduser()
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; model.weights names one, or null for none")
+    if path.suffix in KERAS_SUFFIXES:
+        from zoo.keras_weights import load_keras_weights
+
+        return load_keras_weights(network, path)
+    if path.suffix == ".ckpt":
+        state = read_checkpoint_file(path)["state_dict"]
+        state = {name.removeprefix(PREFIX): tensor for name, tensor in state.items()}
+        return load_state(network, state, path)
+    if path.suffix in TORCH_SUFFIXES:
+        return load_state(network, _read_state(path), path)
+    known = ", ".join((".ckpt", *TORCH_SUFFIXES, *KERAS_SUFFIXES))
+    raise InputError(f"{path}: is none of {known}; model.weights reads these")
+
+
+def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
+    """Load a state dict, the network's own or VGG16's public one (whose classifier is left out).
+
+    Raises:
+        InputError: names the first tensor that is missing, unknown or of another shape.
+    """
+    own = network.state_dict()
+    is_public_vgg = hasattr(network, "backbone") and "classifier.0.weight" in state
+    if is_public_vgg:
+        own = {name: tensor for name, tensor in own.items() if name.startswith("features.")}
+        state = {name: tensor for name, tensor in state.items() if name in own}
+    kind = type(network).__name__
+    for name in [*own, *state]:
+        if name not in state:
+            raise InputError(f"{path}: holds no {name}, which {kind} needs; is it another model's?")
+        if name not in own:
+            raise InputError(f"{path}: holds {name}, which {kind} lacks; is it another model's?")
+        if state[name].shape != own[name].shape:
+            raise InputError(
+                f"{path}: {name} is {list(state[name].shape)} in the file, "
+                f"{list(own[name].shape)} in {kind}; set model and data.crop as it was trained"
+            )
+    network.load_state_dict(state, strict=False)
+    what = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
+    return f"{what} from {path}"
+
+
+def _read_state(path: Path) -> dict[str, Tensor]:
+    try:
+        state = torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise InputError(
+            f"{path}: refused, it is damaged or carries code, and none of it was run; "
+            "save the model's state_dict() instead"
+        ) from None
+    except Exception:  # bytes of any kind make the unpickler fail in any way
+        raise InputError(f"{path}: holds no weights of torch, or is truncated") from None
+    if not isinstance(state, dict) or not all(isinstance(one, Tensor) for one in state.values()):
+        raise InputError(f"{path}: is no state dict; save the model's state_dict()")
+    return state
