@@ -1,0 +1,60 @@
+"""`python -m zoo.results RUN_FOLDER...`: finished runs side by side, as a Markdown table."""
+
+import json
+import sys
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from datamodules.errors import InputError
+from zoo.command_line import run_command
+
+HEADER = (
+    "experiment | split | parameters | samples/s | s/epoch | best of epochs "
+    "| test MSE (zero, mean) | test MAE (zero, mean) | test balanced MAE (zero, mean)"
+)
+
+
+def print_results(arguments: list[str]) -> None:
+    """A row for each run's folder.
+
+    Raises:
+        InputError: a folder without the figures of a finished run.
+    """
+    if not arguments:
+        raise InputError("name the folders of finished runs: python -m zoo.results RUN_FOLDER...")
+    rows = [result_row(Path(folder)) for folder in arguments]
+    print(f"| {HEADER} |")
+    print("|---|---|" + "---:|" * (HEADER.count("|") - 1))
+    for row in rows:
+        print(row)
+
+
+def result_row(folder: Path) -> str:
+    """One Markdown row: a figure, and in brackets those of always zero and of the mean."""
+    path = folder / "metrics.json"
+    if not path.is_file():
+        raise InputError(f"{folder}: holds no metrics.json; only a finished run has figures")
+    metrics = json.loads(path.read_text())
+    config = OmegaConf.load(folder / ".hydra" / "config.yaml")
+    choices = OmegaConf.load(folder / ".hydra" / "hydra.yaml").hydra.runtime.choices
+    name = choices.experiment or metrics["model"]
+    if config.quick:
+        name += ", quick"
+    cells = [
+        name,
+        str(config.data.split),
+        f"{metrics['parameters']:,}",
+        f"{metrics['samples_per_second']:,.0f}",
+        f"{metrics['seconds_per_epoch']:.1f}",
+        f"{metrics['best_epoch']} of {metrics['epochs']}",
+    ]
+    for figure in ("mse", "mae", "balanced_mae"):
+        own = metrics["open_loop"]["test"][figure]
+        zero, mean = (b[figure] for b in metrics["baselines"]["test"].values())
+        cells.append(f"{own:.4f} ({zero:.4f}, {mean:.4f})")
+    return f"| {' | '.join(cells)} |"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.results", print_results, sys.argv[1:]))
