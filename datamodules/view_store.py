@@ -67,11 +67,11 @@ def load_views(
         return ViewFile(views, faults)
 
     target = folder / f"{cache_key(paths, view)}.npy"
-    if not target.exists():
+    if not (target.exists() and _faults_path(target).exists()):
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with _lock(target, on_wait):
-                if not target.exists():
+                if not (target.exists() and _faults_path(target).exists()):
                     _build(target, paths, view, progress)
         except OSError as error:
             raise _cache_error(error, folder, len(paths) * int(np.prod(view.shape))) from error

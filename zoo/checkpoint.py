@@ -48,17 +48,7 @@ def read_checkpoint_file(path: str | Path) -> dict:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such checkpoint; a run leaves checkpoints/best.ckpt")
-    try:
-        contents = torch.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError:
-        raise InputError(
-            f"{path}: refused, it is no plain checkpoint: it is damaged or carries code, and none "
-            "of it was run; use a checkpoint written by python -m zoo"
-        ) from None
-    except Exception:  # bytes of any kind make the unpickler fail in any way
-        raise InputError(
-            f"{path}: is no checkpoint, or a truncated one; use one written by python -m zoo"
-        ) from None
+    contents = load_plain(path)
     card = contents.get("drivezoo") if isinstance(contents, dict) else None
     if not isinstance(card, dict) or "state_dict" not in contents:
         raise InputError(f"{path}: is not a checkpoint of drivezoo; use one of python -m zoo")
@@ -68,6 +58,23 @@ def read_checkpoint_file(path: str | Path) -> dict:
             "use the drivezoo that wrote it"
         )
     return contents
+
+
+def load_plain(path: Path) -> object:
+    """What `torch.load` finds in a file of plain containers and tensors, and of nothing else.
+
+    Raises:
+        InputError: the file is damaged, is not torch's, or carries code, which is not run.
+    """
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise InputError(
+            f"{path}: refused, it is damaged or carries code, and none of it was run; use a "
+            "checkpoint of python -m zoo, or a state_dict() saved alone"
+        ) from None
+    except Exception:  # bytes of any kind make the unpickler fail in any way
+        raise InputError(f"{path}: is no file of torch, or a truncated one") from None
 
 
 def load_checkpoint(path: str | Path) -> Checkpoint:

@@ -1,30 +1,26 @@
 """One experiment: load, train, test, report. The main job."""
 
-import json
-import platform
 import shlex
 import time
-from importlib.metadata import version
 from pathlib import Path
 
 import lightning
-import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.table import Table
 
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from datamodules.split import PARTS, write_split
-from zoo import plots
 from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
-from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
+from zoo.outcome import report_outcome
 from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
 
-PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
+# A step of so small a network costs less than two threads' meeting: 52,000 samples/s with one
+# thread, 30,000 with two, and 1,200 with two on cores that another program is using.
+ONE_THREAD_BELOW = 1_000
 
 
 def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> float:
@@ -50,6 +46,8 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
             {"fingerprint": data.recording.fingerprint(), "rows": len(data.recording)},
         )
         module = build_module(config, data, card)
+        if sum(p.numel() for p in module.network.parameters()) < ONE_THREAD_BELOW:
+            torch.set_num_threads(1)
         last = folder / "checkpoints" / "last.ckpt"
         start = _checked_last(last, card) if resume and last.is_file() else None
         if start is None and config.model.weights is not None:
@@ -64,7 +62,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         if not trainer.is_global_zero:
             return float("nan")
         _take_best(module, folder)
-        return _finish(config, folder, module, data, trainer, console, started)
+        return report_outcome(config, folder, module, data, trainer, console, started)
 
 
 def _checked_last(last: Path, card: dict) -> Path:
@@ -146,109 +144,3 @@ def _take_best(module: SteeringModule, folder: Path) -> None:
     best = folder / "checkpoints" / "best.ckpt"
     if best.is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
-
-
-def _finish(
-    config: DictConfig,
-    folder: Path,
-    module: SteeringModule,
-    data: DrivingData,
-    trainer: lightning.Trainer,
-    console: Console,
-    started: float,
-) -> float:
-    """Figures, table and plots of the best checkpoint."""
-    train_mean = float(data.recording.steering[data.split.train].mean())
-    figures, baselines = {}, {}
-    for part in PARTS:
-        rows = getattr(data.split, part)
-        if not len(rows):
-            continue
-        predicted = predict_steering(module, data.evaluation_batches(part))
-        true = data.recording.steering[rows]
-        figures[part] = open_loop_metrics(predicted, true)
-        baselines[part] = baseline_metrics(true, train_mean)
-        if part != "train":
-            figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
-            plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
-    zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
-    curves = read_curves(folder / "metrics.csv")
-    if curves["train/loss"]:
-        figure = plots.training_curves(curves["train/loss"], curves["val/mse"], zero)
-        plots.save_figure(figure, folder / "plots" / "training_curves.png")
-    samples, seconds = module.train_samples, module.train_seconds
-    epochs = max(len(curves["train/loss"]), 1)
-    best = min(curves["val/mse"], key=curves["val/mse"].get) if curves["val/mse"] else None
-    metrics = {
-        "model": config.model.name,
-        "parameters": sum(p.numel() for p in module.network.parameters()),
-        "open_loop": figures,
-        "baselines": baselines,
-        "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
-        "epochs": trainer.current_epoch,
-        "best_epoch": best,
-        "samples_per_second": samples / seconds if seconds else None,
-        "seconds_per_epoch": seconds / epochs if seconds else None,
-        "wall_s": time.perf_counter() - started,
-        "seed": config.seed,
-        "device": str(trainer.strategy.root_device),
-        "threads": torch.get_num_threads(),
-        "data": {
-            "fingerprint": data.recording.fingerprint(),
-            "rows": len(data.recording),
-            "split": {part: len(getattr(data.split, part)) for part in PARTS},
-        },
-        "versions": {"python": platform.python_version()}
-        | {package: version(package) for package in PACKAGES},
-    }
-    (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
-    console.print(metrics_table(config.model.name, figures, baselines))
-    if seconds:
-        console.print(
-            f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
-            f"{metrics['wall_s']:.0f} s in all" + (f"; best after epoch {best}" if best else ""),
-            highlight=False,
-        )
-    console.print(f"{folder / 'checkpoints' / 'best.ckpt'}\n{folder / 'plots'}", highlight=False)
-    return figures.get("val", {}).get("mse", float("nan"))
-
-
-def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
-    """Open-loop figures of the network beside those of always zero and the mean."""
-    table = Table(title="steering, centre camera, best checkpoint", title_justify="left")
-    for column in ("rows", "predictor", "MSE", "MAE", "balanced MAE", "bias"):
-        table.add_column(column, justify="left" if column in ("rows", "predictor") else "right")
-    for part, own in figures.items():
-        for predictor, row in {name: own, **baselines[part]}.items():
-            values = [row[key] for key in ("mse", "mae", "balanced_mae", "bias")]
-            texts = [f"{value:.4f}" for value in values[:3]] + [f"{values[3]:+.4f}"]
-            style = "bold" if predictor == name else "dim"
-            table.add_row(part if predictor == name else "", predictor, *texts, style=style)
-        table.add_section()
-    return table
-
-
-def read_curves(path: Path) -> dict[str, dict[int, float]]:
-    """`train/loss` and `val/mse` by epoch (1 is the first), of the run's `metrics.csv`.
-
-    A resumed run repeats an epoch that was cut off: the later figure counts.
-    """
-    import csv
-
-    curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
-    if path.is_file():
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                for name, curve in curves.items():
-                    if row.get(name):
-                        curve[int(row["epoch"]) + 1] = float(row[name])
-    return curves
-
-
-def _without_nan(value: object) -> object:
-    """JSON has no NaN: null stands for it."""
-    if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value

@@ -6,7 +6,7 @@ They do not say whether the car stays on the road; they say what a recording can
 import numpy as np
 import torch
 
-from datamodules.driving import EvaluationBatches
+from datamodules.batches import EvaluationBatches
 
 # 21 bins of 0.1, the middle one around straight ahead.
 BIN_EDGES = np.linspace(-1.05, 1.05, 22)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from datamodules.driving import make_batch
+from datamodules.batches import make_batch
 from zoo.checkpoint import Checkpoint, load_checkpoint
 
 

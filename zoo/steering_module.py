@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from datamodules.driving import Batch
+from datamodules.batches import Batch
 from datamodules.errors import InputError
 from zoo.open_loop import open_loop_metrics
 
@@ -47,7 +47,8 @@ class SteeringModule(lightning.LightningModule):
         self.network, self.loss = network, loss
         self.optimizer, self.schedule = optimizer, schedule
         self.l2, self.backbone_lr, self.seed, self.card = l2, backbone_lr, seed, card or {}
-        self.train_samples, self.train_seconds = 0, 0.0
+        # Of this process alone: a run that goes on counts anew.
+        self.train_samples, self.train_epochs, self.train_seconds = 0, 0, 0.0
         self.validation: tuple[np.ndarray, np.ndarray] | None = None
 
     def forward(self, batch: Batch) -> Tensor:
@@ -88,6 +89,7 @@ class SteeringModule(lightning.LightningModule):
 
     def on_train_epoch_end(self) -> None:
         self._check_finite()
+        self.train_epochs += 1
         self.log("train/loss", self.mean_loss(), sync_dist=True)
 
     def mean_loss(self) -> Tensor:

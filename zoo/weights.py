@@ -1,13 +1,11 @@
 """Initial weights of a network: `model.weights=...`, from files of several kinds."""
 
-import pickle
 from pathlib import Path
 
-import torch
 from torch import Tensor, nn
 
 from datamodules.errors import InputError
-from zoo.checkpoint import PREFIX, read_checkpoint_file
+from zoo.checkpoint import PREFIX, load_plain, read_checkpoint_file
 
 IMAGENET = "imagenet"
 KERAS_SUFFIXES = (".h5", ".hdf5")
@@ -74,15 +72,7 @@ def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
 
 
 def _read_state(path: Path) -> dict[str, Tensor]:
-    try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError:
-        raise InputError(
-            f"{path}: refused, it is damaged or carries code, and none of it was run; "
-            "save the model's state_dict() instead"
-        ) from None
-    except Exception:  # bytes of any kind make the unpickler fail in any way
-        raise InputError(f"{path}: holds no weights of torch, or is truncated") from None
+    state = load_plain(path)
     if not isinstance(state, dict) or not all(isinstance(one, Tensor) for one in state.values()):
         raise InputError(f"{path}: is no state dict; save the model's state_dict()")
     return state

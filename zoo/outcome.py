@@ -1,0 +1,129 @@
+"""What a training has come to: figures, table and plots of its best checkpoint."""
+
+import csv
+import json
+import platform
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import lightning
+import numpy as np
+import torch
+from omegaconf import DictConfig
+from rich.console import Console
+from rich.table import Table
+
+from datamodules.driving import DrivingData
+from datamodules.split import PARTS
+from zoo import plots
+from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
+from zoo.steering_module import SteeringModule
+
+PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
+
+
+def report_outcome(
+    config: DictConfig,
+    folder: Path,
+    module: SteeringModule,
+    data: DrivingData,
+    trainer: lightning.Trainer,
+    console: Console,
+    started: float,
+) -> float:
+    """Write `metrics.json` and plots, print the table; `module` holds the best weights.
+
+    Returns the validation MSE, NaN without validation rows.
+    """
+    train_mean = float(data.recording.steering[data.split.train].mean())
+    figures, baselines = {}, {}
+    for part in PARTS:
+        rows = getattr(data.split, part)
+        if not len(rows):
+            continue
+        predicted = predict_steering(module, data.evaluation_batches(part))
+        true = data.recording.steering[rows]
+        figures[part] = open_loop_metrics(predicted, true)
+        baselines[part] = baseline_metrics(true, train_mean)
+        if part != "train":
+            figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
+            plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
+    zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
+    curves = read_curves(folder / "metrics.csv")
+    if curves["train/loss"]:
+        figure = plots.training_curves(curves["train/loss"], curves["val/mse"], zero)
+        plots.save_figure(figure, folder / "plots" / "training_curves.png")
+    samples, seconds = module.train_samples, module.train_seconds
+    best = min(curves["val/mse"], key=curves["val/mse"].get) if curves["val/mse"] else None
+    metrics = {
+        "model": config.model.name,
+        "parameters": sum(p.numel() for p in module.network.parameters()),
+        "open_loop": figures,
+        "baselines": baselines,
+        "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
+        "epochs": trainer.current_epoch,
+        "best_epoch": best,
+        "samples_per_second": samples / seconds if seconds else None,
+        "seconds_per_epoch": seconds / module.train_epochs if seconds else None,
+        "wall_s": time.perf_counter() - started,
+        "seed": config.seed,
+        "device": str(trainer.strategy.root_device),
+        "threads": torch.get_num_threads(),
+        "data": {
+            "fingerprint": data.recording.fingerprint(),
+            "rows": len(data.recording),
+            "split": {part: len(getattr(data.split, part)) for part in PARTS},
+        },
+        "versions": {"python": platform.python_version()}
+        | {package: version(package) for package in PACKAGES},
+    }
+    (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
+    console.print(metrics_table(config.model.name, figures, baselines))
+    if seconds:
+        console.print(
+            f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
+            f"{metrics['wall_s']:.0f} s in all" + (f"; best after epoch {best}" if best else ""),
+            highlight=False,
+        )
+    console.print(f"{folder / 'checkpoints' / 'best.ckpt'}\n{folder / 'plots'}", highlight=False)
+    return figures.get("val", {}).get("mse", float("nan"))
+
+
+def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
+    """Open-loop figures of the network beside those of always zero and the mean."""
+    table = Table(title="steering, centre camera, best checkpoint", title_justify="left")
+    for column in ("rows", "predictor", "MSE", "MAE", "balanced MAE", "bias"):
+        table.add_column(column, justify="left" if column in ("rows", "predictor") else "right")
+    for part, own in figures.items():
+        for predictor, row in {name: own, **baselines[part]}.items():
+            values = [row[key] for key in ("mse", "mae", "balanced_mae", "bias")]
+            texts = [f"{value:.4f}" for value in values[:3]] + [f"{values[3]:+.4f}"]
+            style = "bold" if predictor == name else "dim"
+            table.add_row(part if predictor == name else "", predictor, *texts, style=style)
+        table.add_section()
+    return table
+
+
+def read_curves(path: Path) -> dict[str, dict[int, float]]:
+    """`train/loss` and `val/mse` by epoch (1 is the first), of the run's `metrics.csv`.
+
+    A resumed run repeats an epoch that was cut off: the later figure counts.
+    """
+    curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
+    if path.is_file():
+        with path.open(newline="") as file:
+            for row in csv.DictReader(file):
+                for name, curve in curves.items():
+                    if row.get(name):
+                        curve[int(row["epoch"]) + 1] = float(row[name])
+    return curves
+
+
+def _without_nan(value: object) -> object:
+    """JSON has no NaN: null stands for it."""
+    if isinstance(value, dict):
+        return {key: _without_nan(one) for key, one in value.items()}
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value
