@@ -109,6 +109,7 @@ class DrivingData(lightning.LightningDataModule):
             ("gap_s", gap_s),
         ):
             _check(key, value, _is_in(value, 0), "a number, 0 or more")
+        _check("cache", cache, cache is None or isinstance(cache, str), "a folder, or null")
         _check("on_bad_image", on_bad_image, on_bad_image in ("fail", "skip"), "fail or skip")
         self.root, self.images, self.view = root, images, view
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s

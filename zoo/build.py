@@ -32,6 +32,8 @@ def apply_quick(config: DictConfig) -> None:
 
 def build_data(config: DictConfig) -> DrivingData:
     """The datamodule, not loaded yet."""
+    if type(config.seed) is not int or config.seed < 0:
+        raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
     view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
     settings = {key: value for key, value in config.data.items() if key != "crop"}

@@ -6,7 +6,8 @@ import torch
 
 from datamodules.augment import Brightness, Shift
 from datamodules.balance import BatchKey
-from datamodules.driving import EVALUATION_BATCH, DrivingData
+from datamodules.batches import EVALUATION_BATCH
+from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import View
