@@ -1,6 +1,7 @@
 """VGG16's public weights, trained on ImageNet: downloaded on first use, checked by their hash."""
 
 import hashlib
+from http.client import HTTPException
 from pathlib import Path
 
 import torch
@@ -25,11 +26,11 @@ def imagenet_file(
     folder = folder or Path(torch.hub.get_dir()) / "checkpoints"
     path = folder / url.rpartition("/")[2]
     if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
         try:
+            folder.mkdir(parents=True, exist_ok=True)
             # Under its name only when whole and checked: torch sees to both.
             torch.hub.download_url_to_file(url, str(path), sha256_start)
-        except (OSError, RuntimeError) as error:
+        except (OSError, RuntimeError, HTTPException) as error:
             reason = " ".join(str(error).split())
             raise InputError(
                 f"{path} is missing and was not downloaded ({reason}): fetch {url}, put it "

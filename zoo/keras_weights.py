@@ -29,15 +29,21 @@ class KerasFile:
     """A file's layers in order, and what of the model matters for reading them.
 
     Attributes:
+        version: of Keras, 1 where it is not said, as in Keras itself.
+        backend: `tensorflow`, `theano` ...; empty before Keras 1.2, which did not say.
         channels_first: True or False as the model says; None where only weights were saved.
-        flips: Keras 1 on Theano, which turned every kernel around.
-        hint: the input and the cropping of the model, in words, where it is known.
+        flattens_channels_last: its Flatten puts the channels last, whatever the model's order.
+        fed: the input and the cropping of the model, in words, where it is known.
+        settings: what to set for that input.
     """
 
     layers: list[KerasLayer]
+    version: int
+    backend: str
     channels_first: bool | None
-    flips: bool
-    hint: str
+    flattens_channels_last: bool
+    fed: str
+    settings: str
 
 
 def load_keras_weights(network: nn.Module, path: Path) -> str:
@@ -59,28 +65,36 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
             f"{len(places)}; choose the model that it was made with"
         )
     state: list[tuple[nn.Parameter, np.ndarray]] = []
+    channels_first = file.channels_first
     channels = None  # of the last convolution, until the first dense layer has used them
     for number, (layer, place) in enumerate(zip(file.layers, places, strict=True), start=1):
         label = f"{path}: layer {number} of {len(places)}, {layer.name}"
-        if isinstance(place, nn.Linear):
-            kernel = _dense_kernel(layer.kernel, channels if not file.channels_first else None)
-            channels = None
-        else:
-            kernel = _convolution_kernel(layer.kernel, place, file)
-            channels = place.out_channels
-        if kernel is None or kernel.shape != tuple(place.weight.shape):
+        kernel = _torch_kernel(layer.kernel, place, file)
+        if kernel is None:
+            is_first_dense = isinstance(place, nn.Linear) and channels is not None
+            follows_size = is_first_dense or isinstance(place, nn.Conv1d)  # whose inputs are rows
             raise InputError(
-                f"{label}: kernel {_by(layer.kernel.shape)} in the file does not fit "
-                f"{_by(place.weight.shape)} (out x in) of {kind}; set model.size, model.colour and "
-                f"data.crop to the file's input{file.hint}"
+                f"{label}: kernel {_by(layer.kernel.shape)} in the file, "
+                f"{_by(_keras_shape(place))} in {kind}: {_fix(number, follows_size, file)}"
             )
         if layer.bias is None or layer.bias.shape != tuple(place.bias.shape):
             raise InputError(f"{label}: has no bias that fits {kind}; choose the model it is of")
+        if not isinstance(place, nn.Linear):
+            channels = place.out_channels
+            if channels_first is None and isinstance(place, nn.Conv2d):
+                channels_first = _is_out_in_first(layer.kernel, place, file) or None
+        elif channels is not None:
+            if file.flattens_channels_last or not channels_first:
+                kernel = _channels_first_inputs(kernel, channels)
+            channels = None
         state += [(place.weight, kernel), (place.bias, layer.bias)]
     with torch.no_grad():
         for parameter, array in state:
             parameter.copy_(torch.from_numpy(np.ascontiguousarray(array)))
-    return f"{len(places)} layers from {path} (Keras){file.hint}"
+    # Before 1.2 Keras did not say; the kernels of Theano, its default, would have to be turned.
+    doubt = ", of TensorFlow or Theano: taken for TensorFlow's"
+    doubt = doubt if channels_first and not file.backend else ""
+    return f"{len(places)} layers from {path} (Keras {file.version}{doubt}){file.fed}"
 
 
 def read_keras_file(path: Path) -> KerasFile:
@@ -101,29 +115,39 @@ def read_keras_file(path: Path) -> KerasFile:
                     f"{path}: holds no layers of Keras 1 or 2; save the model with "
                     "model.save('model.h5'), not as .weights.h5 or .keras"
                 )
-            config = json.loads(_text(file.attrs.get("model_config", "{}")) or "{}")
-            version = _text(group.attrs.get("keras_version", file.attrs.get("keras_version", "")))
-            backend = _text(group.attrs.get("backend", file.attrs.get("backend", "")))
-            layers = [
-                layer
-                for name in _names(group, "layer_names")
-                for layer in _layers_of(group[name], name)
-            ]
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: is no whole HDF5 file of Keras ({error})") from None
-    return KerasFile(
-        layers=layers,
-        channels_first=_channels_first(config),
-        flips=version.startswith("1") and backend == "theano",
-        hint=_input_hint(config),
-    )
+            config = json.loads(_text(file.attrs.get("model_config", "{}")))
+            version = _text(group.attrs.get("keras_version", file.attrs.get("keras_version", "1")))
+            model = _model_layers(config)
+            channels_first = _channels_first(model)
+            fed, settings = _input(model, channels_first)
+            return KerasFile(
+                layers=[
+                    layer
+                    for name in _names(group, "layer_names")
+                    for layer in _layers_of(group[name], name)
+                ],
+                version=int(version.partition(".")[0]),
+                backend=_text(group.attrs.get("backend", file.attrs.get("backend", ""))),
+                channels_first=channels_first,
+                flattens_channels_last=any(
+                    name == "Flatten" and own.get("data_format") == "channels_first"
+                    for name, own in model
+                ),
+                fed=fed,
+                settings=settings,
+            )
+    except InputError:
+        raise
+    except Exception as error:  # bytes of any kind make HDF5 and JSON fail in any way
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: is no whole HDF5 file of Keras ({reason})") from None
 
 
 def _layers_of(group, name: str) -> list[KerasLayer]:
     """A layer's arrays in pairs of kernel and bias; a nested model has several pairs."""
     layers: list[KerasLayer] = []
     for weight_name in _names(group, "weight_names"):
-        array = np.asarray(group[weight_name])
+        array = group[weight_name][()].astype(np.float32, casting="same_kind")
         if array.ndim == 1 and layers and layers[-1].bias is None:
             layers[-1] = KerasLayer(layers[-1].name, layers[-1].kernel, array)
         else:
@@ -147,69 +171,88 @@ def _text(value: bytes | str) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _dense_kernel(kernel: np.ndarray, channels: int | None) -> np.ndarray | None:
-    """(in, out) -> (out, in); with `channels`, rows from (pixels, channels) to the reverse."""
-    if kernel.ndim != 2:
-        return None
-    if channels is not None:
-        if len(kernel) % channels:
-            return None
-        pixels = len(kernel) // channels
-        kernel = kernel.reshape(pixels, channels, -1).transpose(1, 0, 2).reshape(len(kernel), -1)
-    return kernel.T
+def _keras_shape(place: nn.Module) -> tuple[int, ...]:
+    """The shape that Keras gives the kernel: (h, w, in, out), (columns, in, out), (in, out)."""
+    out, inputs, *window = place.weight.shape
+    return (*window, inputs, out)
 
 
-def _convolution_kernel(
-    kernel: np.ndarray, place: nn.Conv1d | nn.Conv2d, file: KerasFile
-) -> np.ndarray | None:
-    """To torch's (out, in, h, w), or (out, in, columns)."""
-    if isinstance(place, nn.Conv1d):
-        if kernel.ndim == 4 and kernel.shape[0] == 1:  # a 1 x n convolution in two dimensions
+def _is_out_in_first(kernel: np.ndarray, place: nn.Module, file: KerasFile) -> bool:
+    """Whether a kernel is stored as torch does: by Keras 1 where the channels are first."""
+    if kernel.shape != tuple(place.weight.shape) or isinstance(place, nn.Linear):
+        return False
+    # Where all sizes are equal, the shape does not say.
+    return kernel.shape != _keras_shape(place) or (file.version == 1 and bool(file.channels_first))
+
+
+def _torch_kernel(kernel: np.ndarray, place: nn.Module, file: KerasFile) -> np.ndarray | None:
+    """A kernel in torch's order of axes, and not turned around; None where it does not fit."""
+    if isinstance(place, nn.Conv1d) and kernel.ndim == 4:
+        # (1, columns, in, out) of two dimensions or Keras 1.2, (out, in, columns, 1) of 1.0.
+        if kernel.shape == (*place.weight.shape, 1):
+            kernel = kernel[..., 0].transpose(2, 1, 0)
+        elif kernel.shape[0] == 1:
             kernel = kernel[0]
-        return kernel.transpose(2, 1, 0) if kernel.ndim == 3 else None
-    if kernel.ndim != 4:
-        return None
-    # Keras 2 keeps (h, w, in, out) whatever the model's order; Keras 1 kept (out, in, h, w) too.
-    rows_first = kernel.shape == tuple(np.array(place.weight.shape)[[2, 3, 1, 0]])
-    if rows_first or kernel.shape != tuple(place.weight.shape):
-        kernel = kernel.transpose(3, 2, 0, 1)
-    return kernel[:, :, ::-1, ::-1] if file.flips else kernel
+    if not _is_out_in_first(kernel, place, file):
+        if kernel.shape != _keras_shape(place):
+            return None
+        kernel = np.moveaxis(kernel, (-1, -2), (0, 1))
+    # Theano convolves, all others correlate.
+    flips = file.backend == "theano" and isinstance(place, nn.Conv1d | nn.Conv2d)
+    return np.flip(kernel, tuple(range(2, kernel.ndim))) if flips else kernel
 
 
-def _model_layers(config: dict) -> list[dict]:
-    """The layers' own configs, outer first, of any nesting and version."""
+def _channels_first_inputs(kernel: np.ndarray, channels: int) -> np.ndarray:
+    """[out, in] with the inputs from (pixels, channels) to (channels, pixels)."""
+    size = kernel.shape[1] // channels * channels  # behind them, the speed of `nvidia_speed`
+    pictures = kernel[:, :size].reshape(len(kernel), -1, channels).transpose(0, 2, 1)
+    return np.concatenate([pictures.reshape(len(kernel), size), kernel[:, size:]], axis=1)
+
+
+def _fix(number: int, follows_size: bool, file: KerasFile) -> str:
+    """What to set for a kernel that does not fit, after where it stands."""
+    if follows_size:
+        return f"the view differs; set {file.settings}{file.fed}"
+    if number == 1:
+        return f"set model.colour, or the model that it was made with{file.fed}"
+    return "set model.width, or the model that it was made with"
+
+
+def _model_layers(config: dict) -> list[tuple[str, dict]]:
+    """The layers' classes and own configs, outer first, of any nesting and version."""
     inner = config.get("config", [])
-    entries = inner.get("layers", []) if isinstance(inner, dict) else inner
     found = []
-    for entry in entries:
-        if isinstance(entry, dict):
-            found.append(entry)
-            found += _model_layers(entry)
+    for entry in inner.get("layers", []) if isinstance(inner, dict) else inner:
+        own = entry.get("config")
+        found.append((entry.get("class_name", ""), own if isinstance(own, dict) else {}))
+        found += _model_layers(entry)
     return found
 
 
-def _channels_first(config: dict) -> bool | None:
-    for layer in _model_layers(config):
-        own = layer.get("config")
-        order = isinstance(own, dict) and (own.get("dim_ordering") or own.get("data_format"))
-        if order:
+def _channels_first(model: list[tuple[str, dict]]) -> bool | None:
+    for name, own in model:
+        order = own.get("dim_ordering") or own.get("data_format")
+        if order and name != "Flatten":
             return order in ("th", "channels_first")
     return None
 
 
-def _input_hint(config: dict) -> str:
-    """`: it was fed 66 x 200 x 3 and crops ((50, 20), (0, 0))`, as far as the file says."""
-    parts = []
-    for layer in _model_layers(config):
-        own = layer.get("config")
-        if not isinstance(own, dict):
-            continue
-        shape = own.get("batch_input_shape") or own.get("batch_shape")
-        if shape and not parts:
-            parts.append(f"it was fed {_by(shape[1:])}")
-        if own.get("cropping"):
-            parts.append(f"crops {own['cropping']} itself")
-    return f": {' and '.join(parts)}" if parts else ""
+def _input(model: list[tuple[str, dict]], channels_first: bool | None) -> tuple[str, str]:
+    """`: it was fed 160 x 320 x 3 and crops 50 rows above, 20 below`, and the settings for it."""
+    configs = [own for _, own in model]
+    shapes = [own.get("batch_input_shape") or own.get("batch_shape") for own in configs]
+    shape = next((shape[1:] for shape in shapes if shape), None)
+    fed = f": it was fed {_by(shape)}" if shape else ""
+    settings = "model.size and data.crop to the file's input"
+    crop = next((own["cropping"][0] for own in configs if own.get("cropping")), None)
+    if shape and crop:
+        fed += f" and crops {crop[0]} rows above, {crop[1]} below"
+    *size, channels = [*shape[1:], shape[0]] if shape and channels_first else shape or [None]
+    if channels in (1, 3) and len(size) == 2 and None not in size:
+        settings = f"model.size=[{size[0]},{size[1]}]"
+        if crop:
+            settings = f"data.crop=[{crop[0]},{crop[1]}] model.size=null"
+    return fed, settings
 
 
 def _by(shape) -> str:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import torch
 from torch import Tensor, nn
 
 from datamodules.errors import InputError
@@ -23,6 +24,11 @@ def load_weights(network: nn.Module, source: str) -> str:
         InputError: no such file, one that cannot be read or carries code, or one that does not fit.
     """
     if source == IMAGENET:
+        if not hasattr(network, "backbone"):  # before 528 MB are fetched for nothing
+            raise InputError(
+                f"model.weights=imagenet: there are none for {type(network).__name__}; set "
+                "model=vgg, or model.weights=null"
+            )
         from zoo.imagenet_weights import imagenet_file
 
         path = imagenet_file()
@@ -30,31 +36,33 @@ def load_weights(network: nn.Module, source: str) -> str:
         path = Path(source).expanduser()
         if not path.is_file():
             raise InputError(f"{path}: no such file; model.weights names one, or null for none")
-    if path.suffix in KERAS_SUFFIXES:
+    suffix = path.suffix.lower()
+    if suffix in KERAS_SUFFIXES:
         from zoo.keras_weights import load_keras_weights
 
         return load_keras_weights(network, path)
-    if path.suffix == ".ckpt":
-        state = read_checkpoint_file(path)["state_dict"]
+    if suffix == ".ckpt":
+        state = _checked_state(read_checkpoint_file(path)["state_dict"], path)
         state = {name.removeprefix(PREFIX): tensor for name, tensor in state.items()}
         return load_state(network, state, path)
-    if path.suffix in TORCH_SUFFIXES:
-        return load_state(network, _read_state(path), path)
+    if suffix in TORCH_SUFFIXES:
+        return load_state(network, _checked_state(load_plain(path), path), path)
     known = ", ".join((".ckpt", *TORCH_SUFFIXES, *KERAS_SUFFIXES))
     raise InputError(f"{path}: is none of {known}; model.weights reads these")
 
 
 def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
-    """Load a state dict, the network's own or VGG16's public one (whose classifier is left out).
+    """Load a state dict, the network's own or VGG16's public one: its `features.N`, without the
+    `classifier` that it may hold.
 
     Raises:
         InputError: names the first tensor that is missing, unknown or of another shape.
     """
     own = network.state_dict()
-    is_public_vgg = hasattr(network, "backbone") and "classifier.0.weight" in state
+    is_public_vgg = hasattr(network, "backbone") and not any(n.startswith("head.") for n in state)
     if is_public_vgg:
         own = {name: tensor for name, tensor in own.items() if name.startswith("features.")}
-        state = {name: tensor for name, tensor in state.items() if name in own}
+        state = {name: one for name, one in state.items() if not name.startswith("classifier.")}
     kind = type(network).__name__
     for name in [*own, *state]:
         if name not in state:
@@ -66,13 +74,17 @@ def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
                 f"{path}: {name} is {list(state[name].shape)} in the file, "
                 f"{list(own[name].shape)} in {kind}; set model and data.crop as it was trained"
             )
+        if state[name].layout != torch.strided or not state[name].is_floating_point():
+            raise InputError(f"{path}: {name} holds no plain floats; save the model's state_dict()")
     network.load_state_dict(state, strict=False)
     what = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
     return f"{what} from {path}"
 
 
-def _read_state(path: Path) -> dict[str, Tensor]:
-    state = load_plain(path)
-    if not isinstance(state, dict) or not all(isinstance(one, Tensor) for one in state.values()):
+def _checked_state(state: object, path: Path) -> dict[str, Tensor]:
+    if not isinstance(state, dict) or not all(
+        isinstance(name, str) and isinstance(one, Tensor) and not one.is_meta
+        for name, one in state.items()
+    ):
         raise InputError(f"{path}: is no state dict; save the model's state_dict()")
     return state

@@ -1,6 +1,7 @@
 """Old Keras files, written here layer by layer and computed in Keras' own order of axes."""
 
 import json
+import sys
 from pathlib import Path
 
 import h5py
@@ -42,10 +43,13 @@ def write_keras(
     whole_model: bool = True,
     config: dict | None = None,
     pieces: bool = False,
+    backend: bytes = b"tensorflow",
 ) -> Path:
     """A file as Keras 1 or 2 lays it out, with a layer without weights in between."""
     with h5py.File(path, "w") as file:
         group = file.create_group("model_weights") if whole_model else file
+        group.attrs["keras_version"] = {1: b"1.2.2", 2: b"2.0.6"}[version]
+        group.attrs["backend"] = backend
         names = [f"{'convolution2d' if k.ndim > 2 else 'dense'}_{i}" for i, (k, _) in
                  enumerate(layers, start=1)]  # fmt: skip
         all_names = [b"lambda_1", *(name.encode() for name in names)]
@@ -141,36 +145,108 @@ def test_weights_alone_and_long_lists_of_names_load(tmp_path: Path) -> None:
     np.testing.assert_allclose(*predictions("lenet", path, layers), rtol=1e-4, atol=1e-4)
 
 
-def test_channels_first_models_of_keras_1_load(tmp_path: Path) -> None:
-    """Kernels (out, in, h, w), and a flatten order that is torch's already."""
-    layers = random_layers(KERNELS["lenet"])
-    config = {"config": [{"config": {"dim_ordering": "th"}}]}
+def channels_first(layers: list) -> list:
+    """LeNet's layers as Keras 1 keeps them with the channels first: kernels (out, in, h, w)."""
     stored = [(k.transpose(3, 2, 0, 1) if k.ndim == 4 else k, b) for k, b in layers]
     kernel, bias = stored[2]
     by_channel = kernel.reshape(5, 13, 16, -1).transpose(2, 0, 1, 3).reshape(kernel.shape)
-    stored[2] = (by_channel, bias)
-    path = write_keras(tmp_path / "th.h5", stored, version=1, config=config)
+    return [*stored[:2], (by_channel, bias), *stored[3:]]
+
+
+def turned(layers: list) -> list:
+    """Kernels (h, w, in, out) as Theano, which convolves, keeps them."""
+    return [(k[::-1, ::-1] if k.ndim == 4 else k, b) for k, b in layers]
+
+
+@pytest.mark.parametrize("whole_model", [True, False])
+def test_channels_first_models_of_keras_1_load(whole_model: bool, tmp_path: Path) -> None:
+    """A file of weights alone says so by the shapes of its kernels only."""
+    layers = random_layers(KERNELS["lenet"])
+    config = {"config": [{"config": {"dim_ordering": "th"}}]} if whole_model else None
+    stored = channels_first(layers)
+    path = write_keras(tmp_path / "th.h5", stored, 1, whole_model, config)
     np.testing.assert_allclose(*predictions("lenet", path, layers), rtol=1e-4, atol=1e-4)
 
 
-def test_a_1_x_1_convolution_in_two_dimensions_fits_tiny(tmp_path: Path) -> None:
+def test_a_flatten_that_puts_the_channels_last_is_followed(tmp_path: Path) -> None:
+    """From 2.2 on, Keras' Flatten does so in channels-first models, to keep the weights' order."""
+    layers = random_layers(KERNELS["lenet"])
+    own = {"config": {"data_format": "channels_first"}}
+    config = {"config": {"layers": [{"class_name": name, **own} for name in ("Conv2D", "Flatten")]}}
+    path = write_keras(tmp_path / "model.h5", layers, config=config)
+    np.testing.assert_allclose(*predictions("lenet", path, layers), rtol=1e-4, atol=1e-4)
+
+
+def test_channels_first_models_of_keras_2_before_that_flatten_load(tmp_path: Path) -> None:
+    """Kernels (h, w, in, out), and yet a flatten order that is torch's already."""
+    layers = random_layers(KERNELS["lenet"])
+    config = {"config": [{"class_name": "Conv2D", "config": {"data_format": "channels_first"}}]}
+    stored = [*layers[:2], channels_first(layers)[2], *layers[3:]]
+    path = write_keras(tmp_path / "model.h5", stored, config=config)
+    np.testing.assert_allclose(*predictions("lenet", path, layers), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_theanos_kernels_are_turned_around(version: int, tmp_path: Path) -> None:
+    layers = random_layers(KERNELS["lenet"])
+    path = write_keras(tmp_path / "model.h5", turned(layers), version, backend=b"theano")
+    np.testing.assert_allclose(*predictions("lenet", path, layers), rtol=1e-4, atol=1e-4)
+
+
+def test_a_file_that_does_not_name_its_backend_is_taken_for_tensorflows(tmp_path: Path) -> None:
+    stored = channels_first(random_layers(KERNELS["lenet"]))
+    path = write_keras(tmp_path / "model.h5", stored, version=1, backend=b"")
+    assert "(Keras 1, of TensorFlow or Theano: taken for Tens" in load_weights(
+        build("lenet")[0], str(path)
+    )
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 11, 2), (2, 11, 1, 1)], ids=["2-D or 1.2", "1.0"])
+def test_other_layouts_of_a_1_x_1_convolution_fit_tiny(shape: tuple, tmp_path: Path) -> None:
+    """In two dimensions, and as Keras 1.2 and 1.0 kept one dimension."""
     layers = random_layers(KERNELS["tiny"])
-    path = write_keras(tmp_path / "m.h5", [(layers[0][0][None], layers[0][1]), layers[1]])
+    kernel, bias = layers[0]
+    stored = (kernel.transpose(2, 1, 0) if shape[0] == 2 else kernel).reshape(shape)
+    path = write_keras(tmp_path / "m.h5", [(stored, bias), layers[1]], version=1)
     np.testing.assert_allclose(*predictions("tiny", path, layers), rtol=1e-4, atol=1e-4)
 
 
-def test_the_layer_that_differs_is_named_with_the_files_input(tmp_path: Path) -> None:
+def test_the_layer_that_differs_is_named_with_what_to_set(tmp_path: Path) -> None:
     kernels = [*KERNELS["nvidia"]]
     kernels[5] = (8448, 100)
     config = {"config": [
-        {"config": {"batch_input_shape": [None, 160, 320, 3], "cropping": [[70, 25], [0, 0]]}}
+        {"config": {"batch_input_shape": [None, 160, 320, 3], "cropping": [[50, 20], [0, 0]]}}
     ]}  # fmt: skip
     path = write_keras(tmp_path / "model.h5", random_layers(kernels), config=config)
     network, _ = build("nvidia")
     before = [parameter.clone() for parameter in network.parameters()]
-    with pytest.raises(InputError, match=r"layer 6 of 9, dense_6: kernel 8448 x 100.*160 x 320"):
+    with pytest.raises(InputError) as caught:
         load_weights(network, str(path))
+    assert str(caught.value) == (
+        f"{path}: layer 6 of 9, dense_6: kernel 8448 x 100 in the file, 1152 x 100 in PilotNet: "
+        "the view differs; set data.crop=[50,20] model.size=null: it was fed 160 x 320 x 3 and "
+        "crops 50 rows above, 20 below"
+    )
     assert all(torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
+    load_weights(build("nvidia", "data.crop=[50,20]", "model.size=null")[0], str(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "layer", "shape", "words"),
+    [
+        ("lenet", 0, (5, 5, 3, 6), "set model.colour"),
+        ("lenet", 1, (5, 5, 6, 32), "set model.width"),
+        ("tiny", 0, (1, 16, 2), "set model.size and data.crop"),
+    ],
+)
+def test_what_to_set_follows_from_the_layer(
+    name: str, layer: int, shape: tuple, words: str, tmp_path: Path
+) -> None:
+    kernels = [*KERNELS[name]]
+    kernels[layer] = shape
+    path = write_keras(tmp_path / "model.h5", random_layers(kernels))
+    with pytest.raises(InputError, match=f"layer {layer + 1} of {len(kernels)}, .*{words}"):
+        load_weights(build(name)[0], str(path))
 
 
 def test_another_networks_file_is_refused(tmp_path: Path) -> None:
@@ -191,3 +267,36 @@ def test_keras_3s_weights_say_how_to_save_them(tmp_path: Path) -> None:
         file.create_group("layers/conv2d/vars")
     with pytest.raises(InputError, match=r"model\.save\('model\.h5'\)"):
         load_weights(build("nvidia")[0], str(tmp_path / "model.h5"))
+
+
+@pytest.mark.parametrize("text", ["null", "[3]", '{"config": 3}', "[" * 100_000, "{"])
+def test_a_damaged_model_config_is_one_line(text: str, tmp_path: Path) -> None:
+    path = write_keras(tmp_path / "model.h5", random_layers(KERNELS["lenet"]))
+    with h5py.File(path, "a") as file:
+        file.attrs["model_config"] = text
+    with pytest.raises(InputError, match=r"^.*model\.h5: is no whole HDF5 file of Keras .*$"):
+        load_weights(build("lenet")[0], str(path))
+
+
+@pytest.mark.parametrize("dtype", [">f4", "f8", "f2"])
+def test_floats_of_any_kind_load(dtype: str, tmp_path: Path) -> None:
+    layers = random_layers(KERNELS["lenet"])
+    stored = [(kernel.astype(dtype), bias.astype(dtype)) for kernel, bias in layers]
+    path = write_keras(tmp_path / "model.h5", stored)
+    np.testing.assert_allclose(*predictions("lenet", path, layers), rtol=1e-2, atol=1e-2)
+
+
+def test_arrays_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    layers = random_layers(KERNELS["lenet"])
+    path = write_keras(tmp_path / "model.h5", [(layers[0][0].astype("S8"), layers[0][1])])
+    with pytest.raises(InputError, match="is no whole HDF5 file of Keras"):
+        load_weights(build("lenet")[0], str(path))
+
+
+def test_without_h5py_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_keras(tmp_path / "model.h5", random_layers(KERNELS["lenet"]))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InputError, match=r"pip install 'drivezoo\[keras\]'"):
+        load_weights(build("lenet")[0], str(path))

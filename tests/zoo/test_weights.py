@@ -9,6 +9,7 @@ import torch
 
 from datamodules.errors import InputError
 from tests.zoo.test_models import build
+from zoo.checkpoint import FORMAT
 from zoo.imagenet_weights import imagenet_file
 from zoo.weights import load_weights
 
@@ -38,6 +39,29 @@ def test_the_public_vgg16_file_fills_the_convolutions(public_vgg: tuple[Path, di
     assert torch.equal(network.head[0].weight, head)
 
 
+def test_vgg16s_convolutions_alone_load(public_vgg: tuple[Path, dict], tmp_path: Path) -> None:
+    state = {name: one for name, one in public_vgg[1].items() if name.startswith("features.")}
+    torch.save(state, tmp_path / "notop.pth")
+    network, _ = build("vgg")
+    assert load_weights(network, str(tmp_path / "notop.pth")).startswith("VGG16's convolutions")
+    assert torch.equal(network.features[0].weight, state["features.0.weight"])
+
+
+def test_a_deeper_vgg_is_refused(public_vgg: tuple[Path, dict], tmp_path: Path) -> None:
+    torch.save(public_vgg[1] | {"features.34.bias": torch.zeros(512)}, tmp_path / "vgg19.pth")
+    with pytest.raises(InputError, match=r"holds features\.34\.bias, which Vgg16 lacks"):
+        load_weights(build("vgg")[0], str(tmp_path / "vgg19.pth"))
+
+
+def test_imagenet_weights_for_another_network_are_refused_before_the_download(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    with pytest.raises(InputError, match=r"there are none for LeNet; set model=vgg"):
+        load_weights(build("lenet")[0], "imagenet")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
     one, other = build("lenet")[0], build("lenet")[0]
     torch.save(one.state_dict(), tmp_path / "lenet.pth")
@@ -54,6 +78,12 @@ def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
             lambda state: state.update({"head.0.bias": torch.zeros(7)}),
             r"head.0.bias is \[7\] in the file, \[120\] in LeNet",
         ),
+        (
+            lambda state: state.update({"head.0.bias": torch.zeros(120).to_sparse()}),
+            r"head.0.bias holds no plain floats",
+        ),
+        (lambda state: state.update({3: torch.zeros(1)}), "is no state dict"),
+        (lambda state: state.update(epoch=3), "is no state dict"),
     ],
 )
 def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path: Path) -> None:
@@ -63,6 +93,12 @@ def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path
     torch.save(state, tmp_path / "x.pth")
     with pytest.raises(InputError, match=words):
         load_weights(network, str(tmp_path / "x.pth"))
+
+
+def test_a_checkpoint_without_a_state_dict_is_named(tmp_path: Path) -> None:
+    torch.save({"drivezoo": {"format": FORMAT}, "state_dict": 3}, tmp_path / "x.ckpt")
+    with pytest.raises(InputError, match=r"x\.ckpt: is no state dict"):
+        load_weights(build("lenet")[0], str(tmp_path / "x.ckpt"))
 
 
 class Bomb:
@@ -118,3 +154,9 @@ def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) 
     assert str(tmp_path / "vgg16-397923af.pth") in message
     assert "file:///nowhere/vgg16-397923af.pth" in message
     assert "model.weights=null" in message
+
+
+def test_a_cache_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="was not downloaded"):
+        imagenet_file("file:///nowhere/vgg16.pth", "00000000", tmp_path / "file" / "checkpoints")
