@@ -7,7 +7,8 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -39,11 +40,24 @@ def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
     return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
 
 
-def start(cwd: Path, *arguments: str) -> subprocess.Popen:
+@contextmanager
+def started(cwd: Path, *arguments: str) -> Iterator[subprocess.Popen]:
+    """A run that goes on while the test does, and no longer; it prints to `log.txt`."""
     with (cwd / "log.txt").open("w") as log:
-        return subprocess.Popen(
-            command("zoo", *arguments), cwd=cwd, env=environment(), stdout=log, stderr=log
+        process = subprocess.Popen(
+            command("zoo", *arguments),
+            cwd=cwd,
+            env=environment(),
+            stdout=log,
+            stderr=log,
+            # A shell starts background jobs deaf to Ctrl-C, and they pass it on.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
 
 
 def wait_until(true: Callable[[], bool], process: subprocess.Popen, seconds: int = 90) -> None:
@@ -140,11 +154,10 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
     )
     whole = run(tmp_path, *overrides, "hydra.run.dir=whole")
     assert whole.returncode == 0, whole.stderr
-    process = start(tmp_path, *overrides, "hydra.run.dir=killed")
     log = tmp_path / "log.txt"
-    wait_until(lambda: "epoch   3/8" in log.read_text(), process)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    with started(tmp_path, *overrides, "hydra.run.dir=killed") as process:
+        wait_until(lambda: "epoch   3/8" in log.read_text(), process)
+        process.send_signal(signal.SIGKILL)
     assert json.loads((tmp_path / "killed" / "status.json").read_text())["status"] == "running"
     before = torch.load(tmp_path / "killed/checkpoints/last.ckpt", weights_only=True)["epoch"]
     assert before < 7, "killed too late to show anything"
@@ -158,17 +171,12 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
 
 
 def test_ctrl_c_saves_and_says_how_to_go_on(recorded: Written, tmp_path: Path) -> None:
-    process = start(
-        tmp_path,
-        *SMALL,
-        f"data.root={recorded.folder}",
-        "trainer.max_epochs=100000",
-        "hydra.run.dir=run",
-    )
     log = tmp_path / "log.txt"
-    wait_until(lambda: "epoch   2/" in log.read_text(), process)
-    process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=60) == 130
+    endless = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=100000")
+    with started(tmp_path, *endless, "hydra.run.dir=run") as process:
+        wait_until(lambda: "epoch   2/" in log.read_text(), process)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
     said = log.read_text().strip().splitlines()[-1]
     assert said.startswith("zoo: stopped; the epochs before ")
     assert said.endswith(f"go on with: python -m zoo resume={tmp_path / 'run'}")
