@@ -89,6 +89,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
                     "validation rows; set data.val_share=0.1, or callbacks.early_stopping=null "
                     "callbacks.best.monitor=train/loss"
                 )
+    keep_earlier_log(folder)
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.logger or {}).items():
         if settings:
@@ -101,6 +102,13 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         logger=loggers,
         default_root_dir=str(folder),
     )
+
+
+def keep_earlier_log(folder: Path) -> None:
+    """Put a stopped run's `metrics.csv` aside as `metrics.1.csv` ...: CSVLogger would delete it."""
+    log = folder / "metrics.csv"
+    if log.is_file():
+        log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
 
 
 def silence_libraries() -> None:

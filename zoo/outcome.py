@@ -50,7 +50,7 @@ def report_outcome(
             figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
             plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
     zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
-    curves = read_curves(folder / "metrics.csv")
+    curves = read_curves(folder)
     if curves["train/loss"]:
         figure = plots.training_curves(curves["train/loss"], curves["val/mse"], zero)
         plots.save_figure(figure, folder / "plots" / "training_curves.png")
@@ -105,13 +105,16 @@ def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
     return table
 
 
-def read_curves(path: Path) -> dict[str, dict[int, float]]:
-    """`train/loss` and `val/mse` by epoch (1 is the first), of the run's `metrics.csv`.
+def read_curves(folder: Path) -> dict[str, dict[int, float]]:
+    """`train/loss` and `val/mse` by epoch (1 is the first), of all the run's `metrics*.csv`.
 
     A resumed run repeats an epoch that was cut off: the later figure counts.
     """
     curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
-    if path.is_file():
+    earlier = sorted(folder.glob("metrics.*.csv"), key=lambda path: int(path.stem.split(".")[1]))
+    for path in [*earlier, folder / "metrics.csv"]:
+        if not path.is_file():
+            continue
         with path.open(newline="") as file:
             for row in csv.DictReader(file):
                 for name, curve in curves.items():

@@ -45,15 +45,23 @@ def result_row(folder: Path) -> str:
         name,
         str(config.data.split),
         f"{metrics['parameters']:,}",
-        f"{metrics['samples_per_second']:,.0f}",
-        f"{metrics['seconds_per_epoch']:.1f}",
+        _figure(metrics["samples_per_second"], ",.0f"),
+        _figure(metrics["seconds_per_epoch"], ".1f"),
         f"{metrics['best_epoch']} of {metrics['epochs']}",
     ]
     for figure in ("mse", "mae", "balanced_mae"):
+        if "test" not in metrics["open_loop"]:
+            cells.append("no test rows")
+            continue
         own = metrics["open_loop"]["test"][figure]
         zero, mean = (b[figure] for b in metrics["baselines"]["test"].values())
         cells.append(f"{own:.4f} ({zero:.4f}, {mean:.4f})")
     return f"| {' | '.join(cells)} |"
+
+
+def _figure(value: float | None, form: str) -> str:
+    """A dash for what was not measured, as where a resumed run had nothing left to train."""
+    return "-" if value is None else format(value, form)
 
 
 if __name__ == "__main__":

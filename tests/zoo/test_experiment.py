@@ -20,6 +20,7 @@ from tests.zoo.commands import command, environment, only_line, run
 from zoo.__main__ import zoo
 from zoo.checkpoint import load_checkpoint
 from zoo.command_line import run_command
+from zoo.outcome import read_curves
 
 # Small enough for seconds; blocks as short as the recording asks for.
 SMALL = (
@@ -167,6 +168,12 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
     assert resumed.returncode == 0, resumed.stderr
     for name in ("best", "last"):
         assert equal(weights(tmp_path / "whole", name), weights(tmp_path / "killed", name))
+    ours, theirs = (
+        json.loads((tmp_path / name / "metrics.json").read_text()) for name in ("killed", "whole")
+    )
+    for key in ("open_loop", "epochs", "best_epoch"):
+        assert ours[key] == theirs[key]
+    assert read_curves(tmp_path / "killed") == read_curves(tmp_path / "whole"), "epochs were lost"
     assert json.loads((tmp_path / "killed" / "status.json").read_text())["status"] == "finished"
 
 
