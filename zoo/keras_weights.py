@@ -106,7 +106,7 @@ def read_keras_file(path: Path) -> KerasFile:
     try:
         import h5py
     except ImportError:
-        raise InputError(f"{path}: reading it needs h5py; pip install 'drivezoo[keras]'") from None
+        raise InputError(f"{path}: reading it needs h5py; pip install h5py") from None
     try:
         with h5py.File(path) as file:
             group = file.get("model_weights", file)

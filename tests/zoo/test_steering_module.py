@@ -1,0 +1,43 @@
+"""The LightningModule's optimizer: what decays, and what learns at which rate."""
+
+import pytest
+from omegaconf import OmegaConf
+
+from datamodules.errors import InputError
+from tests.recordings import Written
+from zoo.build import build_data, build_module
+from zoo.config import compose_config
+
+
+def groups(recorded: Written, *overrides: str) -> list[dict]:
+    root = f"data.root={recorded.folder}"
+    config = OmegaConf.create(compose_config([root, "model.weights=null", *overrides]))
+    module = build_module(config, build_data(config), {})
+    return module.configure_optimizers()["optimizer"].param_groups
+
+
+def test_l2_decays_weights_and_not_biases(recorded: Written) -> None:
+    """Keras' l2(0.001) adds 0.001 w^2 to the loss, whose gradient is torch's decay of 0.002."""
+    weights, biases = groups(recorded, "optim.l2=0.001")
+    assert {parameter.ndim for parameter in biases["params"]} == {1}
+    assert min(parameter.ndim for parameter in weights["params"]) > 1
+    assert weights["weight_decay"] == pytest.approx(0.002)
+    assert biases["weight_decay"] == 0
+
+
+def test_a_backbone_learns_at_a_rate_of_its_own(recorded: Written) -> None:
+    found = groups(recorded, "model=vgg", "optim.lr=0.001", "optim.backbone_lr=0.0001")
+    counts = {0.001: 0, 0.0001: 0}
+    for group in found:
+        counts[group["lr"]] += len(group["params"])
+    assert counts == {0.0001: 2 * 3, 0.001: 2 * 2}, "three convolutions learn, and the head"
+
+
+def test_frozen_blocks_are_left_to_no_optimizer(recorded: Written) -> None:
+    found = groups(recorded, "model=vgg", "model.trainable_blocks=0")
+    assert sum(len(group["params"]) for group in found) == 4
+
+
+def test_a_rate_that_is_none_is_refused(recorded: Written) -> None:
+    with pytest.raises(InputError, match=r"optim\.lr=0 is not a number above 0"):
+        groups(recorded, "optim.lr=0")
