@@ -14,6 +14,7 @@ import torch
 from datamodules.errors import InputError
 from datamodules.image import decode_image
 from tests.recordings import Written
+from tests.zoo.bomb import Bomb
 from tests.zoo.commands import ROOT
 from zoo.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.policy import load_policy
@@ -78,14 +79,6 @@ def test_training_and_driving_see_the_same_bits(
         steering, throttle = policy(decode_image(jpeg), 9.0)
         assert steering == pytest.approx(float(trained[0, 0].clamp(-1, 1)), abs=0)
         assert throttle is None
-
-
-class Bomb:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple:
-        return os.mkdir, (str(self.path),)
 
 
 def test_pickled_code_is_refused_and_never_run(tmp_path: Path) -> None:

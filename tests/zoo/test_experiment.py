@@ -323,22 +323,21 @@ def cut_a_row(folder: Path) -> None:
     log.write_text("\n".join(lines))
 
 
-def spoil_steering(folder: Path) -> None:
+def write_steering(folder: Path, text: str) -> None:
     log = folder / "driving_log.csv"
     lines = log.read_text().splitlines()
     fields = lines[3].split(",")
-    fields[3] = "nan"
+    fields[3] = text
     lines[3] = ",".join(fields)
     log.write_text("\n".join(lines))
+
+
+def spoil_steering(folder: Path) -> None:
+    write_steering(folder, "nan")
 
 
 def turn_in_degrees(folder: Path) -> None:
-    log = folder / "driving_log.csv"
-    lines = log.read_text().splitlines()
-    fields = lines[3].split(",")
-    fields[3] = "12.5"
-    lines[3] = ",".join(fields)
-    log.write_text("\n".join(lines))
+    write_steering(folder, "12.5")
 
 
 def truncate_an_image(folder: Path) -> None:

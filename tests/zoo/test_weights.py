@@ -1,13 +1,13 @@
 """Initial weights from torch's files, and VGG16's from a file or by download."""
 
 import hashlib
-import os
 from pathlib import Path
 
 import pytest
 import torch
 
 from datamodules.errors import InputError
+from tests.zoo.bomb import Bomb
 from tests.zoo.test_models import build
 from zoo.checkpoint import FORMAT
 from zoo.imagenet_weights import imagenet_file
@@ -99,14 +99,6 @@ def test_a_checkpoint_without_a_state_dict_is_named(tmp_path: Path) -> None:
     torch.save({"drivezoo": {"format": FORMAT}, "state_dict": 3}, tmp_path / "x.ckpt")
     with pytest.raises(InputError, match=r"x\.ckpt: is no state dict"):
         load_weights(build("lenet")[0], str(tmp_path / "x.ckpt"))
-
-
-class Bomb:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple:
-        return os.mkdir, (str(self.path),)
 
 
 def test_pickled_code_in_a_state_dict_is_refused_and_never_run(tmp_path: Path) -> None:
