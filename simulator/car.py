@@ -1,0 +1,135 @@
+"""The car: a single-track ("bicycle") model whose tyres can slip, stepped every 0.02 s.
+
+Rajamani, *Vehicle Dynamics and Control* (2012), ch. 2, with Pacejka's magic formula for the tyres.
+Measures are the original car's (`simulator.rig`); drive and reverse force were read off the speeds
+of a recording of the original: 0 to 20 mph in 1.9 s, backwards at 1.25 m/s2.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.rig import (
+    FRONT_AXLE_M,
+    MASS_KG,
+    MAX_STEERING_DEG,
+    MPS_PER_MPH,
+    PHYSICS_STEP_S,
+    REAR_AXLE_M,
+    TOP_SPEED_MPH,
+    WHEELBASE_M,
+)
+
+DRIVE_N = 5400.0  # 2000 Nm at the wheels
+REVERSE_N = 1300.0
+DRAG_PER_S = 0.1
+BRAKE_MPS2 = 9.0  # 20,000 Nm lock the wheels: what is left is their grip
+DOWNFORCE_N_PER_MPS = 100.0
+YAW_INERTIA_KG_M2 = 1500.0
+REVERSE_BELOW_MPH = 5.0
+GRAVITY_MPS2 = 9.81
+# Below this the tyres' slip angles lose their meaning, and the wheels simply roll.
+ROLLING_BELOW_MPS = 3.0
+TYRE_STIFFNESS, TYRE_SHAPE = 10.0, 1.4
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What is under the wheels: friction coefficient and rolling resistance in m/s2."""
+
+    grip: float
+    resistance_mps2: float
+
+
+ROAD = Surface(grip=1.0, resistance_mps2=0.05)
+OFF_ROAD = Surface(grip=0.6, resistance_mps2=2.5)
+
+
+class Car:
+    """Position (x east, y north, metres), heading (radians from east) and motion of the car.
+
+    Its origin is the rig's, between the axles. `steering` and `throttle` are what takes effect,
+    -1..1, after `delay_s` of actuation delay; steering is positive to the right.
+    """
+
+    def __init__(self, delay_s: float = 0.0) -> None:
+        self.delay_steps = round(delay_s / PHYSICS_STEP_S)
+        self.place(0.0, 0.0, 0.0)
+
+    def place(self, x: float, y: float, heading: float, speed_mph: float = 0.0) -> None:
+        """Put the car down, rolling straight ahead at a speed."""
+        self.x, self.y, self.heading = x, y, heading
+        self.ahead_mps, self.left_mps, self.yaw_rate = speed_mph * MPS_PER_MPH, 0.0, 0.0
+        self.steering = self.throttle = 0.0
+        self._waiting = deque([(0.0, 0.0)] * self.delay_steps)
+
+    @property
+    def speed_mph(self) -> float:
+        """How fast it moves, in any direction; never negative, as in the original's telemetry."""
+        return float(np.hypot(self.ahead_mps, self.left_mps)) / MPS_PER_MPH
+
+    def step(self, steering: float, throttle: float, grade: float, surface: Surface) -> None:
+        """Move on by 0.02 s; commands beyond -1..1 are clamped. `grade` is the rise per metre
+        ahead; a negative throttle brakes, and reverses below 5 mph."""
+        self._waiting.append((float(np.clip(steering, -1, 1)), float(np.clip(throttle, -1, 1))))
+        self.steering, self.throttle = self._waiting.popleft()
+        pull = self._pull_mps2(grade, surface)
+        # Left turns are positive in the plane, right ones in the command.
+        wheel = -np.radians(MAX_STEERING_DEG) * self.steering
+        if abs(self.ahead_mps) < ROLLING_BELOW_MPS:
+            self._roll(wheel, pull)
+        else:
+            self._slip(wheel, pull, surface)
+        speed = self.speed_mph
+        if speed > TOP_SPEED_MPH:
+            self.ahead_mps *= TOP_SPEED_MPH / speed
+            self.left_mps *= TOP_SPEED_MPH / speed
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        self.x += (self.ahead_mps * cos - self.left_mps * sin) * PHYSICS_STEP_S
+        self.y += (self.ahead_mps * sin + self.left_mps * cos) * PHYSICS_STEP_S
+        self.heading += self.yaw_rate * PHYSICS_STEP_S
+
+    def _pull_mps2(self, grade: float, surface: Surface) -> float:
+        """Acceleration along the car by engine, brakes, drag, slope and rolling resistance."""
+        pull = -DRAG_PER_S * self.ahead_mps - GRAVITY_MPS2 * grade / np.hypot(1, grade)
+        resistance = surface.resistance_mps2
+        if self.throttle >= 0:
+            pull += self.throttle * min(DRIVE_N / MASS_KG, surface.grip * GRAVITY_MPS2)
+        elif self.ahead_mps < REVERSE_BELOW_MPH * MPS_PER_MPH:
+            pull += self.throttle * REVERSE_N / MASS_KG
+        else:
+            resistance -= self.throttle * BRAKE_MPS2 * surface.grip
+        # Friction stops a car, and holds it, but never pushes it back.
+        after = self.ahead_mps + pull * PHYSICS_STEP_S
+        slowed = np.sign(after) * max(abs(after) - resistance * PHYSICS_STEP_S, 0.0)
+        return (slowed - self.ahead_mps) / PHYSICS_STEP_S
+
+    def _roll(self, wheel: float, pull: float) -> None:
+        """Wheels that roll without slip: the slow case."""
+        self.ahead_mps += pull * PHYSICS_STEP_S
+        self.yaw_rate = self.ahead_mps * np.tan(wheel) / WHEELBASE_M
+        self.left_mps = self.yaw_rate * REAR_AXLE_M
+
+    def _slip(self, wheel: float, pull: float, surface: Surface) -> None:
+        """Tyres that push sideways by their slip angle, up to what grips."""
+        ahead = self.ahead_mps
+        down = MASS_KG * GRAVITY_MPS2 + DOWNFORCE_N_PER_MPS * abs(ahead)
+        front_slip = wheel * np.sign(ahead) - np.arctan2(
+            self.left_mps + FRONT_AXLE_M * self.yaw_rate, abs(ahead)
+        )
+        rear_slip = -np.arctan2(self.left_mps - REAR_AXLE_M * self.yaw_rate, abs(ahead))
+        front = _tyre_force(front_slip, down * REAR_AXLE_M / WHEELBASE_M * surface.grip)
+        rear = _tyre_force(rear_slip, down * FRONT_AXLE_M / WHEELBASE_M * surface.grip)
+        across = (front * np.cos(wheel) + rear) / MASS_KG - self.yaw_rate * ahead
+        turn = (FRONT_AXLE_M * front * np.cos(wheel) - REAR_AXLE_M * rear) / YAW_INERTIA_KG_M2
+        self.ahead_mps += (
+            pull + self.yaw_rate * self.left_mps - front * np.sin(wheel) / MASS_KG
+        ) * PHYSICS_STEP_S
+        self.left_mps += across * PHYSICS_STEP_S
+        self.yaw_rate += turn * PHYSICS_STEP_S
+
+
+def _tyre_force(slip: float, grip_n: float) -> float:
+    """Pacejka's magic formula: a tyre's side force in newtons at a slip angle in radians."""
+    return grip_n * np.sin(TYRE_SHAPE * np.arctan(TYRE_STIFFNESS * slip))

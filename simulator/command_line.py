@@ -1,0 +1,77 @@
+"""`key=value` arguments into a dataclass of options, and one line for a user's mistake."""
+
+import difflib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
+from typing import TypeVar
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from simulator.errors import SimulatorError
+
+Options = TypeVar("Options")
+
+
+def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
+    """An instance of the dataclass `kind` from `key=value` and `--flag` arguments.
+
+    `--relative` stands for `relative=true`, `--sun-angle 40` is not taken: values follow `=`.
+
+    Raises:
+        SimulatorError: no such key, a value of another type, a key given twice or left out.
+    """
+    names = [field.name for field in fields(kind)]
+    given: dict[str, object] = {}
+    for argument in arguments:
+        key, sign, text = argument.lstrip("-").partition("=")
+        key = key.replace("-", "_")
+        if key not in names:
+            raise SimulatorError(f"there is no option {key}{_nearest(key, names)}")
+        if not sign and not argument.startswith("--"):
+            raise SimulatorError(f"{argument} has no value: write {key}=VALUE")
+        if key in given:
+            raise SimulatorError(f"{key} is given twice")
+        given[key] = _value(text) if sign else True
+    for field in fields(kind):
+        if (
+            field.name not in given
+            and field.default is MISSING
+            and field.default_factory is MISSING
+        ):
+            raise SimulatorError(f"{field.name} is not given: add {field.name}=VALUE")
+    try:
+        return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), given))
+    except OmegaConfBaseException as error:
+        raise SimulatorError(f"{error.full_key}={given.get(error.full_key)}: {error.msg}") from None
+
+
+def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[str]) -> int:
+    """Call `command(arguments)`; the exit status: 0, 1 after an error's one line, 130 stopped."""
+    try:
+        command(arguments)
+    except SimulatorError as error:
+        print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("simulator: stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+def _value(text: str) -> object:
+    """YAML's reading of a value, where it is one; a path with odd characters stays as it is."""
+    try:
+        value = OmegaConf.create(f"value: {text}")["value"]
+    except Exception:  # a parser's error for text that is no YAML is no mistake in itself
+        return text
+    return text if isinstance(value, dict) else value
+
+
+def _nearest(key: str, names: Sequence[str]) -> str:
+    near = difflib.get_close_matches(key, names, n=1)
+    return f"; did you mean {near[0]}?" if near else f"; there are {', '.join(names)}"

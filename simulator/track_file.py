@@ -1,0 +1,186 @@
+"""A track's YAML: `conf/track/<name>.yaml`, or a file of one's own."""
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from simulator.errors import SimulatorError
+from simulator.rig import MAX_STEERING_DEG, WHEELBASE_M
+from simulator.track import Stretch, Surroundings, Track, Verge, make_centreline
+
+PAVINGS = ("asphalt", "cobbles")
+VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
+KEYS = ("width", "shoulder", "centre_line", "verge", "points", "stretches", "surroundings")
+# The car's tightest circle, and room to correct on it.
+TIGHTEST_RADIUS_M = 1.25 * WHEELBASE_M / np.tan(np.radians(MAX_STEERING_DEG))
+VERGE_M = 4.0  # beside the road that no other part of the track may use
+
+
+def track_folder() -> Path:
+    """The folder of the tracks that come along: of the checkout, or of the installed package."""
+    installed = Path(__file__).parent / "track"
+    return installed if installed.is_dir() else Path(__file__).parents[1] / "conf" / "track"
+
+
+def track_names() -> list[str]:
+    """The tracks that come along."""
+    return sorted(path.stem for path in track_folder().glob("*.yaml"))
+
+
+def read_track(name: str) -> Track:
+    """A track by name, or by the path of its YAML file.
+
+    Raises:
+        SimulatorError: no such track or file, a key that is no key, a value that cannot be, a
+            bend too tight for the car, or a road that crosses itself.
+    """
+    path = track_folder() / f"{name}.yaml"
+    if name.endswith((".yaml", ".yml")):
+        path = Path(name)
+    if not path.is_file():
+        raise SimulatorError(
+            f"there is no track {name}: there are {', '.join(track_names())}, or give a .yaml file"
+        )
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise SimulatorError(f"{path}: not YAML: {error}") from None
+    try:
+        return make_track(path.stem, content)
+    except SimulatorError as error:
+        raise SimulatorError(f"{path}: {error}") from None
+
+
+def make_track(name: str, content: dict) -> Track:
+    """The track that a YAML's content describes; raises as `read_track`."""
+    if not isinstance(content, dict):
+        raise SimulatorError("holds no keys; see conf/track/lake.yaml")
+    _check_keys("", content, KEYS)
+    points = _points(content.get("points"))
+    width = _number("width", content.get("width", 6.4), 3, 30)
+    centreline = make_centreline(points)
+    _check_bends(centreline)
+    _check_crossings(centreline, width)
+    verge = _verge("verge", content.get("verge", {}), Verge())
+    stretches = tuple(
+        _stretch(number, one, verge, centreline["length"])
+        for number, one in enumerate(content.get("stretches") or [], start=1)
+    )
+    return Track(
+        name=name,
+        width=width,
+        shoulder=_number("shoulder", content.get("shoulder", 1.4), 0, 10),
+        centre_line=bool(content.get("centre_line", False)),
+        stretches=stretches,
+        verge=verge,
+        surroundings=_surroundings(content.get("surroundings") or {}),
+        **centreline,
+    )
+
+
+def _points(given: object) -> np.ndarray:
+    try:
+        points = np.array(given, float)
+    except (TypeError, ValueError):
+        raise SimulatorError("points: each must be [x, y, z] in metres") from None
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise SimulatorError("points: each must be [x, y, z] in metres")
+    if len(points) < 4:
+        raise SimulatorError(f"points: {len(points)}, a closed loop needs 4 or more")
+    steps = np.linalg.norm(np.diff(points, axis=0, append=points[:1])[:, :2], axis=1)
+    if steps.min() < 1:
+        where = int(steps.argmin()) + 1
+        raise SimulatorError(
+            f"points {where} and {where % len(points) + 1} are nearer than 1 m; "
+            "the loop closes by itself, so do not repeat the first one"
+        )
+    return points
+
+
+def _check_bends(centreline: dict) -> None:
+    tightest = int(np.abs(centreline["curvature"]).argmax())
+    radius = 1 / max(abs(centreline["curvature"][tightest]), 1e-9)
+    if radius < TIGHTEST_RADIUS_M:
+        raise SimulatorError(
+            f"the bend at {centreline['distance'][tightest]:.0f} m has a radius of {radius:.1f} m; "
+            f"the car needs {TIGHTEST_RADIUS_M:.1f}: move its points apart"
+        )
+
+
+def _check_crossings(centreline: dict, width: float) -> None:
+    """No two parts of the road may come nearer than its width, unless they follow each other."""
+    stride = 4
+    xy, distance = centreline["xyz"][::stride, :2], centreline["distance"][::stride]
+    apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1)
+    along = np.abs(distance[:, None] - distance[None])
+    along = np.minimum(along, centreline["length"] - along)
+    room = width + VERGE_M
+    apart[along < np.pi * room] = np.inf
+    first, second = np.unravel_index(apart.argmin(), apart.shape)
+    if apart[first, second] < room:
+        raise SimulatorError(
+            f"the road crosses itself, or nearly: {distance[first]:.0f} m and "
+            f"{distance[second]:.0f} m along it are {apart[first, second]:.1f} m apart, "
+            f"it needs {room:.1f}: move the points there apart"
+        )
+
+
+def _stretch(number: int, given: dict, usual: Verge, length: float) -> Stretch:
+    place = f"stretches, number {number}"
+    if not isinstance(given, dict):
+        raise SimulatorError(f"{place}: must have from: and to: in metres")
+    _check_keys(f"{place}: ", given, ("from", "to", "paving", "left", "right"))
+    start = _number(f"{place}: from", given.get("from"), 0, length)
+    end = _number(f"{place}: to", given.get("to"), start, length)
+    paving = given.get("paving", "asphalt")
+    _check_choice(f"{place}: paving", paving, PAVINGS)
+    sides = {side: given[side] for side in ("left", "right") if side in given}
+    return Stretch(start, end, paving, _verge(place, sides, usual))
+
+
+def _verge(place: str, given: dict, usual: Verge) -> Verge:
+    _check_keys(f"{place}: ", given, ("left", "right"))
+    sides = {"left": usual.left, "right": usual.right, **given}
+    for side, kind in sides.items():
+        _check_choice(f"{place}: {side}", kind, VERGES)
+    return Verge(**sides)
+
+
+def _surroundings(given: dict) -> Surroundings:
+    names = Surroundings.__dataclass_fields__
+    _check_keys("surroundings: ", given, tuple(names))
+    values = dict(given)
+    for key, value in given.items():
+        if key == "ground":
+            _check_choice("surroundings: ground", value, ("sand", "forest"))
+        elif key == "lakes":
+            lakes = np.array(value, float)
+            if lakes.ndim != 2 or lakes.shape[1] != 3:
+                raise SimulatorError("surroundings: lakes: each must be [x, y, radius] in metres")
+            values[key] = tuple(map(tuple, lakes.tolist()))
+        else:
+            low = -1e4 if key == "water_level" else 0
+            number = _number(f"surroundings: {key}", value, low, 1e4)
+            values[key] = type(names[key].default)(number)
+    return Surroundings(**values)
+
+
+def _check_keys(place: str, given: dict, known: tuple[str, ...]) -> None:
+    for key in given:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+            raise SimulatorError(f"{place}no key {key}; {hint}")
+
+
+def _check_choice(place: str, value: object, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise SimulatorError(f"{place}: {value}; must be one of {', '.join(known)}")
+
+
+def _number(place: str, value: object, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise SimulatorError(f"{place}: {value}; must be a number in {low:g}..{high:g}")
+    return float(value)

@@ -1,0 +1,84 @@
+"""Light and weather: what changes a picture and not the road."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from simulator.errors import SimulatorError
+from simulator.rig import CameraOffset
+
+
+@dataclass(frozen=True)
+class Weather:
+    """The light, the air and the lens.
+
+    Args:
+        sun_azimuth_deg: where the sun stands, counter-clockwise from east.
+        sun_elevation_deg: above the horizon, 5..90.
+        sun: strength of the sun's light; 1 is a clear day.
+        brightness: factor on the whole picture.
+        fog: 0 (clear)..1 (one sees some 20 m).
+        rain: 0..1, streaks and specks over the picture.
+        wet: 0..1, how dark the road is.
+        shadows: whether trees and rocks throw them on the road.
+        texture_seed: of the grain of road and ground.
+        camera: how far the cameras were knocked out of place.
+        noise: standard deviation of the sensor's noise, in grey levels of 255.
+    """
+
+    sun_azimuth_deg: float = 210.0
+    sun_elevation_deg: float = 48.0
+    sun: float = 1.0
+    brightness: float = 1.0
+    fog: float = 0.0
+    rain: float = 0.0
+    wet: float = 0.0
+    shadows: bool = True
+    texture_seed: int = 1
+    camera: CameraOffset = CameraOffset()
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "sun_elevation_deg": (5, 90),
+            "sun": (0, 3),
+            "brightness": (0.05, 4),
+            "fog": (0, 1),
+            "rain": (0, 1),
+            "wet": (0, 1),
+            "noise": (0, 100),
+        }
+        for key, (low, high) in ranges.items():
+            value = getattr(self, key)
+            if not low <= value <= high:
+                raise SimulatorError(f"weather: {key}={value}: must be in {low:g}..{high:g}")
+
+
+CLEAR = Weather()
+
+
+def random_weather(rng: np.random.Generator, usual: Weather = CLEAR) -> Weather:
+    """A day drawn at random: any sun, now and then fog, rain or a wet road."""
+    return replace(
+        usual,
+        sun_azimuth_deg=rng.uniform(0, 360),
+        sun_elevation_deg=rng.uniform(20, 80),
+        sun=rng.uniform(0.6, 1.2),
+        brightness=rng.uniform(0.7, 1.2),
+        fog=rng.uniform(0, 0.5) if rng.random() < 0.3 else 0.0,
+        rain=rng.uniform(0.2, 0.8) if rng.random() < 0.2 else 0.0,
+        wet=rng.uniform(0.3, 1) if rng.random() < 0.3 else 0.0,
+        shadows=bool(rng.random() < 0.8),
+        texture_seed=int(rng.integers(1, 2**31)),
+        camera=CameraOffset(
+            right_m=rng.normal(0, 0.05),
+            up_m=rng.normal(0, 0.02),
+            pitch_deg=rng.normal(0, 0.4),
+            yaw_deg=rng.normal(0, 0.4),
+            roll_deg=rng.normal(0, 0.4),
+        ),
+        noise=rng.uniform(0, 6),
+    )
+
+
+WEATHER_KEYS = tuple(field.name for field in fields(Weather) if field.name != "camera")

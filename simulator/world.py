@@ -1,0 +1,182 @@
+"""A world: a track, a car on it and what its cameras see, in steps of simulated time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.car import OFF_ROAD, ROAD, Car
+from simulator.errors import SimulatorError
+from simulator.pictures import Pictures, open_pictures
+from simulator.rig import PHYSICS_STEP_S, WHEEL_TRACK_M
+from simulator.track import Place, Track
+from simulator.track_file import read_track
+from simulator.weather import CLEAR, Weather, random_weather
+
+WALL_M = 0.7  # from the edge line to a wall or a rock face
+SCRAPE = 0.9  # what a wall leaves of the speed, a step
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a drive begins: metres along the lap, right of the centreline, degrees to the right."""
+
+    distance: float = 0.0
+    cte: float = 0.0
+    heading_deg: float = 0.0
+    speed_mph: float = 0.0
+
+
+class World:
+    """Deterministic: the same seed, start and commands give the same frames, to the bit, with
+    the same renderer. The wall clock has no part in it.
+
+    Args:
+        track: where to drive.
+        pictures: what draws it; None for a world that nobody looks at.
+        frame_rate: frames per second of simulated time, up to 50.
+        delay_s: from a command to the wheels.
+        direction: 1 drives the lap as the file gives it, -1 the other way round.
+    """
+
+    def __init__(
+        self,
+        track: Track,
+        pictures: Pictures | None = None,
+        frame_rate: float = 15.0,
+        delay_s: float = 0.0,
+        direction: int = 1,
+    ) -> None:
+        if not 0 < frame_rate <= 1 / PHYSICS_STEP_S:
+            raise SimulatorError(f"frame_rate={frame_rate}: must be above 0, up to 50")
+        if not 0 <= delay_s <= 2:
+            raise SimulatorError(f"delay_s={delay_s}: must be in 0..2 seconds")
+        if direction not in (1, -1):
+            raise SimulatorError(f"direction={direction}: must be 1 or -1")
+        self.track, self.pictures, self.direction = track, pictures, direction
+        self.frame_s = 1 / frame_rate
+        self.car = Car(delay_s)
+        self.weather = CLEAR
+        self.reset(0)
+
+    def reset(self, seed: int, start: Start | None = None, weather: Weather | str = CLEAR) -> None:
+        """Begin a drive; `weather="random"` draws one from the seed."""
+        rng = np.random.default_rng(seed)
+        self.weather = random_weather(rng) if weather == "random" else weather
+        if self.pictures is not None:
+            self.pictures.set_weather(self.weather, int(rng.integers(2**31)))
+        start = start or Start()
+        self.steps = self.frames = self.lap = 0
+        self.travelled = 0.0
+        self.put_back(start)
+
+    def put_back(self, start: Start) -> None:
+        """Set the car down somewhere, in the middle of a drive."""
+        distance = start.distance % self.track.length
+        heading = float(self.track.heading_at(distance))
+        right = np.array([np.sin(heading), -np.cos(heading)]) * self.direction
+        x, y = self.track.at(distance)[:2] + start.cte * right
+        if self.direction < 0:
+            heading += np.pi
+        self.car.place(x, y, heading - np.radians(start.heading_deg), start.speed_mph)
+        self.place = self.track.locate(x, y, distance)
+
+    def step(self, steering: float, throttle: float) -> None:
+        """Drive for one frame's time."""
+        self.frames += 1
+        until = round(self.frames * self.frame_s / PHYSICS_STEP_S)
+        while self.steps < until:
+            self.steps += 1
+            before = self.place
+            ahead = np.cos(self.car.heading - before.heading)
+            surface = ROAD if not self.off_road else OFF_ROAD
+            self.car.step(steering, throttle, before.grade * ahead, surface)
+            self.place = self.track.locate(self.car.x, self.car.y, before.distance)
+            self._keep_within_walls()
+            self._count(before)
+
+    @property
+    def time(self) -> float:
+        """Seconds of simulated time since `reset`."""
+        return self.steps * PHYSICS_STEP_S
+
+    @property
+    def cte(self) -> float:
+        """Metres right of the centreline, as the driver sees it."""
+        return self.place.cte * self.direction
+
+    @property
+    def heading_error(self) -> float:
+        """Radians by which the car points to the right of the road, in (-pi, pi]."""
+        road = self.place.heading + (np.pi if self.direction < 0 else 0)
+        return float(np.angle(np.exp(1j * (road - self.car.heading))))
+
+    @property
+    def off_road(self) -> bool:
+        """Whether the car's middle is beyond the edge line."""
+        return abs(self.place.cte) > self.track.width / 2
+
+    def info(self) -> dict:
+        """What a scorer needs: see the properties; `progress` is laps driven, with a fraction."""
+        return {
+            "cte": self.cte,
+            "heading_error": self.heading_error,
+            "progress": self.travelled / self.track.length,
+            "lap": self.lap,
+            "off_road": self.off_road,
+            "distance": self.place.distance,
+            "time": self.time,
+            "speed_mph": self.car.speed_mph,
+        }
+
+    def frame(self, camera: str = "center") -> np.ndarray:
+        """What a camera sees: uint8 [160, 320, 3], RGB."""
+        if self.pictures is None:
+            raise SimulatorError("this world has no renderer: open it with renderer=auto")
+        return self.pictures.frame(self.pose(), camera, self.frames)
+
+    def pose(self) -> tuple[float, float, float, float, float]:
+        """x, y, z of the car, its heading, and how steeply it points up, in radians."""
+        ahead = np.cos(self.car.heading - self.place.heading)
+        pitch = float(np.arctan(self.place.grade * ahead))
+        return self.car.x, self.car.y, self.place.z, self.car.heading, pitch
+
+    def _keep_within_walls(self) -> None:
+        verge = self.track.verge_at(self.place.distance)
+        kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
+        room = self.track.width / 2 + WALL_M - WHEEL_TRACK_M / 2
+        if kind not in ("wall", "rock") or abs(self.place.cte) <= room:
+            return
+        over = (abs(self.place.cte) - room) * side
+        heading = self.place.heading
+        self.car.x -= over * np.sin(heading)
+        self.car.y += over * np.cos(heading)
+        self.car.ahead_mps *= SCRAPE
+        self.car.left_mps = 0.0
+        self.place = self.track.locate(self.car.x, self.car.y, self.place.distance)
+
+    def _count(self, before: Place) -> None:
+        length = self.track.length
+        moved = (self.place.distance - before.distance + length / 2) % length - length / 2
+        self.travelled += moved * self.direction
+        self.lap = max(self.lap, int(self.travelled // length))
+
+
+def open_world(
+    track: str = "lake",
+    renderer: str = "auto",
+    quality: str = "full",
+    frame_rate: float = 15.0,
+    delay_s: float = 0.0,
+    direction: int = 1,
+    seed: int = 0,
+) -> World:
+    """A world by its track's name or file; `renderer="none"` opens one that nobody looks at.
+
+    Raises:
+        SimulatorError: no such track or renderer, a value that cannot be.
+    """
+    course = read_track(track)
+    pictures = None if renderer == "none" else open_pictures(course, renderer, quality)
+    world = World(course, pictures, frame_rate, delay_s, direction)
+    world.reset(seed)
+    return world
