@@ -1,8 +1,246 @@
-from typing import Protocol
+"""Pictures of a world, drawn by Panda3D: in software without a display, or on OpenGL.
+
+The software renderer (`p3tinydisplay`) opens no display but loads libX11 all the same (Debian:
+libx11-6). Its frames are the same on every machine and in every run. Few large pieces are quicker
+than many small ones, and near things are drawn first, since what they hide costs nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from panda3d import core
+
+from simulator.errors import SimulatorError
+from simulator.rig import (
+    CAMERA_POSITIONS,
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
+    NEAR_M,
+    PITCH_DOWN_DEG,
+    ROLL_DEG,
+    VERTICAL_FOV_DEG,
+    YAW_RIGHT_DEG,
+    camera_matrix,
+)
+from simulator.scenery.air import Air
+from simulator.scenery.ground import Ground
+from simulator.scenery.light import lit_colours
+from simulator.scenery.mesh import Mesh, cut
+from simulator.scenery.plants import standing_meshes
+from simulator.scenery.road import road_meshes
+from simulator.scenery.sky import sky_mesh
+from simulator.scenery.textures import make_textures
+from simulator.track import Track
+from simulator.weather import CLEAR, Weather
+
+RENDERERS = ("auto", "software", "opengl", "none")
+QUALITIES = ("full", "simple")
+FAR_M = 1500.0
+CELL_M = 90.0
+ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
+POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
 
-class Pictures(Protocol): ...
+@dataclass(frozen=True)
+class Piece:
+    """A mesh, and the renderer's copy of its points."""
+
+    mesh: Mesh
+    data: core.GeomVertexData
 
 
-def open_pictures(*a):
-    raise NotImplementedError
+class Pictures:
+    """Draws one track; `name` says on what.
+
+    Raises:
+        SimulatorError: there is no such renderer on this machine.
+    """
+
+    def __init__(self, track: Track, renderer: str = "auto", quality: str = "full") -> None:
+        self.track, self.quality = track, quality
+        self.engine, self.buffer, self.name = open_buffer(renderer, FRAME_WIDTH, FRAME_HEIGHT)
+        self.texture = core.Texture()
+        self.buffer.addRenderTexture(self.texture, core.GraphicsOutput.RTMCopyRam)
+        self.root = core.NodePath("world")
+        self.camera = self.root.attachNewNode(core.Camera("camera", _lens()))
+        self.buffer.makeDisplayRegion().setCamera(self.camera)
+        self.textures = {name: core.Texture(name) for name in ORDER}
+        self.pieces = self._build()
+        self.seed_drawn: int | None = None
+        self.set_weather(CLEAR, 0)
+
+    def set_weather(self, weather: Weather, seed: int) -> None:
+        """Light the world anew; `seed` is of the rain and the sensor's noise."""
+        if weather.texture_seed != self.seed_drawn:
+            for name, pixels in make_textures(weather.texture_seed).items():
+                _fill_texture(self.textures[name], pixels)
+            self.seed_drawn = weather.texture_seed
+        for piece in self.pieces:
+            _set_colours(piece, lit_colours(piece.mesh, weather, piece.mesh.shade))
+        self.weather, self.air = weather, Air(weather, seed)
+
+    def frame(
+        self, pose: tuple[float, float, float, float, float], camera: str, tick: int
+    ) -> np.ndarray:
+        """What a camera sees from the car's pose: uint8 [160, 320, 3], RGB.
+
+        `pose` is x, y, z in metres, heading and upward pitch in radians; `tick` numbers frames.
+        """
+        self.place_camera(self.camera, pose, camera)
+        self.engine.renderFrame()
+        pixels = np.frombuffer(self.texture.getRamImageAs("RGB"), np.uint8)
+        upright = pixels.reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)[::-1].copy()
+        return self.air(upright, camera, tick)
+
+    def place_camera(
+        self, node: core.NodePath, pose: tuple[float, float, float, float, float], camera: str
+    ) -> None:
+        """Put a Panda3D camera where the car's camera is, and the sky around it."""
+        x, y, z, heading, pitch = pose
+        offset = self.weather.camera
+        right_m, up_m, ahead_m = np.array(CAMERA_POSITIONS[camera]) + (
+            offset.right_m,
+            offset.up_m,
+            0.0,
+        )
+        car = _car_axes(heading, pitch)
+        looks = car @ camera_matrix(
+            PITCH_DOWN_DEG - offset.pitch_deg,
+            YAW_RIGHT_DEG + offset.yaw_deg,
+            ROLL_DEG + offset.roll_deg,
+        )
+        at = np.array([x, y, z]) + car @ (right_m, up_m, ahead_m)
+        right, up, ahead = looks.T
+        rows = [(*right, 0), (*ahead, 0), (*up, 0), (*at, 1)]
+        node.setMat(core.LMatrix4f(*(float(value) for row in rows for value in row)))
+        self.sky.setPos(*(float(value) for value in at))
+
+    def close(self) -> None:
+        """Give the buffer back."""
+        self.engine.removeWindow(self.buffer)
+        self.root.removeNode()
+
+    def _build(self) -> list[Piece]:
+        ground = Ground(self.track)
+        meshes = [
+            *road_meshes(self.track),
+            *ground.meshes(),
+            *standing_meshes(self.track, ground, self.quality),
+        ]
+        pieces = []
+        for mesh in meshes:
+            for part in cut(mesh, CELL_M):
+                pieces.append(self._attach(part)[0])
+        dome, self.sky = self._attach(sky_mesh())
+        self.sky.setTextureOff(1)
+        return [*pieces, dome]
+
+    def _attach(self, mesh: Mesh) -> tuple[Piece, core.NodePath]:
+        data = core.GeomVertexData(mesh.material, _point_format(), core.Geom.UHDynamic)
+        data.uncleanSetNumRows(len(mesh.points))
+        triangles = core.GeomTriangles(core.Geom.UHStatic)
+        triangles.setIndexType(core.Geom.NTUint32)
+        indices = triangles.modifyVertices()
+        indices.setNumRows(mesh.triangles.size)
+        indices.modifyHandle().copyDataFrom(mesh.triangles.astype("<u4").tobytes())
+        piece = Piece(mesh, data)
+        _set_colours(piece, np.full((len(mesh.points), 3), 255, np.uint8))
+        geom = core.Geom(data)
+        geom.addPrimitive(triangles)
+        node = core.GeomNode(mesh.material)
+        node.addGeom(geom)
+        path = self.root.attachNewNode(node)
+        path.setTexture(self.textures[mesh.material])
+        path.setTwoSided(True)
+        path.setBin("fixed", ORDER.index(mesh.material))
+        if mesh.material == "plants":
+            path.setTransparency(core.TransparencyAttrib.MBinary)
+        return piece, path
+
+
+def open_buffer(
+    renderer: str, width: int, height: int
+) -> tuple[core.GraphicsEngine, core.GraphicsOutput, str]:
+    """An offscreen buffer and the name of what draws it: `software` or `opengl`.
+
+    `auto` takes OpenGL where there is a graphics card to speak of, and software elsewhere.
+
+    Raises:
+        SimulatorError: no such renderer, or it does not open here.
+    """
+    if renderer not in RENDERERS or renderer == "none":
+        raise SimulatorError(f"renderer={renderer}: must be auto, software or opengl")
+    core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal\ntextures-power-2 down")
+    tried = ("software", "opengl") if renderer == "auto" else (renderer,)
+    for name in tried:
+        module = {"software": "p3tinydisplay", "opengl": "p3headlessgl"}[name]
+        pipe = core.GraphicsPipeSelection.getGlobalPtr().makeModulePipe(module)
+        if pipe is None:
+            continue
+        engine = core.GraphicsEngine(pipe)
+        wanted = core.FrameBufferProperties()
+        wanted.setRgbaBits(8, 8, 8, 0)
+        wanted.setDepthBits(24)
+        size = core.WindowProperties.size(width, height)
+        flags = core.GraphicsPipe.BFRefuseWindow
+        buffer = engine.makeOutput(pipe, "pictures", 0, wanted, size, flags)
+        if buffer is not None:
+            return engine, buffer, name
+    raise SimulatorError(
+        f"renderer={renderer}: none opens here; the software renderer needs libX11 "
+        "(Debian and Ubuntu: apt install libx11-6), OpenGL needs a driver with EGL"
+    )
+
+
+def open_pictures(track: Track, renderer: str = "auto", quality: str = "full") -> Pictures:
+    """Pictures of a track; raises SimulatorError for a renderer or a quality that is none."""
+    if quality not in QUALITIES:
+        raise SimulatorError(f"quality={quality}: must be {' or '.join(QUALITIES)}")
+    return Pictures(track, renderer, quality)
+
+
+def _lens() -> core.PerspectiveLens:
+    lens = core.PerspectiveLens()
+    wide = 2 * np.degrees(
+        np.arctan(np.tan(np.radians(VERTICAL_FOV_DEG / 2)) * FRAME_WIDTH / FRAME_HEIGHT)
+    )
+    lens.setFov(float(wide), VERTICAL_FOV_DEG)
+    lens.setNearFar(NEAR_M, FAR_M)
+    return lens
+
+
+def _car_axes(heading: float, pitch: float) -> np.ndarray:
+    """float64 [3, 3] whose columns are the car's right, up and ahead in the world."""
+    ahead = np.array(
+        [np.cos(pitch) * np.cos(heading), np.cos(pitch) * np.sin(heading), np.sin(pitch)]
+    )
+    right = np.array([np.sin(heading), -np.cos(heading), 0.0])
+    return np.stack([right, np.cross(right, ahead), ahead], -1)
+
+
+def _point_format() -> core.GeomVertexFormat:
+    array = core.GeomVertexArrayFormat()
+    array.addColumn("vertex", 3, core.Geom.NTFloat32, core.Geom.CPoint)
+    array.addColumn("color", 4, core.Geom.NTUint8, core.Geom.CColor)
+    array.addColumn("texcoord", 2, core.Geom.NTFloat32, core.Geom.CTexcoord)
+    return core.GeomVertexFormat.registerFormat(core.GeomVertexFormat(array))
+
+
+def _set_colours(piece: Piece, colours: np.ndarray) -> None:
+    points = np.empty(len(piece.mesh.points), POINT)
+    points["point"], points["uv"] = piece.mesh.points, piece.mesh.uv
+    points["colour"][:, :3], points["colour"][:, 3] = colours, 255
+    piece.data.modifyArrayHandle(0).copyDataFrom(points.tobytes())
+
+
+def _fill_texture(texture: core.Texture, pixels: np.ndarray) -> None:
+    height, width, channels = pixels.shape
+    kind = core.Texture.FRgba if channels == 4 else core.Texture.FRgb
+    texture.setup2dTexture(width, height, core.Texture.TUnsignedByte, kind)
+    order = [2, 1, 0, 3][:channels]  # Panda3D keeps blue first, and the lowest row first
+    texture.setRamImage(np.ascontiguousarray(pixels[::-1, :, order]).tobytes())
+    texture.setMagfilter(core.SamplerState.FTLinear)
+    sharp = texture.getName() == "plants"  # blurred borders would swim at a distance
+    texture.setMinfilter(
+        core.SamplerState.FTNearest if sharp else core.SamplerState.FTLinearMipmapLinear
+    )

@@ -1,0 +1,36 @@
+"""Sunlight on meshes: what colour each point has in a weather."""
+
+import numpy as np
+
+from simulator.scenery.mesh import Mesh
+from simulator.scenery.textures import MEAN
+from simulator.weather import Weather
+
+# Read off the original's pictures: its concrete is 255, 253, 226 in the sun, 125, 138, 145 beside.
+SUN_RGB = np.array([0.95, 0.90, 0.72])
+SKY_RGB = np.array([0.40, 0.46, 0.50])
+PLANTS_RGB = np.array([1.0, 1.0, 1.0])
+
+
+def towards_sun(weather: Weather) -> np.ndarray:
+    """The unit vector float64 [3] that points at the sun."""
+    azimuth, elevation = np.radians([weather.sun_azimuth_deg, weather.sun_elevation_deg])
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+def lit_colours(mesh: Mesh, weather: Weather, shade: np.ndarray) -> np.ndarray:
+    """Colours uint8 [N, 3] of a mesh's points, by Lambert's law and a blue light from the sky."""
+    if mesh.material == "sky":
+        return _to_bytes(mesh.colours * (0.5 + 0.5 * weather.sun))
+    facing = np.clip(mesh.normals @ towards_sun(weather), 0, 1) * shade
+    light = SKY_RGB + weather.sun * facing[:, None] * SUN_RGB
+    if mesh.material == "plants":
+        return _to_bytes(np.clip(mesh.colours * light, 0, 1))
+    wet = 1 - 0.45 * weather.wet if mesh.material in ("asphalt", "cobbles", "plain") else 1.0
+    scale = 1.0 if mesh.material == "stripes" else 1 / MEAN
+    return _to_bytes(mesh.colours * light * wet * scale)
+
+
+def _to_bytes(colours: np.ndarray) -> np.ndarray:
+    return (np.clip(colours, 0, 1) * 255).astype(np.uint8)

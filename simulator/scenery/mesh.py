@@ -1,0 +1,80 @@
+"""Triangles as arrays, before any renderer knows of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles of one material.
+
+    Attributes:
+        material: its texture's name in `simulator.scenery.textures`.
+        points: float [N, 3], metres.
+        normals: float [N, 3], unit length.
+        colours: float [N, 3], what the surface reflects, 0..1, in RGB.
+        uv: float [N, 2], texture coordinates; 1 is once over the texture.
+        triangles: int [M, 3], indices of points; both sides are drawn.
+        shade: float [N], 1 in full light, 0 in another thing's shadow.
+    """
+
+    material: str
+    points: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+    uv: np.ndarray
+    triangles: np.ndarray
+    shade: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.shade is None:
+            object.__setattr__(self, "shade", np.ones(len(self.points)))
+
+
+def grid_triangles(rows: int, columns: int) -> np.ndarray:
+    """Triangles int [2 * (rows-1) * (columns-1), 3] over a row-major grid of points."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    return np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2).reshape(-1, 3)
+
+
+def join(meshes: Sequence[Mesh]) -> Mesh:
+    """One mesh of several of the same material."""
+    starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
+    return Mesh(
+        material=meshes[0].material,
+        points=np.concatenate([mesh.points for mesh in meshes]),
+        normals=np.concatenate([mesh.normals for mesh in meshes]),
+        colours=np.concatenate([mesh.colours for mesh in meshes]),
+        uv=np.concatenate([mesh.uv for mesh in meshes]),
+        triangles=np.concatenate(
+            [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
+        ),
+        shade=np.concatenate([mesh.shade for mesh in meshes]),
+    )
+
+
+def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
+    """The mesh in squares of `cell_m`, so that a renderer can leave out those out of sight."""
+    middles = mesh.points[mesh.triangles].mean(1)[:, :2]
+    cells = np.floor(middles / cell_m).astype(int)
+    _, number = np.unique(cells, axis=0, return_inverse=True)
+    number = number.reshape(-1)
+    pieces = []
+    for one in range(number.max() + 1):
+        triangles = mesh.triangles[number == one]
+        used, renumbered = np.unique(triangles, return_inverse=True)
+        pieces.append(
+            Mesh(
+                mesh.material,
+                mesh.points[used],
+                mesh.normals[used],
+                mesh.colours[used],
+                mesh.uv[used],
+                renumbered.reshape(-1, 3),
+                mesh.shade[used],
+            )
+        )
+    return pieces

@@ -1,0 +1,174 @@
+"""The road and its verges: bands that follow the centreline.
+
+Widths were read off the original's pictures (frames of a straight, seen from above): 6.4 m between
+the inner yellow lines; a dark strip and a second line; about 1.4 m of paved shoulder; then a
+concrete bank of some 2 m, pale in the sun and blue-grey in the shade.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.scenery.mesh import Mesh, grid_triangles, join
+from simulator.track import Track
+
+ALONG_M = 1.0
+VERGE_END_M = 14.0  # from the centreline; the ground's own mesh goes on from there
+
+YELLOW, GUTTER = (0.66, 0.58, 0.30), (0.30, 0.28, 0.21)
+ASPHALT, SHOULDER = (0.520, 0.515, 0.450), (0.50, 0.50, 0.44)
+COBBLES, CONCRETE = (0.68, 0.57, 0.48), (0.90, 0.90, 0.84)
+SAND, PINK_SAND = (0.76, 0.57, 0.33), (0.86, 0.62, 0.45)
+GRASS, ROCK, WALL = (0.77, 0.66, 0.36), (0.72, 0.66, 0.54), (0.05, 0.045, 0.04)
+FOREST, WHITE = (0.36, 0.39, 0.20), (0.85, 0.85, 0.82)
+
+
+@dataclass(frozen=True)
+class Band:
+    """A strip of one material: metres from the road's edge, heights above the road."""
+
+    start: float
+    end: float
+    rise_start: float
+    rise_end: float
+    material: str
+    colour: tuple[float, float, float]
+    repeat: float = 4.0  # metres that a texture spans
+    normal_up: bool = False  # lit as level ground, whatever its slope
+
+
+def verge_bands(kind: str, shoulder: float, room: float, ground: str) -> list[Band]:
+    """What lies outside the road's edge for a kind of verge, up to `room` metres from it."""
+    soil = SAND if ground == "sand" else FOREST
+    grass = GRASS if ground == "sand" else FOREST
+    line = [
+        Band(0.0, 0.10, 0, 0, "plain", YELLOW),
+        Band(0.10, 0.42, 0, 0, "plain", GUTTER),
+        Band(0.42, 0.50, 0, 0, "plain", YELLOW),
+    ]
+    paved = 0.5 + shoulder
+    if kind == "kerb":
+        return [
+            *line,
+            Band(0.5, paved, 0, 0, "asphalt", SHOULDER),
+            Band(paved, paved + 2.0, 0, 0.45, "concrete", CONCRETE),
+            Band(paved + 2.0, room, 0.45, 0.2, "ground", soil),
+        ]
+    if kind == "stripes":
+        return [
+            *line,
+            Band(0.5, 2.1, 0, 0.12, "stripes", (1.0, 1.0, 1.0), 3.0),
+            Band(2.1, 4.0, 0.12, 0.3, "concrete", CONCRETE),
+            Band(4.0, room, 0.3, 0.2, "ground", soil),
+        ]
+    if kind == "dirt":
+        return [
+            Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, normal_up=True),
+            Band(1.2, room, 0.05, 0.2, "ground", soil, 6.0),
+        ]
+    if kind == "wall":
+        return [
+            Band(0.0, 0.7, 0, 0, "cobbles", COBBLES, 5.0),
+            Band(0.7, 0.72, 0, 0.75, "plain", WALL),
+            Band(0.72, 1.0, 0.75, 0.75, "plain", WALL),
+            Band(1.0, 1.02, 0.75, -4.0, "plain", WALL),
+        ]
+    if kind == "rock":
+        return [
+            Band(0.0, 0.12, 0, 0, "plain", WHITE),
+            Band(0.12, 0.9, 0, 0.1, "ground", soil),
+            Band(0.9, 1.9, 0.1, 3.2, "rock", ROCK, 6.0),
+            Band(1.9, 3.4, 3.2, 5.0, "rock", ROCK, 6.0),
+            Band(3.4, room, 5.0, 6.0, "ground", grass, 8.0),
+        ]
+    if kind == "drop":
+        return [
+            Band(0.0, 0.12, 0, 0, "plain", WHITE),
+            Band(0.12, 0.9, 0, 0, "ground", soil),
+            Band(0.9, 1.3, 0, 0.35, "concrete", CONCRETE),
+            Band(1.3, 3.5, 0.35, -2.0, "ground", grass, 6.0),
+            Band(3.5, room, -2.0, -5.0, "ground", grass, 6.0),
+        ]
+    return [
+        *line,
+        Band(0.5, paved + 1.4, 0, 0.1, "asphalt", SHOULDER),
+        Band(paved + 1.4, room, 0.1, 0.25, "ground", grass, 6.0),
+    ]
+
+
+def road_meshes(track: Track) -> list[Mesh]:
+    """Road, lines, shoulders and verges of the whole lap."""
+    meshes = []
+    for start, end in _runs(track):
+        stretch = track.stretch_at((start + end) / 2)
+        verge = track.verge_at((start + end) / 2)
+        along = np.linspace(start, end, max(round((end - start) / ALONG_M), 1) + 1)
+        cobbled = stretch is not None and stretch.paving == "cobbles"
+        half = track.width / 2
+        for band in _carriageway(half, cobbled, track.centre_line):
+            meshes.append(_band_mesh(track, along, band, 1, 0.0, columns=5))
+        for side, kind in ((-1, verge.left), (1, verge.right)):
+            room = VERGE_END_M - half
+            ground = track.surroundings.ground
+            for band in verge_bands(kind, track.shoulder, room, ground):
+                meshes.append(_band_mesh(track, along, band, side, half))
+    return [join([m for m in meshes if m.material == name]) for name in _materials(meshes)]
+
+
+def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
+    """What lies between the edges, from left to right."""
+    paving = ("cobbles", COBBLES, 5.0) if cobbled else ("asphalt", ASPHALT, 4.0)
+    if not centre_line:
+        return [Band(-half, half, 0, 0, *paving)]
+    return [
+        Band(-half, -0.08, 0, 0, *paving),
+        Band(-0.08, 0.08, 0, 0, "plain", YELLOW),
+        Band(0.08, half, 0, 0, *paving),
+    ]
+
+
+def _materials(meshes: list[Mesh]) -> list[str]:
+    return sorted({mesh.material for mesh in meshes})
+
+
+def _runs(track: Track) -> list[tuple[float, float]]:
+    """Distances between which the road's kind stays the same."""
+    ends = {0.0, track.length}
+    for stretch in track.stretches:
+        ends |= {stretch.start, min(stretch.end, track.length)}
+    ordered = sorted(ends)
+    return [(a, b) for a, b in zip(ordered, ordered[1:], strict=False) if b - a > 0.01]
+
+
+def _band_mesh(
+    track: Track, along: np.ndarray, band: Band, side: int, edge: float, columns: int = 2
+) -> Mesh:
+    """A band's triangles; `edge` is what `band.start` is measured from, outwards on `side`."""
+    across = np.linspace(band.start, band.end, columns)
+    rise = np.interp(across, (band.start, band.end), (band.rise_start, band.rise_end))
+    offset = edge + across
+    middle = track.at(along)
+    heading = track.heading_at(along)
+    right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
+    # In a bend's inside a wide verge would fold over: it ends short of the bend's centre.
+    bend = -track.curvature_at(along) * side
+    reach = np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
+    lateral = np.minimum(offset[None], reach[:, None]) * side
+    points = middle[:, None] + lateral[..., None] * right[:, None]
+    points[..., 2] += rise
+    up = np.array([0.0, 0.0, 1.0])
+    slope = 0 if band.normal_up else (band.rise_end - band.rise_start) / (band.end - band.start)
+    normal = up - slope * side * right
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    count = len(along) * columns
+    uv = np.stack(np.broadcast_arrays(along[:, None] / band.repeat, offset[None] / band.repeat), -1)
+    if band.material == "stripes":
+        uv[..., 1] = 0.5
+    return Mesh(
+        band.material,
+        points.reshape(-1, 3),
+        np.repeat(normal, columns, 0),
+        np.broadcast_to(np.array(band.colour), (count, 3)).copy(),
+        uv.reshape(-1, 2),
+        grid_triangles(len(along), columns),
+    )

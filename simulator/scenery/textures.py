@@ -1,0 +1,152 @@
+"""Textures drawn from random numbers: none is copied from anywhere.
+
+Each is uint8 [H, W, 3] or [H, W, 4] with powers of two as sizes, RGB(A); it multiplies the mesh's
+colours, so its mean is kept near `MEAN` and the colours are divided by that.
+"""
+
+import cv2
+import numpy as np
+
+SIZE = 256
+MEAN = 0.72  # of a texture's grey, in 0..1: room for grain above and below
+
+
+def make_textures(seed: int) -> dict[str, np.ndarray]:
+    """Every texture by its material's name; the seed changes grain, never mean colour."""
+    rng = np.random.default_rng(seed)
+    return {
+        "asphalt": _grain(rng, ((0.7, 0.10), (1.6, 0.11), (8, 0.035), (40, 0.02))),
+        "concrete": _grain(rng, ((1.0, 0.015), (12, 0.015), (40, 0.02))),
+        "ground": _grain(rng, ((1.2, 0.04), (6, 0.06), (25, 0.05))),
+        "rock": _rock(rng),
+        "cobbles": _cobbles(rng),
+        "stripes": _stripes(),
+        "plain": np.full((8, 8, 3), round(255 * MEAN), np.uint8),
+        "plants": _plants(rng),
+    }
+
+
+def _noise(rng: np.random.Generator, size: float, height: int = SIZE) -> np.ndarray:
+    """Seamless noise float [height, SIZE], mean 0, deviation 1, blurred by `size` pixels."""
+    white = rng.normal(size=(height, SIZE))
+    spectrum = np.fft.rfft2(white)
+    y = np.fft.fftfreq(height)[:, None]
+    x = np.fft.rfftfreq(SIZE)[None]
+    smooth = np.fft.irfft2(spectrum * np.exp(-2 * (np.pi * size) ** 2 * (x**2 + y**2)), white.shape)
+    smooth -= smooth.mean()
+    return smooth / smooth.std()
+
+
+def _to_texture(values: np.ndarray) -> np.ndarray:
+    """uint8 RGB of grey or RGB floats whose mean is moved to `MEAN`."""
+    values = values + MEAN - values.mean()
+    if values.ndim == 2:
+        values = np.repeat(values[..., None], 3, 2)
+    return (np.clip(values, 0, 1) * 255).astype(np.uint8)
+
+
+def _grain(rng: np.random.Generator, octaves: tuple[tuple[float, float], ...]) -> np.ndarray:
+    return _to_texture(sum(strength * _noise(rng, size) for size, strength in octaves))
+
+
+def _rock(rng: np.random.Generator) -> np.ndarray:
+    """Streaks downhill, as on the rock faces of the original."""
+    fine, coarse = _noise(rng, 2), _noise(rng, 9)
+    streaks = cv2.blur(_noise(rng, 1.5), (1, 41), borderType=cv2.BORDER_REFLECT)
+    return _to_texture(0.05 * fine + 0.07 * coarse + 0.6 * streaks)
+
+
+def _cobbles(rng: np.random.Generator) -> np.ndarray:
+    """Uneven paving stones with pale joints: the nearest of scattered points, and its border."""
+    rows, columns = 8, 6
+    y, x = np.mgrid[0:rows, 0:columns].astype(float)
+    x[::2] += 0.5
+    centres = np.stack([y + 0.5, x + 0.25], -1).reshape(-1, 2)
+    centres += rng.uniform(-0.22, 0.22, centres.shape)
+    tones = rng.uniform(-0.14, 0.10, len(centres))
+    wrapped = np.concatenate(
+        [centres + (dy * rows, dx * columns) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+    )
+    tones = np.tile(tones, 9)
+    grid = (np.mgrid[0:SIZE, 0:SIZE].reshape(2, -1).T + 0.5) / SIZE * (rows, columns)
+    apart = np.abs(grid[:, None] - wrapped[None]).astype(np.float32).sum(-1)
+    two = np.argpartition(apart, 1, axis=1)[:, :2]
+    near = np.take_along_axis(apart, two, 1)
+    stone = tones[two[np.arange(len(grid)), near.argmin(1)]]
+    joint = np.abs(near[:, 0] - near[:, 1]) < 0.16
+    picture = np.where(joint, 0.2, stone).reshape(SIZE, SIZE)
+    return _to_texture(cv2.GaussianBlur(picture, (3, 3), 0) + 0.05 * _noise(rng, 1))
+
+
+def _stripes() -> np.ndarray:
+    """Red and white by turns along the road."""
+    picture = np.empty((32, 64, 3))
+    picture[:, :32] = (0.93, 0.36, 0.32)
+    picture[:, 32:] = (1.0, 0.98, 0.93)
+    return (picture * 255).astype(np.uint8)
+
+
+PLANTS = ("pine", "tall_pine", "round_tree", "bush", "reeds", "pylon", "tyres", "sign")
+
+
+def _plants(rng: np.random.Generator) -> np.ndarray:
+    """An atlas uint8 [128, 512, 4]: `PLANTS` from left to right, standing on the lower edge."""
+    atlas = np.zeros((128, 64 * len(PLANTS), 4), np.uint8)
+    for number, name in enumerate(PLANTS):
+        tile = atlas[:, 64 * number : 64 * (number + 1)]
+        if name in ("pine", "tall_pine", "round_tree"):
+            _draw_tree(tile, rng, name)
+        elif name in ("bush", "reeds"):
+            _draw_bush(tile, rng, name)
+        else:
+            _draw_thing(tile, name)
+    return atlas
+
+
+def _draw_tree(tile: np.ndarray, rng: np.random.Generator, kind: str) -> None:
+    lowest, widest = {"pine": (96, 19), "tall_pine": (66, 15), "round_tree": (92, 25)}[kind]
+    cv2.rectangle(tile, (30, 12), (33, 127), (105, 82, 58, 255), -1)
+    for _ in range(90):
+        height = rng.uniform(6, lowest)
+        reach = widest * np.sin(np.pi * np.clip((height + 8) / (lowest + 22), 0, 1)) ** 0.7
+        x, size = 32 + rng.uniform(-1, 1) * reach, rng.uniform(3, 7)
+        tone = rng.uniform(0.5, 1.0) * (1.0 if x < 34 else 0.75)
+        colour = (150 * tone, 148 * tone, 92 * tone, 255)
+        cv2.ellipse(
+            tile, (int(x), int(height)), (int(size), int(size * 0.7)), 0, 0, 360, colour, -1
+        )
+
+
+def _draw_bush(tile: np.ndarray, rng: np.random.Generator, kind: str) -> None:
+    top = 55 if kind == "bush" else 30
+    for _ in range(260):
+        x = rng.integers(1, 63)
+        height = rng.uniform(0.35, 1) * (128 - top) * (1 - ((x - 32) / 38) ** 4)
+        tone = rng.uniform(0.3, 0.75)
+        start = 127 - rng.uniform(0, 0.5) * height
+        colour = (120 * tone, 140 * tone, 62 * tone, 255)
+        lean = int(x + rng.integers(-3, 4))
+        cv2.line(tile, (int(x), int(start)), (lean, int(127 - height)), colour, 2)
+
+
+def _draw_thing(tile: np.ndarray, kind: str) -> None:
+    dark = (70, 72, 76, 255)
+    if kind == "pylon":
+        for height in range(0, 127, 9):
+            wide = 3 + 14 * height / 127
+            below = 3 + 14 * (height + 9) / 127
+            left, right = int(32 - wide), int(32 + wide)
+            cv2.line(tile, (left, height), (int(32 + below), height + 9), dark, 1)
+            cv2.line(tile, (right, height), (int(32 - below), height + 9), dark, 1)
+        cv2.line(tile, (29, 0), (15, 127), dark, 1)
+        cv2.line(tile, (35, 0), (49, 127), dark, 1)
+        for height in (14, 34):
+            cv2.line(tile, (10, height), (54, height), dark, 2)
+    elif kind == "tyres":
+        cv2.rectangle(tile, (2, 70), (61, 127), (52, 48, 44, 255), -1)
+        for height in (82, 97, 112):
+            cv2.line(tile, (2, height), (61, height), (120, 104, 88, 255), 3)
+    else:
+        cv2.rectangle(tile, (30, 50), (33, 127), (30, 30, 30, 255), -1)
+        cv2.rectangle(tile, (12, 4), (51, 56), (235, 120, 105, 255), -1)
+        cv2.line(tile, (18, 50), (46, 10), (250, 245, 240, 255), 8)
