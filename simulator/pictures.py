@@ -29,7 +29,7 @@ from simulator.scenery.mesh import Mesh, cut
 from simulator.scenery.plants import standing_meshes
 from simulator.scenery.road import road_meshes
 from simulator.scenery.sky import sky_mesh
-from simulator.scenery.textures import make_textures
+from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather
 
@@ -238,7 +238,9 @@ def _fill_texture(texture: core.Texture, pixels: np.ndarray) -> None:
     kind = core.Texture.FRgba if channels == 4 else core.Texture.FRgb
     texture.setup2dTexture(width, height, core.Texture.TUnsignedByte, kind)
     order = [2, 1, 0, 3][:channels]  # Panda3D keeps blue first, and the lowest row first
-    texture.setRamImage(np.ascontiguousarray(pixels[::-1, :, order]).tobytes())
+    for number, level in enumerate(halvings(texture.getName(), pixels)):
+        stored = np.ascontiguousarray(level[::-1, :, order]).tobytes()
+        texture.setRamMipmapImage(number, core.CPTA_uchar(stored))
     texture.setMagfilter(core.SamplerState.FTLinear)
     sharp = texture.getName() == "plants"  # blurred borders would swim at a distance
     texture.setMinfilter(

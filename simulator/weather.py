@@ -1,6 +1,6 @@
 """Light and weather: what changes a picture and not the road."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Weather:
     """
 
     sun_azimuth_deg: float = 210.0
-    sun_elevation_deg: float = 48.0
+    sun_elevation_deg: float = 42.0
     sun: float = 1.0
     brightness: float = 1.0
     fog: float = 0.0
@@ -35,7 +35,7 @@ class Weather:
     wet: float = 0.0
     shadows: bool = True
     texture_seed: int = 1
-    camera: CameraOffset = CameraOffset()
+    camera: CameraOffset = field(default_factory=CameraOffset)
     noise: float = 0.0
 
     def __post_init__(self) -> None:
@@ -81,4 +81,4 @@ def random_weather(rng: np.random.Generator, usual: Weather = CLEAR) -> Weather:
     )
 
 
-WEATHER_KEYS = tuple(field.name for field in fields(Weather) if field.name != "camera")
+WEATHER_KEYS = tuple(one.name for one in fields(Weather) if one.name != "camera")

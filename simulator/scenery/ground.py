@@ -13,7 +13,8 @@ MARGIN_M = 190.0  # of ground around the track
 RIM_M = 90.0  # the last of it rises to the mountains that close the view
 RIM_HEIGHT_M = 42.0
 SINK_M = 0.5  # below the verges, which lie upon it
-PALE_ROCK, WATER = (0.80, 0.76, 0.60), (0.62, 0.76, 0.90)
+PALE_ROCK, WATER = (0.66, 0.62, 0.50), (0.50, 0.60, 0.72)
+DARK_ROCK = (0.20, 0.28, 0.30)
 
 
 class Ground:

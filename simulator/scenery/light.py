@@ -7,9 +7,8 @@ from simulator.scenery.textures import MEAN
 from simulator.weather import Weather
 
 # Read off the original's pictures: its concrete is 255, 253, 226 in the sun, 125, 138, 145 beside.
-SUN_RGB = np.array([0.95, 0.90, 0.72])
-SKY_RGB = np.array([0.40, 0.46, 0.50])
-PLANTS_RGB = np.array([1.0, 1.0, 1.0])
+SUN_RGB = np.array([1.08, 1.00, 0.66])
+SKY_RGB = np.array([0.50, 0.57, 0.61])
 
 
 def towards_sun(weather: Weather) -> np.ndarray:

@@ -35,10 +35,6 @@ def standing_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
     return [join(group) for group in (meshes, stones) if group]
 
 
-def tree_shadows(track: Track, trees: np.ndarray, towards_sun: np.ndarray) -> np.ndarray:
-    raise NotImplementedError
-
-
 def _forest(track: Track, ground: Ground, rng: np.random.Generator, count: int) -> list[Mesh]:
     """Trees in groups near the road, and a crowd on the rim."""
     near = _scatter(ground, rng, count // 2, low=10.5, high=60)

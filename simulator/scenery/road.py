@@ -6,6 +6,7 @@ concrete bank of some 2 m, pale in the sun and blue-grey in the shade.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,14 +14,15 @@ from simulator.scenery.mesh import Mesh, grid_triangles, join
 from simulator.track import Track
 
 ALONG_M = 1.0
+BANK = 0.9  # the original's bank is cream towards the sun, and blue-grey away from it
 VERGE_END_M = 14.0  # from the centreline; the ground's own mesh goes on from there
 
-YELLOW, GUTTER = (0.66, 0.58, 0.30), (0.30, 0.28, 0.21)
-ASPHALT, SHOULDER = (0.520, 0.515, 0.450), (0.50, 0.50, 0.44)
-COBBLES, CONCRETE = (0.68, 0.57, 0.48), (0.90, 0.90, 0.84)
-SAND, PINK_SAND = (0.76, 0.57, 0.33), (0.86, 0.62, 0.45)
-GRASS, ROCK, WALL = (0.77, 0.66, 0.36), (0.72, 0.66, 0.54), (0.05, 0.045, 0.04)
-FOREST, WHITE = (0.36, 0.39, 0.20), (0.85, 0.85, 0.82)
+YELLOW, GUTTER = (0.66, 0.62, 0.36), (0.23, 0.22, 0.17)
+ASPHALT, SHOULDER = (0.395, 0.392, 0.362), (0.43, 0.43, 0.40)
+COBBLES, CONCRETE = (0.54, 0.46, 0.415), (0.92, 0.92, 0.90)
+SAND, PINK_SAND = (0.62, 0.45, 0.28), (0.72, 0.53, 0.40)
+GRASS, ROCK, WALL = (0.63, 0.55, 0.28), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
+FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Band:
     material: str
     colour: tuple[float, float, float]
     repeat: float = 4.0  # metres that a texture spans
-    normal_up: bool = False  # lit as level ground, whatever its slope
+    steep: float | None = None  # lit as if it rose so much per metre; None: as it does
 
 
 def verge_bands(kind: str, shoulder: float, room: float, ground: str) -> list[Band]:
@@ -51,24 +53,24 @@ def verge_bands(kind: str, shoulder: float, room: float, ground: str) -> list[Ba
         return [
             *line,
             Band(0.5, paved, 0, 0, "asphalt", SHOULDER),
-            Band(paved, paved + 2.0, 0, 0.45, "concrete", CONCRETE),
-            Band(paved + 2.0, room, 0.45, 0.2, "ground", soil),
+            Band(paved, paved + 1.8, 0, 0.4, "concrete", CONCRETE, steep=BANK),
+            Band(paved + 1.8, room, 0.4, 0.2, "ground", soil),
         ]
     if kind == "stripes":
         return [
             *line,
-            Band(0.5, 2.1, 0, 0.12, "stripes", (1.0, 1.0, 1.0), 3.0),
-            Band(2.1, 4.0, 0.12, 0.3, "concrete", CONCRETE),
-            Band(4.0, room, 0.3, 0.2, "ground", soil),
+            Band(0.5, 2.1, 0, 0.12, "stripes", (0.92, 0.92, 0.95), 1.1),
+            Band(2.1, 3.8, 0.12, 0.4, "concrete", CONCRETE, steep=BANK),
+            Band(3.8, room, 0.4, 0.2, "ground", soil),
         ]
     if kind == "dirt":
         return [
-            Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, normal_up=True),
+            Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, steep=0.0),
             Band(1.2, room, 0.05, 0.2, "ground", soil, 6.0),
         ]
     if kind == "wall":
         return [
-            Band(0.0, 0.7, 0, 0, "cobbles", COBBLES, 5.0),
+            Band(0.0, 0.7, 0, 0, "cobbles", COBBLES, 2.0),
             Band(0.7, 0.72, 0, 0.75, "plain", WALL),
             Band(0.72, 1.0, 0.75, 0.75, "plain", WALL),
             Band(1.0, 1.02, 0.75, -4.0, "plain", WALL),
@@ -117,7 +119,7 @@ def road_meshes(track: Track) -> list[Mesh]:
 
 def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
     """What lies between the edges, from left to right."""
-    paving = ("cobbles", COBBLES, 5.0) if cobbled else ("asphalt", ASPHALT, 4.0)
+    paving = ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
     if not centre_line:
         return [Band(-half, half, 0, 0, *paving)]
     return [
@@ -137,7 +139,7 @@ def _runs(track: Track) -> list[tuple[float, float]]:
     for stretch in track.stretches:
         ends |= {stretch.start, min(stretch.end, track.length)}
     ordered = sorted(ends)
-    return [(a, b) for a, b in zip(ordered, ordered[1:], strict=False) if b - a > 0.01]
+    return [(start, end) for start, end in pairwise(ordered) if end - start > 0.01]
 
 
 def _band_mesh(
@@ -157,7 +159,9 @@ def _band_mesh(
     points = middle[:, None] + lateral[..., None] * right[:, None]
     points[..., 2] += rise
     up = np.array([0.0, 0.0, 1.0])
-    slope = 0 if band.normal_up else (band.rise_end - band.rise_start) / (band.end - band.start)
+    slope = band.steep
+    if slope is None:
+        slope = (band.rise_end - band.rise_start) / (band.end - band.start)
     normal = up - slope * side * right
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     count = len(along) * columns
