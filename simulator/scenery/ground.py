@@ -13,8 +13,7 @@ MARGIN_M = 190.0  # of ground around the track
 RIM_M = 90.0  # the last of it rises to the mountains that close the view
 RIM_HEIGHT_M = 42.0
 SINK_M = 0.5  # below the verges, which lie upon it
-PALE_ROCK, WATER = (0.66, 0.62, 0.50), (0.50, 0.60, 0.72)
-DARK_ROCK = (0.20, 0.28, 0.30)
+PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
 
 
 class Ground:
@@ -87,7 +86,7 @@ class Ground:
         patch = _smooth(self._noise(xy, 34, 2) * 2.5 - 0.75)[:, None]
         colours = np.array(SAND if sandy else FOREST) * (1 - patch)
         colours = colours + np.array(GRASS if sandy else (0.46, 0.44, 0.24)) * patch
-        steep = _smooth((0.97 - upright) / 0.08)[:, None]
+        steep = _smooth((0.985 - upright) / 0.06)[:, None]
         return colours * (1 - steep) + np.array(PALE_ROCK if sandy else ROCK) * steep
 
     def _hills(self, xy: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from simulator.scenery.mesh import Mesh
-from simulator.scenery.textures import MEAN
+from simulator.scenery.textures import MEANS
 from simulator.weather import Weather
 
 # Read off the original's pictures: its concrete is 255, 253, 226 in the sun, 125, 138, 145 beside.
@@ -25,10 +25,9 @@ def lit_colours(mesh: Mesh, weather: Weather, shade: np.ndarray) -> np.ndarray:
     facing = np.clip(mesh.normals @ towards_sun(weather), 0, 1) * shade
     light = SKY_RGB + weather.sun * facing[:, None] * SUN_RGB
     if mesh.material == "plants":
-        return _to_bytes(np.clip(mesh.colours * light, 0, 1))
+        return _to_bytes(mesh.colours * light)
     wet = 1 - 0.45 * weather.wet if mesh.material in ("asphalt", "cobbles", "plain") else 1.0
-    scale = 1.0 if mesh.material == "stripes" else 1 / MEAN
-    return _to_bytes(mesh.colours * light * wet * scale)
+    return _to_bytes(mesh.colours * light * wet / MEANS.get(mesh.material, 1.0))
 
 
 def _to_bytes(colours: np.ndarray) -> np.ndarray:

@@ -18,10 +18,10 @@ BANK = 0.9  # the original's bank is cream towards the sun, and blue-grey away f
 VERGE_END_M = 14.0  # from the centreline; the ground's own mesh goes on from there
 
 YELLOW, GUTTER = (0.66, 0.62, 0.36), (0.23, 0.22, 0.17)
-ASPHALT, SHOULDER = (0.395, 0.392, 0.362), (0.43, 0.43, 0.40)
-COBBLES, CONCRETE = (0.54, 0.46, 0.415), (0.92, 0.92, 0.90)
-SAND, PINK_SAND = (0.62, 0.45, 0.28), (0.72, 0.53, 0.40)
-GRASS, ROCK, WALL = (0.63, 0.55, 0.28), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
+ASPHALT, SHOULDER = (0.356, 0.355, 0.366), (0.40, 0.40, 0.40)
+COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.93, 0.91, 0.84)
+SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
+GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
 FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
 
 

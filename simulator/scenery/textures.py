@@ -1,7 +1,7 @@
 """Textures drawn from random numbers: none is copied from anywhere.
 
-Each is uint8 [H, W, 3] or [H, W, 4] with powers of two as sizes, RGB(A); it multiplies the mesh's
-colours, so its mean is kept near `MEAN` and the colours are divided by that.
+Each is uint8 [H, W, 3] or [H, W, 4] with powers of two as sizes, RGB(A). It multiplies the mesh's
+colours, which can't exceed 1: so its mean is known (`MEANS`), and the colours are divided by that.
 """
 
 import cv2
@@ -9,10 +9,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 SIZE = 256
-MEAN = 0.72  # of a texture's grey, in 0..1: room for grain above and below
+# Of a texture's grey, in 0..1: much room for grain above it, or much for light.
+MEANS = {"asphalt": 0.6, "cobbles": 0.7, "rock": 0.75, "ground": 0.8, "concrete": 0.95}
 # The original's asphalt is lighter the flatter one looks at it, 122 of 255 at the bonnet and 150 at
 # 9 m: each halving of the texture is lighter than the last.
-BRIGHTER_PER_HALVING = {"asphalt": 0.08}
+BRIGHTER_PER_HALVING = {"asphalt": 0.10}
 MOST_BRIGHTER = 0.26
 
 
@@ -20,13 +21,13 @@ def make_textures(seed: int) -> dict[str, np.ndarray]:
     """Every texture by its material's name; the seed changes grain, never mean colour."""
     rng = np.random.default_rng(seed)
     return {
-        "asphalt": _grain(rng, ((0.7, 0.19), (1.8, 0.03), (10, 0.01), (40, 0.015))),
-        "concrete": _grain(rng, ((1.0, 0.015), (12, 0.015), (40, 0.02))),
-        "ground": _grain(rng, ((1.2, 0.04), (6, 0.06), (25, 0.05))),
+        "asphalt": _grain("asphalt", rng, ((0.6, 0.17), (1.6, 0.02), (10, 0.008), (40, 0.012))),
+        "concrete": _grain("concrete", rng, ((1.0, 0.015), (12, 0.015), (40, 0.02))),
+        "ground": _grain("ground", rng, ((1.2, 0.04), (6, 0.06), (25, 0.05))),
         "rock": _rock(rng),
         "cobbles": _cobbles(rng),
         "stripes": _stripes(),
-        "plain": np.full((8, 8, 3), round(255 * MEAN), np.uint8),
+        "plain": np.full((8, 8, 3), 255, np.uint8),
         "plants": _plants(rng),
     }
 
@@ -55,23 +56,25 @@ def _noise(rng: np.random.Generator, size: float, height: int = SIZE) -> np.ndar
     return smooth / smooth.std()
 
 
-def _to_texture(values: np.ndarray) -> np.ndarray:
-    """uint8 RGB of grey or RGB floats whose mean is moved to `MEAN`."""
-    values = values + MEAN - values.mean()
+def _to_texture(name: str, values: np.ndarray) -> np.ndarray:
+    """uint8 RGB of grey or RGB floats whose mean is moved to the one of its material."""
+    values = values + MEANS[name] - values.mean()
     if values.ndim == 2:
         values = np.repeat(values[..., None], 3, 2)
     return (np.clip(values, 0, 1) * 255).astype(np.uint8)
 
 
-def _grain(rng: np.random.Generator, octaves: tuple[tuple[float, float], ...]) -> np.ndarray:
-    return _to_texture(sum(strength * _noise(rng, size) for size, strength in octaves))
+def _grain(
+    name: str, rng: np.random.Generator, octaves: tuple[tuple[float, float], ...]
+) -> np.ndarray:
+    return _to_texture(name, sum(strength * _noise(rng, size) for size, strength in octaves))
 
 
 def _rock(rng: np.random.Generator) -> np.ndarray:
     """Streaks downhill, as on the rock faces of the original."""
     fine, coarse = _noise(rng, 2), _noise(rng, 9)
     streaks = cv2.blur(_noise(rng, 1.5), (1, 41), borderType=cv2.BORDER_REFLECT)
-    return _to_texture(0.05 * fine + 0.07 * coarse + 0.6 * streaks)
+    return _to_texture("rock", 0.05 * fine + 0.07 * coarse + 0.6 * streaks)
 
 
 def _cobbles(rng: np.random.Generator) -> np.ndarray:
@@ -81,7 +84,7 @@ def _cobbles(rng: np.random.Generator) -> np.ndarray:
     x[::2] += 0.5
     centres = np.stack([y + 0.5, x + 0.25], -1).reshape(-1, 2)
     centres += rng.uniform(-0.22, 0.22, centres.shape)
-    tones = rng.uniform(-0.10, 0.06, len(centres))
+    tones = rng.uniform(-0.14, 0.06, len(centres))
     wrapped = np.concatenate(
         [centres + (dy * rows, dx * columns) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
     )
@@ -89,8 +92,8 @@ def _cobbles(rng: np.random.Generator) -> np.ndarray:
     apart, nearest = cKDTree(wrapped).query(grid, k=2, p=1)
     stone = tones[nearest[:, 0] % len(tones)]
     joint = apart[:, 1] - apart[:, 0] < 0.16
-    picture = np.where(joint, 0.14, stone).reshape(SIZE, SIZE)
-    return _to_texture(cv2.GaussianBlur(picture, (5, 5), 0) + 0.05 * _noise(rng, 1))
+    picture = np.where(joint, 0.20, stone).reshape(SIZE, SIZE)
+    return _to_texture("cobbles", cv2.GaussianBlur(picture, (5, 5), 0) + 0.05 * _noise(rng, 1))
 
 
 def _stripes() -> np.ndarray:
@@ -125,8 +128,8 @@ def _draw_tree(tile: np.ndarray, rng: np.random.Generator, kind: str) -> None:
         height = rng.uniform(6, lowest)
         reach = widest * np.sin(np.pi * np.clip((height + 8) / (lowest + 22), 0, 1)) ** 0.7
         x, size = 32 + rng.uniform(-1, 1) * reach, rng.uniform(3, 7)
-        tone = rng.uniform(0.5, 1.0) * (1.0 if x < 34 else 0.75)
-        colour = (150 * tone, 148 * tone, 92 * tone, 255)
+        tone = rng.uniform(0.3, 0.9) * (1.0 if x < 34 else 0.7)
+        colour = (128 * tone, 130 * tone, 72 * tone, 255)
         cv2.ellipse(
             tile, (int(x), int(height)), (int(size), int(size * 0.7)), 0, 0, 360, colour, -1
         )
