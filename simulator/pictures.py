@@ -6,6 +6,7 @@ than many small ones, and near things are drawn first, since what they hide cost
 """
 
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from panda3d import core
@@ -26,8 +27,9 @@ from simulator.scenery.air import Air
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import lit_colours
 from simulator.scenery.mesh import Mesh, cut
-from simulator.scenery.plants import standing_meshes
+from simulator.scenery.plants import boulders_mesh, place_standing, standing_mesh
 from simulator.scenery.road import road_meshes
+from simulator.scenery.shadows import Shadows
 from simulator.scenery.sky import sky_mesh
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
@@ -65,6 +67,7 @@ class Pictures:
         self.camera = self.root.attachNewNode(core.Camera("camera", _lens()))
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
+        self.shadows: Shadows | None = None
         self.pieces = self._build()
         self.seed_drawn: int | None = None
         self.set_weather(CLEAR, 0)
@@ -75,8 +78,9 @@ class Pictures:
             for name, pixels in make_textures(weather.texture_seed).items():
                 _fill_texture(self.textures[name], pixels)
             self.seed_drawn = weather.texture_seed
-        for piece in self.pieces:
-            _set_colours(piece, lit_colours(piece.mesh, weather, piece.mesh.shade))
+        shadows = self.shadows(weather) if self.shadows and weather.shadows else []
+        for piece, shade in zip_longest(self.pieces, shadows):
+            _set_colours(piece, lit_colours(piece.mesh, weather, shade))
         self.weather, self.air = weather, Air(weather, seed)
 
     def frame(
@@ -121,16 +125,19 @@ class Pictures:
         self.root.removeNode()
 
     def _build(self) -> list[Piece]:
-        ground = Ground(self.track)
-        meshes = [
-            *road_meshes(self.track),
+        track, quality = self.track, self.quality
+        ground = Ground(track)
+        standing = place_standing(track, ground, quality)
+        road = [part for mesh in road_meshes(track) for part in cut(mesh, CELL_M)]
+        if quality == "full":
+            self.shadows = Shadows(track, standing, [mesh.points for mesh in road])
+        around = [
             *ground.meshes(),
-            *standing_meshes(self.track, ground, self.quality),
+            standing_mesh(standing, ground),
+            boulders_mesh(track, ground, quality),
         ]
-        pieces = []
-        for mesh in meshes:
-            for part in cut(mesh, CELL_M):
-                pieces.append(self._attach(part)[0])
+        parts = [*road, *(part for mesh in around for part in cut(mesh, CELL_M))]
+        pieces = [self._attach(part)[0] for part in parts]
         dome, self.sky = self._attach(sky_mesh())
         self.sky.setTextureOff(1)
         return [*pieces, dome]

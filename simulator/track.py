@@ -41,6 +41,7 @@ class Surroundings:
     calm: float = 14.0  # ground beside the road that stays level, from the centreline
     lakes: tuple[tuple[float, float, float], ...] = ()  # x, y, radius
     water_level: float = -3.0
+    clear: float = 10.5  # no tree stands nearer to the centreline
     trees: int = 200
     bushes: int = 60
     rocks: int = 30

@@ -41,7 +41,8 @@ class Ground:
         side = (away[:, 0] * np.sin(heading) - away[:, 1] * np.cos(heading) > 0).astype(int)
         rise = around.hills * self._hills(xy)
         rise = rise * _smooth((apart - around.calm) / 45)
-        rise = rise + 5.0 * self.rocky[side, nearest] * _smooth((apart - 4) / 5)
+        # The verges reach to 14 m: nothing of a cell may stick out through them.
+        rise = rise + 6.0 * self.rocky[side, nearest] * _smooth((apart - 13) / 8)
         rise = rise - 9.0 * self.dropping[side, nearest] * _smooth((apart - 5) / 12)
         # Close to the track's own level near the road, to its mean far away.
         level = self.track.xyz[:, 2]
@@ -52,6 +53,10 @@ class Ground:
             RIM_HEIGHT_M * _smooth((RIM_M - edge) / RIM_M) * (0.55 + 0.45 * self._noise(xy, 55, 3))
         )
         return self._flood(xy, base + rise + rim, apart, nearest)
+
+    def density(self, xy: np.ndarray) -> np.ndarray:
+        """How thickly things grow at float [N, 2], in about 0..1."""
+        return self._noise(xy, 40, 2)
 
     def in_water(self, xy: np.ndarray) -> np.ndarray:
         """Whether points bool [N] lie in a lake, with 4 m of shore."""

@@ -18,11 +18,16 @@ def towards_sun(weather: Weather) -> np.ndarray:
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
 
 
-def lit_colours(mesh: Mesh, weather: Weather, shade: np.ndarray) -> np.ndarray:
-    """Colours uint8 [N, 3] of a mesh's points, by Lambert's law and a blue light from the sky."""
+def lit_colours(mesh: Mesh, weather: Weather, shade: np.ndarray | None) -> np.ndarray:
+    """Colours uint8 [N, 3] of a mesh's points, by Lambert's law and a blue light from the sky.
+
+    `shade` float [N] is the share of the sun that reaches each point; None for all of it.
+    """
     if mesh.material == "sky":
         return _to_bytes(mesh.colours * (0.5 + 0.5 * weather.sun))
-    facing = np.clip(mesh.normals @ towards_sun(weather), 0, 1) * shade
+    facing = np.clip(mesh.normals @ towards_sun(weather), 0, 1)
+    if shade is not None:
+        facing = facing * shade
     light = SKY_RGB + weather.sun * facing[:, None] * SUN_RGB
     if mesh.material == "plants":
         return _to_bytes(mesh.colours * light)

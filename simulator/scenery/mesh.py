@@ -17,7 +17,6 @@ class Mesh:
         colours: float [N, 3], what the surface reflects, 0..1, in RGB.
         uv: float [N, 2], texture coordinates; 1 is once over the texture.
         triangles: int [M, 3], indices of points; both sides are drawn.
-        shade: float [N], 1 in full light, 0 in another thing's shadow.
     """
 
     material: str
@@ -26,11 +25,6 @@ class Mesh:
     colours: np.ndarray
     uv: np.ndarray
     triangles: np.ndarray
-    shade: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        if self.shade is None:
-            object.__setattr__(self, "shade", np.ones(len(self.points)))
 
 
 def grid_triangles(rows: int, columns: int) -> np.ndarray:
@@ -52,7 +46,6 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
         triangles=np.concatenate(
             [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
         ),
-        shade=np.concatenate([mesh.shade for mesh in meshes]),
     )
 
 
@@ -74,7 +67,6 @@ def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
                 mesh.colours[used],
                 mesh.uv[used],
                 renumbered.reshape(-1, 3),
-                mesh.shade[used],
             )
         )
     return pieces

@@ -1,9 +1,11 @@
 """What stands on the ground: trees, bushes, rocks, pylons, and stacks of tyres in the bends."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from simulator.scenery.ground import Ground
-from simulator.scenery.mesh import Mesh, join
+from simulator.scenery.mesh import Mesh, grid_triangles, join
 from simulator.scenery.textures import PLANTS
 from simulator.track import Track
 
@@ -20,64 +22,60 @@ SIZES_M = {  # width and height
 FAR_M = 90.0  # from the road: what stands there is seen through air, and is drawn bluish
 
 
-def standing_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
-    """All of it; `quality="simple"` keeps a third."""
+@dataclass(frozen=True)
+class Standing:
+    """An upright thing, drawn as two crossed pictures: its foot float [3], size in metres, turn."""
+
+    kind: str
+    foot: np.ndarray
+    width: float
+    height: float
+    turn: float
+    tone: float
+
+
+def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]:
+    """Trees, bushes, pylons and tyres; `quality="simple"` keeps a third of the plants."""
     share = 1.0 if quality == "full" else 1 / 3
     around = track.surroundings
     rng = np.random.default_rng(around.seed + 100)
-    meshes = [
-        *_forest(track, ground, rng, round(around.trees * share)),
-        *_bushes(ground, rng, round(around.bushes * share)),
-        *_pylons(track, ground, rng, around.poles),
-        *_tyres(track, ground),
-    ]
-    stones = [_rock(ground, rng, one) for one in _scatter(ground, rng, round(around.rocks * share))]
-    return [join(group) for group in (meshes, stones) if group]
+    trees, bushes = round(around.trees * share), round(around.bushes * share)
+    # Groups near the road, and a crowd on the rim.
+    near = scatter(ground, rng, trees // 2, low=around.clear, high=60)
+    far = scatter(ground, rng, trees - len(near), low=60, high=400)
+    low = scatter(ground, rng, bushes, low=9.5, high=45)
+    row = _row_of_poles(track, ground, around.poles)
+    kinds = [("pine", "tall_pine", "tall_pine", "round_tree")] * trees
+    kinds += [("bush", "reeds")] * bushes + [("pylon",)] * len(row)
+    stacks = _beside_dirt(track)
+    kinds += [("tyres",)] * len(stacks)
+    places = np.concatenate([near, far, low, row, stacks])
+    heights = ground.height(places)
+    standing = []
+    for xy, z, choice in zip(places, heights, kinds, strict=True):
+        kind = choice[rng.integers(len(choice))]
+        width, height = np.array(SIZES_M[kind]) * rng.uniform(0.75, 1.3)
+        lift = 0.45 if kind == "tyres" else -0.1  # tyres stand on the verge, above the ground
+        foot = np.array([*xy, z + lift])
+        turn, tone = rng.uniform(0, np.pi), rng.uniform(0.8, 1.1)
+        standing.append(Standing(kind, foot, float(width), float(height), turn, tone))
+    return standing
 
 
-def _forest(track: Track, ground: Ground, rng: np.random.Generator, count: int) -> list[Mesh]:
-    """Trees in groups near the road, and a crowd on the rim."""
-    near = _scatter(ground, rng, count // 2, low=10.5, high=60)
-    far = _scatter(ground, rng, count - len(near), low=60, high=400)
-    kinds = ("pine", "tall_pine", "tall_pine", "round_tree")
-    return [
-        _crossed(ground, rng, xy, kinds[rng.integers(len(kinds))]) for xy in np.vstack([near, far])
-    ]
+def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
+    """All of them as one mesh."""
+    apart, _ = ground.near_road.query(np.array([one.foot[:2] for one in standing]))
+    return join([_crossed(one, float(away)) for one, away in zip(standing, apart, strict=True)])
 
 
-def _bushes(ground: Ground, rng: np.random.Generator, count: int) -> list[Mesh]:
-    return [
-        _crossed(ground, rng, xy, "bush" if rng.random() < 0.45 else "reeds")
-        for xy in _scatter(ground, rng, count, low=9.5, high=45)
-    ]
+def boulders_mesh(track: Track, ground: Ground, quality: str) -> Mesh:
+    """The rocks that lie about."""
+    count = round(track.surroundings.rocks * (1.0 if quality == "full" else 1 / 3))
+    rng = np.random.default_rng(track.surroundings.seed + 200)
+    return join([_boulder(ground, rng, xy) for xy in scatter(ground, rng, count)])
 
 
-def _pylons(track: Track, ground: Ground, rng: np.random.Generator, count: int) -> list[Mesh]:
-    """A row across the land."""
-    if count == 0:
-        return []
-    middle = track.xyz[:, :2].mean(0)
-    row = middle + np.linspace(-0.8, 0.8, count)[:, None] * (ground.high - middle)[None] * (1, -0.6)
-    apart, _ = ground.near_road.query(row)
-    return [_crossed(ground, rng, xy, "pylon") for xy in row[apart > 20]]
-
-
-def _tyres(track: Track, ground: Ground) -> list[Mesh]:
-    """Stacks along the outside of bends that have a dirt verge."""
-    meshes = []
-    rng = np.random.default_rng(0)
-    for distance in np.arange(0, track.length, 6.0):
-        verge = track.verge_at(float(distance))
-        for side, kind in ((-1, verge.left), (1, verge.right)):
-            if kind == "dirt":
-                heading = float(track.heading_at(distance))
-                right = np.array([np.sin(heading), -np.cos(heading)])
-                xy = track.at(distance)[:2] + side * (track.width / 2 + 5.5) * right
-                meshes.append(_crossed(ground, rng, xy, "tyres", lift=0.45))
-    return meshes
-
-
-def _scatter(
+def scatter(
     ground: Ground, rng: np.random.Generator, count: int, low: float = 16.0, high: float = 150.0
 ) -> np.ndarray:
     """Places float [count, 2] on dry land, between `low` and `high` metres from the road."""
@@ -86,34 +84,48 @@ def _scatter(
         xy = rng.uniform(ground.low + 8, ground.high - 8, (8 * count, 2))
         apart, _ = ground.near_road.query(xy)
         # Groups, with clearings between them.
-        dense = ground._noise(xy, 40, 2) > rng.uniform(0.15, 0.65, len(xy))
+        dense = ground.density(xy) > rng.uniform(0.15, 0.65, len(xy))
         xy = xy[(apart > low) & (apart < high) & dense & ~ground.in_water(xy)]
         found = np.concatenate([found, xy])
     return found[:count]
 
 
-def _crossed(
-    ground: Ground, rng: np.random.Generator, xy: np.ndarray, kind: str, lift: float = -0.1
-) -> Mesh:
-    """Two upright pictures at right angles, standing on the ground."""
-    width, height = np.array(SIZES_M[kind]) * rng.uniform(0.75, 1.3)
-    turn = rng.uniform(0, np.pi)
-    z = float(ground.height(xy[None])[0]) + lift
+def _row_of_poles(track: Track, ground: Ground, count: int) -> np.ndarray:
+    """Places float [N, 2] of a row across the land, but for those on the road."""
+    middle = track.xyz[:, :2].mean(0)
+    row = middle + np.linspace(-0.8, 0.8, count)[:, None] * (ground.high - middle) * (1, -0.6)
+    return row[ground.near_road.query(row)[0] > 20]
+
+
+def _beside_dirt(track: Track) -> np.ndarray:
+    """Places float [N, 2] every 6 m along dirt verges."""
+    places = []
+    for distance in np.arange(0, track.length, 6.0):
+        verge = track.verge_at(float(distance))
+        for side, kind in ((-1, verge.left), (1, verge.right)):
+            if kind == "dirt":
+                heading = float(track.heading_at(distance))
+                right = np.array([np.sin(heading), -np.cos(heading)])
+                places.append(track.at(distance)[:2] + side * (track.width / 2 + 5.5) * right)
+    return np.array(places).reshape(-1, 2)
+
+
+def _crossed(one: Standing, apart: float) -> Mesh:
+    """Two upright pictures at right angles; `apart` is the road's distance in metres."""
     points, uv, triangles = [], [], []
-    column = PLANTS.index(kind)
+    column = PLANTS.index(one.kind)
     inset = 0.5 / 64
-    for number, angle in enumerate((turn, turn + np.pi / 2)):
-        reach = np.array([np.cos(angle), np.sin(angle)]) * width / 2
+    x, y, z = one.foot
+    for number, angle in enumerate((one.turn, one.turn + np.pi / 2)):
+        dx, dy = np.cos(angle) * one.width / 2, np.sin(angle) * one.width / 2
         for sign, across in ((-1, inset), (1, 1 - inset)):
-            for up, v in ((0, 0.004), (height, 1.0)):
-                points.append([*(xy + sign * reach), z + up])
-                uv.append([(column + across) / len(PLANTS), v])
+            for up, v in ((0, 0.004), (one.height, 1.0)):
+                points.append((x + sign * dx, y + sign * dy, z + up))
+                uv.append(((column + across) / len(PLANTS), v))
         first = 4 * number
-        triangles += [[first, first + 1, first + 3], [first, first + 3, first + 2]]
-    apart, _ = ground.near_road.query(xy)
-    air = float(np.clip((apart - FAR_M) / 120, 0, 0.55))
-    tone = np.array([1.0, 1.0, 1.0]) * rng.uniform(0.8, 1.1)
-    colour = tone * (1 - air) + np.array([0.95, 1.25, 1.7]) * air
+        triangles += [(first, first + 1, first + 3), (first, first + 3, first + 2)]
+    air = min(max((apart - FAR_M) / 120, 0), 0.55)
+    colour = one.tone * (1 - air) + np.array([0.95, 1.25, 1.7]) * air
     return Mesh(
         "plants",
         np.array(points),
@@ -124,7 +136,7 @@ def _crossed(
     )
 
 
-def _rock(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
+def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
     """A boulder: a rough, flattened half sphere."""
     around, up = 9, 4
     size = rng.uniform(1.0, 4.5) * np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.8)])
@@ -143,9 +155,7 @@ def _rock(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
     points += [*xy, float(ground.height(xy[None])[0])]
     normals = (unit / size).reshape(-1, 3)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    index = np.arange(up * around).reshape(up, around)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    triangles = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
     grey = np.array([0.62, 0.56, 0.45]) * rng.uniform(0.8, 1.15)
     uv = np.stack(np.meshgrid(angle, height), -1).reshape(-1, 2)
-    return Mesh("rock", points, normals, np.tile(grey, (len(points), 1)), uv, triangles)
+    colours = np.tile(grey, (len(points), 1))
+    return Mesh("rock", points, normals, colours, uv, grid_triangles(up, around))

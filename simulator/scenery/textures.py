@@ -74,7 +74,7 @@ def _rock(rng: np.random.Generator) -> np.ndarray:
     """Streaks downhill, as on the rock faces of the original."""
     fine, coarse = _noise(rng, 2), _noise(rng, 9)
     streaks = cv2.blur(_noise(rng, 1.5), (1, 41), borderType=cv2.BORDER_REFLECT)
-    return _to_texture("rock", 0.05 * fine + 0.07 * coarse + 0.6 * streaks)
+    return _to_texture("rock", 0.05 * fine + 0.07 * coarse + 0.35 * streaks)
 
 
 def _cobbles(rng: np.random.Generator) -> np.ndarray:

@@ -1,0 +1,80 @@
+"""Shadows on the road, of trees and of rock faces, worked out at the points of its mesh."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from simulator.scenery.light import towards_sun
+from simulator.scenery.plants import Standing
+from simulator.track import Track
+from simulator.weather import Weather
+
+REACH_M = 45.0  # from the road: trees farther off throw no shadow on it
+LONGEST_M = 40.0  # a low sun's shadows end here
+CROWN = {"pine": (0.2, 1.0), "tall_pine": (0.45, 1.0), "round_tree": (0.25, 1.0)}
+ROCK_TOP_M, ROCK_FOOT_M = 4.2, 2.2  # its height, and how far from the road's edge
+
+
+class Shadows:
+    """The light that reaches points of the road; called with a weather.
+
+    Args:
+        track: the road.
+        standing: what may throw shadows.
+        pieces: the points float [N, 3] of each piece of the road's mesh.
+    """
+
+    def __init__(self, track: Track, standing: list[Standing], pieces: list[np.ndarray]) -> None:
+        self.ends = np.cumsum([len(points) for points in pieces])[:-1]
+        self.points = np.concatenate(pieces)
+        self.nearby = cKDTree(self.points[:, :2])
+        middle = cKDTree(track.xyz[:, :2])
+        trees = [one for one in standing if one.kind in CROWN]
+        apart = middle.query(np.array([one.foot[:2] for one in trees]).reshape(-1, 2))[0]
+        self.trees = [one for one, away in zip(trees, apart, strict=True) if away < REACH_M]
+        _, nearest = middle.query(self.points[:, :2])
+        heading = track.heading[nearest]
+        self.right = np.stack([np.sin(heading), -np.cos(heading)], -1)
+        self.cte = ((self.points - track.xyz[nearest])[:, :2] * self.right).sum(1)
+        verges = [track.verge_at(float(distance)) for distance in track.distance]
+        rocky = np.array([(one.left == "rock", one.right == "rock") for one in verges])
+        self.rock_left, self.rock_right = rocky[nearest].T
+        self.edge = track.width / 2
+
+    def __call__(self, weather: Weather) -> list[np.ndarray]:
+        """For each piece, float [N] in 0..1: the share of the sun that reaches its points."""
+        sun = towards_sun(weather)
+        light = np.ones(len(self.points))
+        for tree in self.trees:
+            self._cast(light, tree, sun)
+        light[self._behind_rock(sun)] = 0.0
+        return np.split(light, self.ends)
+
+    def _cast(self, light: np.ndarray, tree: Standing, sun: np.ndarray) -> None:
+        """Darken an ellipse where a tree's crown keeps the sun away."""
+        low, high = (share * tree.height for share in CROWN[tree.kind])
+        away = -sun[:2] / sun[2]
+        length = np.hypot(*away)
+        if low * length > LONGEST_M:
+            return
+        middle = tree.foot[:2] + away * (low + high) / 2
+        long = max((high - low) / 2 * length, tree.width / 2)
+        wide = tree.width / 2
+        near = self.nearby.query_ball_point(middle, max(long, wide) * 1.3)
+        if not near:
+            return
+        ahead = away / max(length, 1e-6)
+        offset = self.points[near, :2] - middle
+        along, across = offset @ ahead, offset @ (-ahead[1], ahead[0])
+        inside = np.hypot(along / long, across / wide)
+        # Leaves let some light through, and the border is soft.
+        light[near] = np.minimum(light[near], np.clip((inside - 0.7) / 0.5, 0.15, 1))
+
+    def _behind_rock(self, sun: np.ndarray) -> np.ndarray:
+        """bool [N]: a rock face stands between a point and the sun."""
+        flat = sun[:2] / np.hypot(*sun[:2])
+        rightwards = self.right @ flat
+        wall = self.edge + ROCK_FOOT_M
+        apart = np.where(rightwards > 0, wall - self.cte, wall + self.cte)
+        away = apart / np.maximum(np.abs(rightwards), 1e-3)
+        rocky = np.where(rightwards > 0, self.rock_right, self.rock_left)
+        return rocky & (apart > 0) & (away * sun[2] / np.hypot(*sun[:2]) < ROCK_TOP_M)
