@@ -170,7 +170,7 @@ def open_buffer(
 ) -> tuple[core.GraphicsEngine, core.GraphicsOutput, str]:
     """An offscreen buffer and the name of what draws it: `software` or `opengl`.
 
-    `auto` takes OpenGL where there is a graphics card to speak of, and software elsewhere.
+    `auto` is software, whose frames are the same everywhere, and OpenGL where that does not open.
 
     Raises:
         SimulatorError: no such renderer, or it does not open here.

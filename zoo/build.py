@@ -36,7 +36,7 @@ def build_data(config: DictConfig) -> DrivingData:
         raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
     view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
-    settings = {key: value for key, value in config.data.items() if key != "crop"}
+    settings = {key: v for key, v in config.data.items() if key not in ("crop", "record")}
     # Hydra would turn the view, a dataclass, into a config of its own.
     return _instantiate("data", settings, _partial_=True)(view=view, seed=config.seed)
 

@@ -14,6 +14,7 @@ from datamodules.errors import InputError
 from datamodules.split import PARTS, write_split
 from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
+from zoo.embedded_recording import apply_recording
 from zoo.outcome import report_outcome
 from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
@@ -38,6 +39,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         started = time.perf_counter()
         console = Console(soft_wrap=True, quiet=not is_first_process())
         apply_quick(config)
+        apply_recording(config, console)
         data = build_data(config)
         data.load(console)
         card = make_card(

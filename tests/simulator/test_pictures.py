@@ -1,0 +1,173 @@
+"""What the cameras see."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simulator.errors import SimulatorError
+from simulator.pictures import open_pictures
+from simulator.rig import CAMERAS, CameraOffset
+from simulator.track_file import read_track, track_names
+from simulator.weather import CLEAR, Weather
+from simulator.world import Start, World, open_world
+
+
+@pytest.fixture(scope="module")
+def lake() -> Iterator[World]:
+    world = open_world("lake", renderer="software")
+    yield world
+    world.pictures.close()
+
+
+def look(world: World, weather: Weather = CLEAR, camera: str = "center", **start) -> np.ndarray:
+    world.reset(0, Start(**start), weather)
+    return world.frame(camera)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_frame_is_what_the_original_records(lake: World, camera: str) -> None:
+    frame = look(lake, camera=camera)
+    assert frame.shape == (160, 320, 3)
+    assert frame.dtype == np.uint8
+
+
+def test_two_worlds_show_the_same_to_the_bit(lake: World) -> None:
+    other = open_world("lake", renderer="software")
+    for distance in (0, 400, 700):
+        frames = [look(w, CLEAR, distance=distance, cte=0.5) for w in (lake, other)]
+        assert (frames[0] == frames[1]).all()
+    other.pictures.close()
+
+
+def test_the_horizon_stands_where_the_original_has_it(lake: World) -> None:
+    """Pitched down 9.5 degrees, the lens puts the horizon at row 56.8; sky above, road below."""
+    frame = look(lake, distance=330).astype(int)
+    assert frame[5, :, 2].mean() > frame[5, :, 0].mean() + 40
+    road = frame[70:130, 150:170]
+    assert (road.max(-1) - road.min(-1)).mean() < 25
+
+
+def yellow_columns(frame: np.ndarray, row: int) -> np.ndarray:
+    red, green, blue = frame[row].astype(int).T
+    return np.flatnonzero((red > blue + 45) & (green > blue + 35) & (red > 110))
+
+
+def test_the_road_is_as_wide_as_in_the_original(lake: World) -> None:
+    """Lines 6.4 m apart, seen from 1.2 m: 5.3 columns apart for each row below the horizon, as
+    on the original's straights."""
+    lake.reset(0, Start(distance=710))
+    frame = look(lake, distance=330)
+    row = 90
+    columns = yellow_columns(frame, row)
+    left, right = columns[columns < 160].max(), columns[columns > 160].min()
+    assert (right - left) / (row - 56.8) == pytest.approx(5.3, abs=0.45)
+
+
+def test_a_car_to_the_right_sees_the_road_to_the_left(lake: World) -> None:
+    middle = [
+        yellow_columns(look(lake, distance=330, cte=cte), 90).mean() for cte in (-0.8, 0, 0.8)
+    ]
+    assert middle[0] > middle[1] > middle[2]
+
+
+def test_the_left_camera_is_left_of_the_right_one(lake: World) -> None:
+    rows = [yellow_columns(look(lake, camera=c, distance=330), 90).mean() for c in CAMERAS]
+    center, left, right = rows
+    assert left > center > right
+
+
+def test_the_bonnet_covers_the_lower_edge_and_does_not_move(lake: World) -> None:
+    first, second = (look(lake, distance=d)[152:] for d in (330, 480))
+    assert (first[:, 100:220] == second[:, 100:220]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "darker"),
+    [
+        ({"brightness": 0.6}, True),
+        ({"sun": 0.2}, True),
+        ({"wet": 1.0}, True),
+        ({"brightness": 1.3}, False),
+    ],
+)
+def test_weather_changes_the_roads_brightness(lake: World, change: dict, darker: bool) -> None:
+    road = [
+        look(lake, weather, distance=330)[80:130, 120:200].mean()
+        for weather in (CLEAR, replace(CLEAR, **change))
+    ]
+    assert (road[1] < road[0] - 5) if darker else (road[1] > road[0] + 5)
+
+
+def test_fog_hides_what_is_far_and_not_the_road_ahead(lake: World) -> None:
+    clear, fog = (look(lake, w, distance=330) for w in (CLEAR, replace(CLEAR, fog=0.8)))
+    assert fog[20:50].std() < clear[20:50].std() / 2
+    assert np.abs(fog[120:130].astype(int) - clear[120:130]).mean() < 25
+
+
+@pytest.mark.parametrize("change", [{"rain": 0.7}, {"noise": 5.0}])
+def test_rain_and_noise_differ_from_frame_to_frame_and_not_from_run_to_run(
+    lake: World, change: dict
+) -> None:
+    runs = []
+    for _ in range(2):
+        lake.reset(3, Start(330), replace(CLEAR, **change))
+        first = lake.frame()
+        lake.frames += 1
+        runs.append((first, lake.frame()))
+    assert (runs[0][0] == runs[1][0]).all()
+    assert (runs[0][0] != runs[0][1]).any()
+
+
+def test_a_displaced_camera_sees_a_displaced_picture(lake: World) -> None:
+    up = replace(CLEAR, camera=CameraOffset(pitch_deg=3))
+    straight, raised = look(lake, distance=330), look(lake, up, distance=330)
+    # Looking higher by 3 degrees moves what is ahead down by some 7 rows.
+    moved = np.roll(straight[70:100].mean((1, 2)), 0)
+    shifts = [np.abs(raised[70 + s : 100 + s].mean((1, 2)) - moved).mean() for s in range(13)]
+    assert 5 <= int(np.argmin(shifts)) <= 10
+
+
+def test_shadows_fall_on_the_mountain_road() -> None:
+    world = open_world("mountain", renderer="software")
+    light = np.concatenate(world.pictures.shadows(CLEAR))
+    assert 0.005 < (light < 0.5).mean() < 0.3
+    world.pictures.close()
+
+
+def test_a_renderer_or_quality_that_is_none_is_named() -> None:
+    track = read_track("lake")
+    with pytest.raises(SimulatorError, match="renderer=vulkan: must be auto, software or opengl"):
+        open_pictures(track, "vulkan")
+    with pytest.raises(SimulatorError, match="quality=low: must be full or simple"):
+        open_pictures(track, "software", "low")
+
+
+def test_without_libx11_the_error_says_what_to_install(tmp_path) -> None:
+    (tmp_path / "libX11.so.6").touch()  # found first, and no library
+    code = "from simulator.world import open_world; open_world('lake', 'software')"
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"LD_LIBRARY_PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "apt install libx11-6" in result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", track_names())
+def test_a_hundred_days_render(name: str) -> None:
+    world = open_world(name, renderer="software")
+    rng = np.random.default_rng(0)
+    for seed in range(100):
+        world.reset(seed, Start(rng.uniform(0, world.track.length)), "random")
+        frame = world.frame()
+        assert 15 < frame.mean() < 240, seed
+        assert frame[60:130].std() > 4, seed
+    world.pictures.close()
