@@ -1,0 +1,65 @@
+"""`python benchmarks/rendering.py`: frames per second of the embedded simulator, on one core.
+
+Medians of five rounds; the drawings of one camera and of three, of both tracks and qualities, and
+physics alone, taken in turns.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from simulator.rig import CAMERAS
+from simulator.world import Start, World, open_world
+
+FRAMES, ROUNDS = 150, 5
+
+
+def per_second(action: Callable[[int], object]) -> float:
+    """How often an action ran in a second."""
+    began = time.perf_counter()
+    for number in range(FRAMES):
+        action(number)
+    return FRAMES / (time.perf_counter() - began)
+
+
+def drawing(world: World, cameras: tuple[str, ...]) -> Callable[[int], object]:
+    """Frames from all round the lap."""
+
+    def draw(number: int) -> None:
+        world.put_back(Start(number * world.track.length / FRAMES))
+        for camera in cameras:
+            world.frame(camera)
+
+    return draw
+
+
+def main() -> None:
+    """Print the table."""
+    measured: dict[str, Callable[[int], object]] = {}
+    for track in ("lake", "mountain"):
+        for quality in ("full", "simple"):
+            world = open_world(track, renderer="software", quality=quality)
+            name = f"{track}, {quality}"
+            measured[f"{name}, 1 camera"] = drawing(world, ("center",))
+            measured[f"{name}, 3 cameras"] = drawing(world, CAMERAS)
+        blind = open_world(track, renderer="none")
+        blind.reset(0, Start(speed_mph=20))
+        measured[f"{track}, physics alone"] = lambda _, world=blind: world.step(0.0, 0.2)
+    rates: dict[str, list[float]] = {name: [] for name in measured}
+    for _ in range(ROUNDS):
+        for name, action in measured.items():
+            rates[name].append(per_second(action))
+    table = Table("what", "frames/s", "lowest", "highest", "times real time at 15 Hz")
+    for name, values in rates.items():
+        middle = statistics.median(values)
+        low, high = np.min(values), np.max(values)
+        table.add_row(name, f"{middle:.0f}", f"{low:.0f}", f"{high:.0f}", f"{middle / 15:.0f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
