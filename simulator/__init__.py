@@ -1,1 +1,1 @@
-"""The embedded simulator: tracks, a car, its cameras, an expert and a recorder, without a display."""
+"""The embedded simulator: tracks, a car, its cameras, an expert, a recorder; no display needed."""

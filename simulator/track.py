@@ -87,7 +87,7 @@ class Track:
 
     def at(self, distance: float | np.ndarray) -> np.ndarray:
         """x, y and z float64 [..., 3] of the centreline at a distance, which may exceed a lap."""
-        return np.stack([self._periodic(axis, distance) for axis in self.xyz.T], -1)
+        return self._periodic(self.xyz, distance)
 
     def heading_at(self, distance: float | np.ndarray) -> np.ndarray:
         """The road's heading in radians, unwrapped over laps."""
@@ -142,7 +142,14 @@ class Track:
         )
 
     def _periodic(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
-        return np.interp(distance, self.distance, values, period=self.length)
+        # Quicker than np.interp with a period, which sorts all samples at each call.
+        count = len(values)
+        position = np.asarray(distance) % self.length * (count / self.length)
+        index = position.astype(int)
+        part = position - index
+        if values.ndim > 1:
+            part = part[..., None]
+        return values[index % count] * (1 - part) + values[(index + 1) % count] * part
 
 
 def make_centreline(points: np.ndarray) -> dict[str, np.ndarray | float]:

@@ -46,7 +46,7 @@ def read_track(name: str) -> Track:
     try:
         content = yaml.safe_load(path.read_text())
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SimulatorError(f"{path}: not YAML: {error}") from None
+        raise SimulatorError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
     try:
         return make_track(path.stem, content)
     except SimulatorError as error:
@@ -63,10 +63,13 @@ def make_track(name: str, content: dict) -> Track:
     centreline = make_centreline(points)
     _check_bends(centreline)
     _check_crossings(centreline, width)
-    verge = _verge("verge", content.get("verge", {}), Verge())
+    verge = _verge("verge", content.get("verge") or {}, Verge())
+    given = content.get("stretches") or []
+    if not isinstance(given, list):
+        raise SimulatorError("stretches: must be a list of {from: and to: in metres}")
     stretches = tuple(
         _stretch(number, one, verge, centreline["length"])
-        for number, one in enumerate(content.get("stretches") or [], start=1)
+        for number, one in enumerate(given, start=1)
     )
     return Track(
         name=name,
@@ -156,7 +159,10 @@ def _surroundings(given: dict) -> Surroundings:
         if key == "ground":
             _check_choice("surroundings: ground", value, ("sand", "forest"))
         elif key == "lakes":
-            lakes = np.array(value, float)
+            try:
+                lakes = np.array(value, float)
+            except (TypeError, ValueError):
+                lakes = np.empty(0)
             if lakes.ndim != 2 or lakes.shape[1] != 3:
                 raise SimulatorError("surroundings: lakes: each must be [x, y, radius] in metres")
             values[key] = tuple(map(tuple, lakes.tolist()))
@@ -167,7 +173,9 @@ def _surroundings(given: dict) -> Surroundings:
     return Surroundings(**values)
 
 
-def _check_keys(place: str, given: dict, known: tuple[str, ...]) -> None:
+def _check_keys(place: str, given: object, known: tuple[str, ...]) -> None:
+    if not isinstance(given, dict):
+        raise SimulatorError(f"{place}{given}; must be keys and values ({', '.join(known)})")
     for key in given:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)

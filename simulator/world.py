@@ -60,6 +60,8 @@ class World:
 
     def reset(self, seed: int, start: Start | None = None, weather: Weather | str = CLEAR) -> None:
         """Begin a drive; `weather="random"` draws one from the seed."""
+        if seed < 0:
+            raise SimulatorError(f"seed={seed}: must be 0 or more")
         rng = np.random.default_rng(seed)
         self.weather = random_weather(rng) if weather == "random" else weather
         if self.pictures is not None:
@@ -71,6 +73,9 @@ class World:
 
     def put_back(self, start: Start) -> None:
         """Set the car down somewhere, in the middle of a drive."""
+        for value in vars(start).values():
+            if not np.isfinite(value):
+                raise SimulatorError(f"start={value}: must be a finite number")
         distance = start.distance % self.track.length
         heading = float(self.track.heading_at(distance))
         right = np.array([np.sin(heading), -np.cos(heading)]) * self.direction
@@ -79,6 +84,7 @@ class World:
             heading += np.pi
         self.car.place(x, y, heading - np.radians(start.heading_deg), start.speed_mph)
         self.place = self.track.locate(x, y, distance)
+        self.at_wall = False
 
     def step(self, steering: float, throttle: float) -> None:
         """Drive for one frame's time."""
@@ -112,8 +118,8 @@ class World:
 
     @property
     def off_road(self) -> bool:
-        """Whether the car's middle is beyond the edge line."""
-        return abs(self.place.cte) > self.track.width / 2
+        """Whether the car's middle is beyond the edge line, or a wall held it before that."""
+        return self.at_wall or abs(self.place.cte) > self.track.width / 2
 
     def info(self) -> dict:
         """What a scorer needs: see the properties; `progress` is laps driven, with a fraction."""
@@ -144,7 +150,8 @@ class World:
         verge = self.track.verge_at(self.place.distance)
         kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
         room = self.track.width / 2 + WALL_M - WHEEL_TRACK_M / 2
-        if kind not in ("wall", "rock") or abs(self.place.cte) <= room:
+        self.at_wall = kind in ("wall", "rock") and abs(self.place.cte) > room
+        if not self.at_wall:
             return
         over = (abs(self.place.cte) - room) * side
         heading = self.place.heading

@@ -1,0 +1,67 @@
+"""`python -m simulator record|drive|client [key=value...]`; `--help` after any of them."""
+
+import difflib
+import importlib
+import inspect
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from types import ModuleType
+
+from simulator.command_line import run_command
+from simulator.errors import SimulatorError
+
+# What each imports takes a second: --help and a typo need none of it.
+COMMANDS = {
+    "record": "record laps that the expert drives",
+    "drive": "drive in a window, with the keyboard",
+    "client": "connect to a driver, exactly as the original simulator does",
+}
+HELP = ("-h", "--help", "help")
+
+
+def simulator(arguments: Sequence[str]) -> None:
+    """Hand the arguments to the command that the first one names."""
+    name, *rest = arguments or ["--help"]
+    if name in HELP:
+        print("usage: python -m simulator COMMAND [key=value...]\n")
+        for command, meaning in COMMANDS.items():
+            print(f"  {command:<8}{meaning}")
+        print("\noptions of a command: python -m simulator COMMAND --help")
+        return
+    if name not in COMMANDS:
+        near = difflib.get_close_matches(name, COMMANDS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+        raise SimulatorError(f"there is no command {name}; {hint}")
+    module = importlib.import_module(f"simulator.{name}")
+    if any(one in HELP for one in rest):
+        print(f"usage: python -m simulator {name} [key=value...]\n\n{help_text(module)}")
+    else:
+        module.main(rest)
+
+
+def help_text(module: ModuleType) -> str:
+    """What a command does, and its options: meanings are those under `Args:` in the docstring of
+    the module's dataclass `...Options`."""
+    kind = next(
+        one
+        for name, one in vars(module).items()
+        if name.endswith("Options") and is_dataclass(one) and one.__module__ == module.__name__
+    )
+    intro, _, args = inspect.getdoc(kind).partition("Args:")
+    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
+    meanings = {name: " ".join(meaning.split()) for name, meaning in found}
+    lines = []
+    for one in fields(kind):
+        default = "needed" if one.default is MISSING else _text(one.default)
+        lines.append(f"  {one.name + '=' + default:<22} {meanings.get(one.name, '')}")
+    return "\n".join([intro.strip(), "", *lines])
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool | None) else str(value)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(simulator, sys.argv[1:]))

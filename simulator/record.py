@@ -1,0 +1,193 @@
+"""`python -m simulator record track=lake laps=2 out=FOLDER`: laps that the expert drives."""
+
+import shlex
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from simulator.command_line import read_options
+from simulator.errors import SimulatorError
+from simulator.expert import Expert, ExpertSettings
+from simulator.record_report import Driven, print_report
+from simulator.recorder import LOG_NAME, Recorder, split_pedals
+from simulator.rig import CAMERAS
+from simulator.weather import CLEAR
+from simulator.world import Start, World, open_world
+
+STUCK_S = 10.0  # in which a driver makes some way
+DIRECTIONS = {"forward": (1,), "1": (1,), "backward": (-1,), "-1": (-1,), "both": (1, -1)}
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """Record laps that the expert drives, as the original simulator records a person's.
+
+    Args:
+        out: the folder to write; it must not hold a recording yet.
+        track: its name, or the path of a track's YAML file.
+        laps: how many; 0.5 is half of one.
+        speed: miles per hour on the straight, 8..30; the expert slows down for sharp bends.
+        noise: 0..1, how far it sways off now and then; its way back is recorded.
+        direction: forward, backward, or both, one after the other.
+        frame_rate: rows per second of simulated time, up to 50.
+        seed: of the swaying and the weather.
+        start: metres along the lap.
+        weather: clear, or random for a day drawn from the seed.
+        renderer: auto, software or opengl.
+        quality: full, or simple pictures, which are quicker.
+        header: begin the log with the columns' names, as the course's sample data does.
+        relative: write paths beginning with IMG/, not this machine's.
+        delay_s: seconds from a command to the wheels.
+    """
+
+    out: str
+    track: str = "lake"
+    laps: float = 1.0
+    speed: float = 30.0
+    noise: float = 0.0
+    direction: str = "forward"
+    frame_rate: float = 15.0
+    seed: int = 0
+    start: float = 0.0
+    weather: str = "clear"
+    renderer: str = "auto"
+    quality: str = "full"
+    header: bool = False
+    relative: bool = False
+    delay_s: float = 0.0
+
+
+def record(
+    world: World,
+    expert: Expert,
+    recorder: Recorder,
+    laps: float,
+    progress: Callable[[float], None] | None = None,
+) -> Driven:
+    """Let the expert drive laps from where the world is; `progress` gets the metres driven.
+
+    Raises:
+        SimulatorError: the expert left the road or got stuck, or the disk is full.
+    """
+    driven = Driven(world.track.length)
+    begin_m, begin_s, lap, lap_began_s = world.travelled, world.time, 0, world.time
+    farthest, farthest_s = 0.0, world.time
+    recorder.begin_pass()
+    while driven.metres < laps * world.track.length:
+        steering, throttle = expert(world)
+        if expert.recording:
+            frames = {camera: world.frame(camera) for camera in CAMERAS}
+            pedals = split_pedals(throttle)
+            recorder.add(frames, steering, *pedals, world.car.speed_mph, world.time - begin_s)
+            driven.cte.append(world.cte)
+            driven.steering.append(steering)
+        world.step(steering, throttle)
+        driven.frames += 1
+        driven.metres = world.travelled - begin_m
+        if driven.metres > farthest + 1:
+            farthest, farthest_s = driven.metres, world.time
+        if world.off_road or world.time - farthest_s > STUCK_S:
+            raise SimulatorError(_failure(world, recorder))
+        if driven.metres // driven.length > lap:
+            lap += 1
+            driven.lap_s.append(world.time - lap_began_s)
+            lap_began_s = world.time
+        if progress:
+            progress(driven.metres)
+    driven.seconds = world.time - begin_s
+    return driven
+
+
+def record_laps(
+    passes: RecordOptions | Sequence[RecordOptions], console: Console | None = None
+) -> Path:
+    """Record one pass or several into the first one's folder, and return that folder.
+
+    >>> clean = RecordOptions(out="laps", laps=1)
+    >>> folder = record_laps([clean, replace(clean, noise=0.6, seed=1)])  # doctest: +SKIP
+
+    Raises:
+        SimulatorError: an option cannot be, the folder cannot be written, or the expert failed.
+    """
+    console = console or Console()
+    given = [passes] if isinstance(passes, RecordOptions) else list(passes)
+    runs = [(one, way) for one in given for way in _directions(one)]
+    began = time.perf_counter()
+    first = given[0]
+    # Opened before the folder is made: an option that cannot be leaves nothing behind.
+    world, expert = _open(*runs[0])
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[metres]}"))
+    with (
+        Recorder(first.out, first.header, first.relative) as recorder,
+        Progress(
+            *columns,
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        ) as progress,
+    ):
+        all_driven = []
+        for number, (options, way) in enumerate(runs):
+            if number:
+                world, expert = _open(options, way)
+            name = options.track if way > 0 else f"{options.track}, backward"
+            total = options.laps * world.track.length
+            task = progress.add_task(name, total=total, metres="")
+
+            def show(metres: float, task: int = task, total: float = total) -> None:
+                text = f"{min(metres, total):,.0f} of {total:,.0f} m"
+                progress.update(task, completed=metres, metres=text)
+
+            all_driven.append(record(world, expert, recorder, options.laps, show))
+            world.pictures.close()
+    print_report(console, recorder, all_driven, time.perf_counter() - began, world.pictures.name)
+    return recorder.folder
+
+
+def main(arguments: Sequence[str]) -> None:
+    """The command: `key=value` arguments, see `RecordOptions`."""
+    options = read_options(RecordOptions, arguments)
+    folder = record_laps(options)
+    command = shlex.join(["python", "-m", "zoo", f"data.root={options.out}"])
+    for line in (str(folder / LOG_NAME), f"train on it: {command}"):
+        Console(soft_wrap=True).print(line, highlight=False, markup=False)
+
+
+def _directions(options: RecordOptions) -> tuple[int, ...]:
+    if options.direction not in DIRECTIONS:
+        raise SimulatorError(f"direction={options.direction}: must be forward, backward or both")
+    return DIRECTIONS[options.direction]
+
+
+def _open(options: RecordOptions, direction: int) -> tuple[World, Expert]:
+    if not 0 < options.laps <= 1000:
+        raise SimulatorError(f"laps={options.laps:g}: must be above 0, up to 1000")
+    if options.weather not in ("clear", "random"):
+        raise SimulatorError(f"weather={options.weather}: must be clear or random")
+    if options.renderer == "none":
+        raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
+    settings = ExpertSettings(speed_mph=options.speed, noise=options.noise, seed=options.seed)
+    world = open_world(
+        options.track,
+        options.renderer,
+        options.quality,
+        options.frame_rate,
+        options.delay_s,
+        direction,
+    )
+    weather = CLEAR if options.weather == "clear" else options.weather
+    world.reset(options.seed, Start(options.start), weather)
+    return world, Expert(world.track, settings)
+
+
+def _failure(world: World, recorder: Recorder) -> str:
+    what = f"left the road, {world.cte:+.1f} m" if world.off_road else "got stuck"
+    return (
+        f"the expert {what} at {world.place.distance:.0f} m of {world.track.name}; the "
+        f"{recorder.rows} rows before are in {recorder.folder}; try another seed=, or less speed="
+    )

@@ -1,0 +1,148 @@
+"""The expert on every track that comes along, both ways round."""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from simulator.errors import SimulatorError
+from simulator.expert import Expert, ExpertSettings, speed_limits
+from simulator.rig import MPS_PER_MPH
+from simulator.track_file import read_track, track_names
+from simulator.world import Start, World, open_world
+
+EVERYWHERE = [(track, direction) for track in track_names() for direction in (1, -1)]
+
+
+@dataclass
+class Drive:
+    """float64 [frames] each, but for `recording`, bool [frames]."""
+
+    cte: np.ndarray
+    steering: np.ndarray
+    throttle: np.ndarray
+    speed_mph: np.ndarray
+    recording: np.ndarray
+    world: World
+
+
+@functools.cache
+def drive(
+    track: str, direction: int, laps: float = 1.0, settings: ExpertSettings | None = None, **options
+) -> Drive:
+    world = open_world(track, renderer="none", direction=direction, **options)
+    expert = Expert(world.track, settings)
+    rows = []
+    while world.travelled < laps * world.track.length and world.time < 200 * laps:
+        steering, throttle = expert(world)
+        world.step(steering, throttle)
+        rows.append((world.cte, steering, throttle, world.car.speed_mph, expert.recording))
+    *columns, recording = np.array(rows).T
+    return Drive(*columns, recording.astype(bool), world)
+
+
+@pytest.mark.parametrize(("track", "direction"), EVERYWHERE)
+def test_it_laps_close_to_the_centreline(track, direction):
+    one = drive(track, direction)
+    assert one.world.lap == 1
+    assert np.abs(one.cte).mean() < 0.1
+    assert np.abs(one.cte).max() < 0.4
+    assert one.recording.all()
+
+
+@pytest.mark.parametrize(("track", "direction"), EVERYWHERE)
+def test_it_sways_off_and_comes_back_and_stays_on_the_road(track, direction):
+    one = drive(track, direction, settings=ExpertSettings(noise=1, seed=3))
+    half = one.world.track.width / 2
+    assert one.world.lap == 1
+    assert 0.35 * half < np.abs(one.cte).max() < 0.7 * half
+    assert (one.cte > 0.3 * half).any()
+    assert (one.cte < -0.3 * half).any()
+    assert 0.5 < one.recording.mean() < 0.85
+
+
+def test_what_is_recorded_of_a_sway_leads_back():
+    one = drive("lake", 1, settings=ExpertSettings(noise=1, seed=3))
+    ends = np.flatnonzero(~one.recording[:-1] & one.recording[1:]) + 1
+    ends = ends[ends + 30 < len(one.cte)]
+    assert len(ends) >= 5
+    for end in ends:
+        assert abs(one.cte[end + 30]) < 0.35 * abs(one.cte[end])
+    still = np.abs(one.cte[ends]) < 0.5
+    assert not still.any()
+
+
+def test_its_steering_is_smooth():
+    one = drive("lake", 1, settings=ExpertSettings(noise=1, seed=3))
+    changes = np.diff(one.steering)
+    assert np.abs(changes).max() <= 4.0 / 15 + 1e-9
+    clean = np.diff(drive("lake", 1).steering)
+    assert np.abs(clean).max() < 0.05
+    turns = np.sign(clean[np.abs(clean) > 0.002])
+    assert np.count_nonzero(np.diff(turns)) < 0.05 * len(clean)
+
+
+def test_the_same_seed_sways_the_same_and_another_does_not():
+    drives = [
+        drive("lake", 1, 0.3, ExpertSettings(noise=0.5, seed=seed)).steering for seed in (1, 1, 2)
+    ]
+    assert np.array_equal(drives[0], drives[1])
+    assert not np.array_equal(drives[0][:100], drives[2][:100])
+
+
+@pytest.mark.parametrize(
+    "option", [{"delay_s": 0.2}, {"frame_rate": 50}, {"frame_rate": 5}], ids=str
+)
+def test_it_copes_with_a_delay_and_other_frame_rates(option):
+    one = drive("mountain", 1, 0.5, **option)
+    assert np.abs(one.cte).max() < 0.6
+
+
+def test_it_finds_back_from_the_edge_and_from_the_grass():
+    for start in (Start(330, cte=2.8, heading_deg=10, speed_mph=25), Start(330, cte=-5)):
+        world = open_world("lake", renderer="none")
+        world.put_back(start)
+        expert = Expert(world.track)
+        for _ in range(15 * 12):
+            world.step(*expert(world))
+        assert abs(world.cte) < 0.15
+
+
+def test_it_holds_the_speed_that_it_is_given():
+    one = drive("mountain", 1, 0.4, ExpertSettings(speed_mph=15))
+    assert np.abs(one.speed_mph[75:] - 15).max() < 1.0
+
+
+def test_it_holds_the_throttle_down_at_top_speed_as_a_person_does():
+    assert np.mean(drive("lake", 1, 0.4).throttle == 1) > 0.7
+
+
+def test_it_keeps_to_a_line_beside_the_centre():
+    one = drive("mountain", 1, 0.5, ExpertSettings(offset_m=-0.8))
+    assert one.cte[60:].mean() == pytest.approx(-0.8, abs=0.05)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_speed_limits_leave_room_to_brake(direction):
+    track, settings = read_track("mountain"), ExpertSettings()
+    limits = speed_limits(track, settings, direction)
+    across = limits**2 * np.abs(track.curvature)
+    assert across.max() < settings.cornering_mps2 + 1e-6
+    assert limits.max() == pytest.approx(30 * MPS_PER_MPH)
+    after = np.roll(limits, -direction)
+    step = track.length / len(limits)
+    assert ((limits**2 - after**2) / (2 * step)).max() < settings.braking_mps2 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"speed_mph": 3}, "speed_mph=3: must be in 8..30"),
+        ({"noise": 1.5}, "noise=1.5: must be in 0..1"),
+        ({"offset_m": 3}, "offset_m=3: the road has 2.2 m"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings, said):
+    with pytest.raises(SimulatorError, match=said):
+        Expert(read_track("lake"), ExpertSettings(**settings))

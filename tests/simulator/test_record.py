@@ -1,0 +1,161 @@
+"""`python -m simulator record` as a person runs it, and recording from Python."""
+
+import numpy as np
+import pytest
+
+from datamodules.recording import read_recordings
+from simulator.__main__ import COMMANDS, simulator
+from simulator.command_line import run_command
+from simulator.errors import SimulatorError
+from simulator.expert import Expert, ExpertSettings
+from simulator.record import RecordOptions, record, record_laps
+from simulator.recorder import Recorder
+from simulator.world import Start, World
+from tests.simulator.tracks import loop
+from tests.zoo.commands import only_line, run
+
+
+class Sketch:
+    """Pictures in a moment: one grey per camera and frame."""
+
+    def set_weather(self, weather, seed):
+        pass
+
+    def frame(self, pose, camera, tick):
+        return np.full((160, 320, 3), (tick % 200, len(camera), 0), np.uint8)
+
+
+class Dreamer:
+    """A driver that holds its steering, whatever comes."""
+
+    recording = True
+
+    def __init__(self, steering: float, throttle: float) -> None:
+        self.command = steering, throttle
+
+    def __call__(self, world):
+        return self.command
+
+
+def sketched_loop(direction: int = 1) -> World:
+    return World(loop(), Sketch(), direction=direction)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_lap_becomes_a_recording(tmp_path, direction):
+    world = sketched_loop(direction)
+    with Recorder(tmp_path) as recorder:
+        driven = record(world, Expert(world.track), recorder, 1.0)
+    recording = read_recordings(str(tmp_path))
+    assert len(recording) == recorder.rows == driven.frames
+    assert recording.steering == pytest.approx(driven.steering, abs=1e-6)
+    # All bends are to the left, or to the right driven backward.
+    assert np.sign(recording.steering.mean()) == -direction
+    assert recording.speed_mph[-1] == pytest.approx(30, abs=2)
+    assert len(driven.lap_s) == 1
+    assert driven.lap_s[0] == pytest.approx(world.track.length / 13.4, abs=4)
+
+
+def test_going_astray_is_not_recorded(tmp_path):
+    world = sketched_loop()
+    expert = Expert(world.track, ExpertSettings(noise=1, seed=1))
+    with Recorder(tmp_path) as recorder:
+        driven = record(world, expert, recorder, 1.5)
+    assert 0.5 * driven.frames < recorder.rows < 0.9 * driven.frames
+    gaps = np.diff(read_recordings(str(tmp_path)).time_s)
+    assert gaps.max() > 1
+    assert np.median(gaps) == pytest.approx(1 / 15, abs=0.01)
+
+
+def test_the_same_options_give_the_same_recording(tmp_path, console):
+    options = RecordOptions(out=str(tmp_path / "a"), laps=0.01, noise=1, seed=2, relative=True)
+    folders = [record_laps(options, console)]
+    folders.append(
+        record_laps(RecordOptions(**vars(options) | {"out": str(tmp_path / "b")}), console)
+    )
+    one, other = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*.*")} for f in folders)
+    assert one == other
+
+
+def test_several_passes_go_into_one_folder(tmp_path, console):
+    clean = RecordOptions(out=str(tmp_path / "laps"), laps=0.01, quality="simple")
+    noisy = RecordOptions(out="", laps=0.01, noise=0.5, start=300, direction="backward")
+    assert record_laps([clean, noisy], console) == tmp_path / "laps"
+    recording = read_recordings(str(tmp_path / "laps"))
+    assert np.count_nonzero(np.diff(recording.time_s) > 1) == 1
+    assert f"rows        {len(recording)} " in console.file.getvalue()
+
+
+def test_leaving_the_road_fails_and_says_where(tmp_path):
+    world = sketched_loop()
+    world.put_back(Start(40, speed_mph=20))
+    with (
+        Recorder(tmp_path) as recorder,
+        pytest.raises(SimulatorError, match=r"left the road, \+\d.\d m at \d\d m of loop"),
+    ):
+        record(world, Dreamer(0.3, 1), recorder, 1)
+    assert len(read_recordings(str(tmp_path))) == recorder.rows > 5
+
+
+def test_a_driver_that_stands_fails(tmp_path):
+    world = sketched_loop()
+    with Recorder(tmp_path) as recorder, pytest.raises(SimulatorError, match="got stuck at"):
+        record(world, Dreamer(0, 0), recorder, 1)
+
+
+def test_the_command_records_and_says_what_to_do_next(tmp_path):
+    done = run(tmp_path, "record", "laps=0.01", "out=my laps", "direction=both", module="simulator")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    rows = len(read_recordings(str(tmp_path / "my laps")))
+    said = done.stdout
+    assert f"rows        {rows} (100% of the frames)" in said
+    assert f"images      {3 * rows}" in said
+    assert "times real time" in said
+    assert str(tmp_path / "my laps" / "driving_log.csv") in said
+    assert "python -m zoo 'data.root=my laps'" in said
+    again = run(tmp_path, "record", "laps=0.01", "out=my laps", module="simulator")
+    assert "holds a driving_log.csv already" in only_line(again)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["recrod"], "there is no command recrod; did you mean record?"),
+        (["record", "lap=1"], "there is no option lap; did you mean laps?"),
+        (["record"], "out is not given: add out=VALUE"),
+        (["record", "out=x", "laps=0"], "laps=0: must be above 0"),
+        (["record", "out=x", "laps=nan"], "laps=nan: must be above 0"),
+        (["record", "out=x", "noise=2"], "noise=2.0: must be in 0..1"),
+        (["record", "out=x", "start=inf"], "start=inf: must be a finite number"),
+        (["record", "out=x", "seed=-1"], "seed=-1: must be 0 or more"),
+        (["record", "out=x", "track=laek"], "there is no track laek"),
+        (["record", "out=x", "direction=up"], "direction=up: must be forward, backward or both"),
+        (["record", "out=x", "weather=snow"], "weather=snow: must be clear or random"),
+        (["record", "out=x", "renderer=none"], "a recording needs pictures"),
+    ],
+    ids=lambda one: " ".join(one) if isinstance(one, list) else "",
+)
+def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, said, capsys):
+    assert run_command(simulator, arguments) == 1
+    line = capsys.readouterr().err.strip()
+    assert line.startswith("simulator: ")
+    assert said in line
+    assert "\n" not in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_lists_every_option_with_its_meaning_and_default(tmp_path):
+    said = run(tmp_path, "record", "--help", module="simulator").stdout
+    for name, default in RecordOptions(out="needed").__dict__.items():
+        shown = str(default).lower() if isinstance(default, bool) else default
+        (line,) = [line for line in said.splitlines() if line.startswith(f"  {name}=")]
+        option, meaning = line.split(maxsplit=1)
+        assert option == f"{name}={shown}"
+        assert len(meaning) > 5
+
+
+def test_help_names_every_command(tmp_path):
+    for arguments in ([], ["--help"]):
+        said = run(tmp_path, *arguments, module="simulator").stdout
+        assert all(f"\n  {command}" in said for command in COMMANDS)

@@ -1,0 +1,107 @@
+"""Tracks as YAML: what comes along, and one line for what is wrong with a user's own."""
+
+import numpy as np
+import pytest
+import yaml
+
+from simulator.errors import SimulatorError
+from simulator.track_file import TIGHTEST_RADIUS_M, read_track, track_folder, track_names
+
+FILES = sorted(track_folder().glob("*.yaml"))
+SQUARE = [[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0]]
+
+
+def write_track(folder, **content):
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump({"points": SQUARE, **content}))
+    return str(path)
+
+
+def refusal(path: str) -> str:
+    with pytest.raises(SimulatorError) as error:
+        read_track(path)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_every_track_that_comes_along_can_be_driven(path):
+    track = read_track(path.stem)
+    assert track.name in track_names()
+    assert 1000 < track.length < 1600
+    assert 1 / np.abs(track.curvature).max() > TIGHTEST_RADIUS_M
+    assert np.abs(track.grade).max() < 0.13
+    assert all(one.end <= track.length for one in track.stretches)
+
+
+def test_the_mountain_is_narrow_steep_and_winding():
+    track = read_track("mountain")
+    assert track.width == 5.6
+    assert track.centre_line
+    assert 11 < 1 / np.abs(track.curvature).max() < 13
+    assert track.grade.max() > 0.1
+    assert track.grade.min() < -0.1
+    verges = {side for one in track.stretches for side in (one.verge.left, one.verge.right)}
+    assert {"rock", "drop"} <= verges
+
+
+def test_a_file_of_ones_own_needs_points_only(tmp_path):
+    track = read_track(write_track(tmp_path))
+    assert (track.name, track.width, track.stretches) == ("mine", 6.4, ())
+
+
+def test_a_road_that_crosses_itself_is_refused_with_both_places(tmp_path):
+    eight = [[0, 0, 0], [60, 60, 0], [120, 0, 0], [60, -60, 0], [0, 0.5, 0], [-60, 60, 0]]
+    eight += [[-120, 0, 0], [-60, -60, 0]]
+    path = write_track(tmp_path, points=eight)
+    line = refusal(path)
+    assert line.startswith(f"{path}: the road crosses itself, or nearly: ")
+    assert line.count(" m ") >= 2
+
+
+def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
+    hairpin = [[0, 0, 0], [50, 0, 0], [100, 0, 0], [104, 4, 0], [100, 8, 0], [50, 60, 0]]
+    path = write_track(tmp_path, points=hairpin)
+    line = refusal(path)
+    assert line.startswith(f"{path}: the bend at ")
+    assert "m has a radius of " in line
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"widht": 7}, "no key widht; did you mean width?"),
+        ({"width": "broad"}, "width: broad; must be a number in 3..30"),
+        ({"points": SQUARE[:3]}, "points: 3, a closed loop needs 4 or more"),
+        ({"points": [*SQUARE, [0, 0, 0]]}, "do not repeat the first one"),
+        ({"points": [[0, 0]]}, "points: each must be [x, y, z] in metres"),
+        ({"points": None}, "points: each must be [x, y, z] in metres"),
+        ({"verge": {"left": "hedge"}}, "verge: left: hedge; must be one of paved, kerb"),
+        ({"verge": "rock"}, "verge: rock; must be keys and values (left, right)"),
+        ({"surroundings": ["trees"]}, "surroundings: ['trees']; must be keys and values"),
+        ({"stretches": [{"from": 10, "to": 5}]}, "stretches, number 1: to: 5; must be a number"),
+        ({"stretches": {"from": 10}}, "stretches: must be a list"),
+        ({"stretches": ["all"]}, "stretches, number 1: must have from: and to:"),
+        ({"surroundings": {"ground": "ice"}}, "surroundings: ground: ice; must be one of"),
+        ({"surroundings": {"lakes": [[1, 2]]}}, "lakes: each must be [x, y, radius]"),
+        ({"surroundings": {"lakes": "deep"}}, "lakes: each must be [x, y, radius]"),
+        ({"surroundings": {"trees": -1}}, "surroundings: trees: -1; must be a number"),
+    ],
+)
+def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, said):
+    path = write_track(tmp_path, **content)
+    line = refusal(path)
+    assert line.startswith(f"{path}: ")
+    assert said in line
+
+
+@pytest.mark.parametrize("text", ["", "- 1", "points: [", "\t"])
+def test_a_file_that_is_no_track_is_refused(tmp_path, text):
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    assert refusal(str(path)).startswith(f"{path}: ")
+
+
+def test_an_unknown_track_names_the_known_ones():
+    assert "there are lake, mountain" in refusal("laek")
+    assert "there is no track mine.yaml" in refusal("mine.yaml")

@@ -1,0 +1,89 @@
+"""A car on a track: what the two of them add up to. No renderer is needed."""
+
+import numpy as np
+import pytest
+
+from simulator.errors import SimulatorError
+from simulator.world import Start, World, open_world
+from tests.simulator.tracks import loop
+
+
+def drive(world: World, seconds: float, steering: float = 0.0, throttle: float = 0.0) -> dict:
+    for _ in range(round(seconds / world.frame_s)):
+        world.step(steering, throttle)
+    return world.info()
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_the_same_seed_and_commands_give_the_same_drive(direction):
+    infos = []
+    for _ in range(2):
+        world = open_world("lake", renderer="none", direction=direction, seed=4)
+        rng = np.random.default_rng(4)
+        infos.append([drive(world, 0.2, rng.normal(0, 0.1), rng.random()) for _ in range(40)])
+    assert infos[0] == infos[1]
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_right_of_the_road_is_positive_as_the_driver_sees_it(direction):
+    world = World(loop(), direction=direction)
+    world.put_back(Start(10, cte=1, heading_deg=5))
+    assert world.cte == pytest.approx(1, abs=0.02)
+    assert np.degrees(world.heading_error) == pytest.approx(5, abs=0.5)
+    world.put_back(Start(30, speed_mph=20))
+    assert drive(world, 0.6, steering=0.3)["cte"] > 0.1
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_progress_grows_the_way_it_drives(direction):
+    world = World(loop(), direction=direction)
+    world.put_back(Start(0, speed_mph=20))
+    info = drive(world, 1, throttle=0.3)
+    assert info["progress"] * world.track.length == pytest.approx(9, abs=1)
+    assert info["lap"] == 0
+    place = info["distance"] if direction > 0 else world.track.length - info["distance"]
+    assert place == pytest.approx(9, abs=1)
+
+
+def test_off_the_road_is_beyond_the_edge_line_and_slows_the_car():
+    world = World(loop())
+    world.put_back(Start(10, cte=-3.0, speed_mph=20))
+    assert not world.off_road
+    on_road = drive(world, 1)
+    world.put_back(Start(10, cte=-5.0, speed_mph=20))
+    assert world.off_road
+    assert drive(world, 1)["speed_mph"] < on_road["speed_mph"] - 4
+
+
+@pytest.mark.parametrize("kind", ["wall", "rock"])
+def test_walls_keep_the_car_in_and_slow_it(kind):
+    world = World(loop(verge={"left": kind, "right": kind}))
+    world.put_back(Start(5, heading_deg=20, speed_mph=25))
+    info = drive(world, 1.5, throttle=1)
+    assert abs(info["cte"]) <= world.track.width / 2
+    assert info["speed_mph"] < 20
+
+
+@pytest.mark.parametrize("frame_rate", [5, 15, 30, 50])
+def test_simulated_time_follows_the_frame_rate(frame_rate):
+    world = World(loop(), frame_rate=frame_rate)
+    assert drive(world, 3)["time"] == pytest.approx(3, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ({"frame_rate": 0}, "frame_rate=0"),
+        ({"frame_rate": 60}, "frame_rate=60"),
+        ({"delay_s": -1}, "delay_s=-1"),
+        ({"direction": 2}, "direction=2"),
+    ],
+)
+def test_an_option_that_cannot_be_is_refused(option, said):
+    with pytest.raises(SimulatorError, match=said):
+        open_world("lake", renderer="none", **option)
+
+
+def test_a_world_without_a_renderer_has_no_frames():
+    with pytest.raises(SimulatorError, match="renderer=auto"):
+        open_world("lake", renderer="none").frame()
