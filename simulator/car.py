@@ -2,13 +2,13 @@
 
 Rajamani, *Vehicle Dynamics and Control* (2012), ch. 2, with Pacejka's magic formula for the tyres.
 Measures are the original car's (`simulator.rig`); drive and reverse force were read off the speeds
-of a recording of the original: 0 to 20 mph in 1.9 s, backwards at 1.25 m/s2.
+of a recording of the original: 0 to 20 mph in 1.9 s, backwards at 1.25 m/s2. Plain floats and
+`math`: numpy's scalars take ten times as long.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
-
-import numpy as np
 
 from simulator.rig import (
     FRONT_AXLE_M,
@@ -59,24 +59,24 @@ class Car:
 
     def place(self, x: float, y: float, heading: float, speed_mph: float = 0.0) -> None:
         """Put the car down, rolling straight ahead at a speed."""
-        self.x, self.y, self.heading = x, y, heading
-        self.ahead_mps, self.left_mps, self.yaw_rate = speed_mph * MPS_PER_MPH, 0.0, 0.0
+        self.x, self.y, self.heading = float(x), float(y), float(heading)
+        self.ahead_mps, self.left_mps, self.yaw_rate = float(speed_mph) * MPS_PER_MPH, 0.0, 0.0
         self.steering = self.throttle = 0.0
         self._waiting = deque([(0.0, 0.0)] * self.delay_steps)
 
     @property
     def speed_mph(self) -> float:
         """How fast it moves, in any direction; never negative, as in the original's telemetry."""
-        return float(np.hypot(self.ahead_mps, self.left_mps)) / MPS_PER_MPH
+        return math.hypot(self.ahead_mps, self.left_mps) / MPS_PER_MPH
 
     def step(self, steering: float, throttle: float, grade: float, surface: Surface) -> None:
         """Move on by 0.02 s; commands beyond -1..1 are clamped. `grade` is the rise per metre
         ahead; a negative throttle brakes, and reverses below 5 mph."""
-        self._waiting.append((float(np.clip(steering, -1, 1)), float(np.clip(throttle, -1, 1))))
+        self._waiting.append((_clamp(steering), _clamp(throttle)))
         self.steering, self.throttle = self._waiting.popleft()
-        pull = self._pull_mps2(grade, surface)
+        pull = self._pull_mps2(float(grade), surface)
         # Left turns are positive in the plane, right ones in the command.
-        wheel = -np.radians(MAX_STEERING_DEG) * self.steering
+        wheel = -math.radians(MAX_STEERING_DEG) * self.steering
         if abs(self.ahead_mps) < ROLLING_BELOW_MPS:
             self._roll(wheel, pull)
         else:
@@ -85,14 +85,14 @@ class Car:
         if speed > TOP_SPEED_MPH:
             self.ahead_mps *= TOP_SPEED_MPH / speed
             self.left_mps *= TOP_SPEED_MPH / speed
-        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
         self.x += (self.ahead_mps * cos - self.left_mps * sin) * PHYSICS_STEP_S
         self.y += (self.ahead_mps * sin + self.left_mps * cos) * PHYSICS_STEP_S
         self.heading += self.yaw_rate * PHYSICS_STEP_S
 
     def _pull_mps2(self, grade: float, surface: Surface) -> float:
         """Acceleration along the car by engine, brakes, drag, slope and rolling resistance."""
-        pull = -DRAG_PER_S * self.ahead_mps - GRAVITY_MPS2 * grade / np.hypot(1, grade)
+        pull = -DRAG_PER_S * self.ahead_mps - GRAVITY_MPS2 * grade / math.hypot(1, grade)
         resistance = surface.resistance_mps2
         if self.throttle >= 0:
             pull += self.throttle * min(DRIVE_N / MASS_KG, surface.grip * GRAVITY_MPS2)
@@ -102,34 +102,38 @@ class Car:
             resistance -= self.throttle * BRAKE_MPS2 * surface.grip
         # Friction stops a car, and holds it, but never pushes it back.
         after = self.ahead_mps + pull * PHYSICS_STEP_S
-        slowed = np.sign(after) * max(abs(after) - resistance * PHYSICS_STEP_S, 0.0)
+        slowed = math.copysign(max(abs(after) - resistance * PHYSICS_STEP_S, 0.0), after)
         return (slowed - self.ahead_mps) / PHYSICS_STEP_S
 
     def _roll(self, wheel: float, pull: float) -> None:
         """Wheels that roll without slip: the slow case."""
         self.ahead_mps += pull * PHYSICS_STEP_S
-        self.yaw_rate = self.ahead_mps * np.tan(wheel) / WHEELBASE_M
+        self.yaw_rate = self.ahead_mps * math.tan(wheel) / WHEELBASE_M
         self.left_mps = self.yaw_rate * REAR_AXLE_M
 
     def _slip(self, wheel: float, pull: float, surface: Surface) -> None:
         """Tyres that push sideways by their slip angle, up to what grips."""
         ahead = self.ahead_mps
         down = MASS_KG * GRAVITY_MPS2 + DOWNFORCE_N_PER_MPS * abs(ahead)
-        front_slip = wheel * np.sign(ahead) - np.arctan2(
+        front_slip = math.copysign(wheel, wheel * ahead) - math.atan2(
             self.left_mps + FRONT_AXLE_M * self.yaw_rate, abs(ahead)
         )
-        rear_slip = -np.arctan2(self.left_mps - REAR_AXLE_M * self.yaw_rate, abs(ahead))
+        rear_slip = -math.atan2(self.left_mps - REAR_AXLE_M * self.yaw_rate, abs(ahead))
         front = _tyre_force(front_slip, down * REAR_AXLE_M / WHEELBASE_M * surface.grip)
         rear = _tyre_force(rear_slip, down * FRONT_AXLE_M / WHEELBASE_M * surface.grip)
-        across = (front * np.cos(wheel) + rear) / MASS_KG - self.yaw_rate * ahead
-        turn = (FRONT_AXLE_M * front * np.cos(wheel) - REAR_AXLE_M * rear) / YAW_INERTIA_KG_M2
+        across = (front * math.cos(wheel) + rear) / MASS_KG - self.yaw_rate * ahead
+        turn = (FRONT_AXLE_M * front * math.cos(wheel) - REAR_AXLE_M * rear) / YAW_INERTIA_KG_M2
         self.ahead_mps += (
-            pull + self.yaw_rate * self.left_mps - front * np.sin(wheel) / MASS_KG
+            pull + self.yaw_rate * self.left_mps - front * math.sin(wheel) / MASS_KG
         ) * PHYSICS_STEP_S
         self.left_mps += across * PHYSICS_STEP_S
         self.yaw_rate += turn * PHYSICS_STEP_S
 
 
+def _clamp(command: float) -> float:
+    return min(max(float(command), -1.0), 1.0)
+
+
 def _tyre_force(slip: float, grip_n: float) -> float:
     """Pacejka's magic formula: a tyre's side force in newtons at a slip angle in radians."""
-    return grip_n * np.sin(TYRE_SHAPE * np.arctan(TYRE_STIFFNESS * slip))
+    return grip_n * math.sin(TYRE_SHAPE * math.atan(TYRE_STIFFNESS * slip))

@@ -1,11 +1,15 @@
 """A track: a closed loop's centreline, and where on it a car is."""
 
+import math
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 STEP_M = 0.5  # between the samples of the centreline
+REACH_M = 20.0  # along the road, both ways, that a search near a place goes
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,19 @@ class Place:
     z: float
 
 
+class Sample(NamedTuple):
+    """One sample of the centreline, in plain floats: the car asks for its place 50 times a second,
+    and numpy takes several times as long for single numbers."""
+
+    distance: float
+    heading: float
+    curvature: float
+    grade: float
+    x: float
+    y: float
+    z: float
+
+
 @dataclass(frozen=True)
 class Track:
     """A closed loop, sampled every `STEP_M`; x east, y north, z up, metres; heading in radians
@@ -91,10 +108,9 @@ class Track:
 
     def heading_at(self, distance: float | np.ndarray) -> np.ndarray:
         """The road's heading in radians, unwrapped over laps."""
-        turns = 2 * np.pi * np.round((self.heading[-1] - self.heading[0]) / (2 * np.pi))
         laps, rest = np.divmod(distance, self.length)
-        wrapped = np.append(self.heading, self.heading[0] + turns)
-        return np.interp(rest, np.append(self.distance, self.length), wrapped) + laps * turns
+        wrapped = np.append(self.heading, self.heading[0] + self._turned)
+        return np.interp(rest, np.append(self.distance, self.length), wrapped) + laps * self._turned
 
     def curvature_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Curvature in 1/m, left bends positive."""
@@ -116,30 +132,62 @@ class Track:
 
     def locate(self, x: float, y: float, near: float | None = None) -> Place:
         """The place of a point; `near`, its distance a moment ago, searches 20 m around it."""
-        count = len(self.distance)
+        x, y = float(x), float(y)
         if near is None:
-            candidates = np.arange(count)
+            nearest = int(((self.xyz[:, :2] - (x, y)) ** 2).sum(1).argmin())
         else:
-            reach = int(20 / STEP_M)
-            middle = round(near / STEP_M)
-            candidates = np.arange(middle - reach, middle + reach + 1) % count
-        away = self.xyz[candidates, :2] - (x, y)
-        nearest = int(candidates[np.argmin((away**2).sum(1))])
-        along = np.array([np.cos(self.heading[nearest]), np.sin(self.heading[nearest])])
-        to_point = np.array([x, y]) - self.xyz[nearest, :2]
-        distance = float(self.distance[nearest] + np.clip(to_point @ along, -STEP_M, STEP_M))
-        distance %= self.length
-        on_road = self.at(distance)
-        heading = float(self.heading_at(distance))
-        right = np.array([np.sin(heading), -np.cos(heading)])
+            nearest = self._nearest_sample(x, y, round(near / STEP_M))
+        sample = self._samples[nearest]
+        ahead = (x - sample.x) * math.cos(sample.heading) + (y - sample.y) * math.sin(
+            sample.heading
+        )
+        distance = (sample.distance + min(max(ahead, -STEP_M), STEP_M)) % self.length
+        count = len(self.distance)
+        position = distance / self.length * count
+        index = min(int(position), count - 1)
+        part = position - index
+        pair = zip(self._samples[index], self._samples[index + 1], strict=True)
+        here = Sample(*(before * (1 - part) + after * part for before, after in pair))
         return Place(
             distance=distance,
-            cte=float((np.array([x, y]) - on_road[:2]) @ right),
-            heading=heading,
-            curvature=float(self.curvature_at(distance)),
-            grade=float(self.grade_at(distance)),
-            z=float(on_road[2]),
+            cte=(x - here.x) * math.sin(here.heading) - (y - here.y) * math.cos(here.heading),
+            heading=here.heading,
+            curvature=here.curvature,
+            grade=here.grade,
+            z=here.z,
         )
+
+    def _nearest_sample(self, x: float, y: float, middle: int) -> int:
+        """The index of the sample nearest to a point, of those within 20 m along the road.
+
+        A sample that is d further away than the nearest so far has no nearer one within d of it:
+        most samples need no look.
+        """
+        samples, count = self._samples, len(self.distance)
+        step, reach = self.length / count, int(REACH_M / STEP_M)
+        nearest, least = middle % count, math.inf
+        for way in (1, -1):
+            offset = 0
+            while offset <= reach:
+                index = (middle + way * offset) % count
+                away = math.hypot(x - samples[index].x, y - samples[index].y)
+                if away < least:
+                    nearest, least = index, away
+                offset += max(int((away - least) / step), 1)
+        return nearest
+
+    @cached_property
+    def _samples(self) -> list[Sample]:
+        """All samples, and the first once more, a lap later."""
+        columns = (self.distance, self.heading, self.curvature, self.grade, *self.xyz.T)
+        samples = [Sample(*row) for row in np.stack(columns, -1).tolist()]
+        heading = samples[0].heading + self._turned
+        return [*samples, samples[0]._replace(distance=self.length, heading=heading)]
+
+    @cached_property
+    def _turned(self) -> float:
+        """What the heading gains in a lap, in radians: a full turn left or right."""
+        return 2 * np.pi * round((self.heading[-1] - self.heading[0]) / (2 * np.pi))
 
     def _periodic(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
         # Quicker than np.interp with a period, which sorts all samples at each call.

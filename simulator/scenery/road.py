@@ -39,8 +39,13 @@ class Band:
     steep: float | None = None  # lit as if it rose so much per metre; None: as it does
 
 
-def verge_bands(kind: str, shoulder: float, room: float, ground: str) -> list[Band]:
+def verge_bands(
+    kind: str, shoulder: float, room: float, ground: str, cobbled: bool = False
+) -> list[Band]:
     """What lies outside the road's edge for a kind of verge, up to `room` metres from it."""
+    paving = _paving(cobbled)
+    # The bridge's walls are nearly black in the original; a mountain road's are of its stone.
+    wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
     soil = SAND if ground == "sand" else FOREST
     grass = GRASS if ground == "sand" else FOREST
     line = [
@@ -70,10 +75,10 @@ def verge_bands(kind: str, shoulder: float, room: float, ground: str) -> list[Ba
         ]
     if kind == "wall":
         return [
-            Band(0.0, 0.7, 0, 0, "cobbles", COBBLES, 2.0),
-            Band(0.7, 0.72, 0, 0.75, "plain", WALL),
-            Band(0.72, 1.0, 0.75, 0.75, "plain", WALL),
-            Band(1.0, 1.02, 0.75, -4.0, "plain", WALL),
+            Band(0.0, 0.7, 0, 0, *paving),
+            Band(0.7, 0.72, 0, 0.75, *wall),
+            Band(0.72, 1.0, 0.75, 0.75, *wall),
+            Band(1.0, 1.02, 0.75, -4.0, *wall),
         ]
     if kind == "rock":
         return [
@@ -112,14 +117,14 @@ def road_meshes(track: Track) -> list[Mesh]:
         for side, kind in ((-1, verge.left), (1, verge.right)):
             room = VERGE_END_M - half
             ground = track.surroundings.ground
-            for band in verge_bands(kind, track.shoulder, room, ground):
+            for band in verge_bands(kind, track.shoulder, room, ground, cobbled):
                 meshes.append(_band_mesh(track, along, band, side, half))
     return [join([m for m in meshes if m.material == name]) for name in _materials(meshes)]
 
 
 def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
     """What lies between the edges, from left to right."""
-    paving = ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
+    paving = _paving(cobbled)
     if not centre_line:
         return [Band(-half, half, 0, 0, *paving)]
     return [
@@ -127,6 +132,11 @@ def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
         Band(-0.08, 0.08, 0, 0, "plain", YELLOW),
         Band(0.08, half, 0, 0, *paving),
     ]
+
+
+def _paving(cobbled: bool) -> tuple[str, tuple[float, float, float], float]:
+    """A band's material, colour and repeat."""
+    return ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
 
 
 def _materials(meshes: list[Mesh]) -> list[str]:
