@@ -138,24 +138,17 @@ class Track:
         else:
             nearest = self._nearest_sample(x, y, round(near / STEP_M))
         sample = self._samples[nearest]
-        ahead = (x - sample.x) * math.cos(sample.heading) + (y - sample.y) * math.sin(
-            sample.heading
-        )
+        sin, cos = math.sin(sample.heading), math.cos(sample.heading)
+        ahead = (x - sample.x) * cos + (y - sample.y) * sin
         distance = (sample.distance + min(max(ahead, -STEP_M), STEP_M)) % self.length
         count = len(self.distance)
         position = distance / self.length * count
         index = min(int(position), count - 1)
         part = position - index
         pair = zip(self._samples[index], self._samples[index + 1], strict=True)
-        here = Sample(*(before * (1 - part) + after * part for before, after in pair))
-        return Place(
-            distance=distance,
-            cte=(x - here.x) * math.sin(here.heading) - (y - here.y) * math.cos(here.heading),
-            heading=here.heading,
-            curvature=here.curvature,
-            grade=here.grade,
-            z=here.z,
-        )
+        here = Sample._make([before + (after - before) * part for before, after in pair])
+        cte = (x - here.x) * math.sin(here.heading) - (y - here.y) * math.cos(here.heading)
+        return Place(distance, cte, here.heading, here.curvature, here.grade, here.z)
 
     def _nearest_sample(self, x: float, y: float, middle: int) -> int:
         """The index of the sample nearest to a point, of those within 20 m along the road.
@@ -164,16 +157,16 @@ class Track:
         most samples need no look.
         """
         samples, count = self._samples, len(self.distance)
-        step, reach = self.length / count, int(REACH_M / STEP_M)
+        step = 1.01 * self.length / count  # a hair too long passes over none that counts
         nearest, least = middle % count, math.inf
-        for way in (1, -1):
-            offset = 0
-            while offset <= reach:
+        for way, offset in ((1, 0), (-1, 1)):
+            while offset <= REACH_M / STEP_M:
                 index = (middle + way * offset) % count
-                away = math.hypot(x - samples[index].x, y - samples[index].y)
+                sample = samples[index]
+                away = math.hypot(x - sample.x, y - sample.y)
                 if away < least:
                     nearest, least = index, away
-                offset += max(int((away - least) / step), 1)
+                offset += int((away - least) / step) + 1
         return nearest
 
     @cached_property

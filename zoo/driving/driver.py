@@ -1,0 +1,284 @@
+"""The driver: a telemetry message in, a reply out, whatever goes wrong in between."""
+
+import copy
+import math
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from zoo.driving.drive_log import FALLBACK, PERSON, POLICY, DriveRow
+from zoo.driving.notices import Notices
+from zoo.driving.scribe import Scribe
+from zoo.driving.speed_controller import SpeedController, limit_pedal
+from zoo.driving.steering_filter import SteeringFilter
+from zoo.driving.summary import Tally, autonomy
+from zoo.driving.telemetry import Telemetry, TelemetryError, decimal_sign, read_telemetry
+
+# A frame uint8 [160, 320, 3] RGB and mph -> steering -1..1 and throttle -1..1 or None.
+DrivingPolicy = Callable[[np.ndarray, float], tuple[float, float | None]]
+
+GENTLE_BRAKE = -0.2
+SILENCE_S = 1.0  # after which another simulator is recorded and shown
+
+
+class Session:
+    """A simulator that is connected: what is remembered of it from telemetry to telemetry."""
+
+    def __init__(self, number: int, controller: SpeedController, steer: SteeringFilter) -> None:
+        self.number, self.controller, self.steer = number, controller, steer
+        self.decimal: str | None = None
+        self.steering = self.speed_mph = 0.0
+        self.last_s = -math.inf
+        self.overridden = False
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An event and its one argument, to be sent; the row of the drive, and the picture, to keep."""
+
+    event: str
+    values: dict[str, str]
+    row: DriveRow
+    picture: bytes | None = None
+
+
+@dataclass(frozen=True)
+class LatestState:
+    """How the drive stands, for a page that looks now and then. `frame` is uint8 [160, 320, 3] RGB
+    and None before the first; it is the driver's own, not to be changed."""
+
+    frame: np.ndarray | None
+    steering: float
+    throttle: float
+    speed_mph: float
+    cross_track_m: float | None
+    latency_ms: float | None
+    clients: int
+    telemetry: int
+    interventions: int
+    fallbacks: int
+    driven_s: float
+    autonomy: float | None
+    overridden: bool
+    paused: bool
+    set_mph: float | None
+    recording: bool
+    recorded: int
+    folder: str
+    checkpoint: str
+    troubles: dict[str, int]
+
+
+class Driver:
+    """Answers every telemetry once, and keeps count.
+
+    Args:
+        policy: what steers.
+        controller, steer: copied for each session, since they remember.
+        scribe: writes the drive.
+        notices: told what goes wrong.
+        record: keep the pictures, too.
+        checkpoint: where the policy came from, to be shown.
+        load: makes a policy of a checkpoint's path, for `switch`.
+    """
+
+    def __init__(
+        self,
+        policy: DrivingPolicy,
+        controller: SpeedController,
+        steer: SteeringFilter,
+        scribe: Scribe,
+        notices: Notices,
+        record: bool = False,
+        checkpoint: str = "",
+        load: Callable[[Path], DrivingPolicy] | None = None,
+    ) -> None:
+        self.policy, self.scribe, self.notices = policy, scribe, notices
+        self.recording, self.checkpoint, self.load = record, str(checkpoint), load
+        self.paused = False
+        self.tally = Tally()
+        self.sessions: dict[str, Session] = {}
+        self.clients = 0  # that ever connected
+        self._controller, self._steer = controller, steer
+        self._began_s: float | None = None
+        self._frame: np.ndarray | None = None
+        self._row = DriveRow(0.0)
+        self._lead: Session | None = None
+
+    def connect(self, sid: str) -> Session:
+        """A simulator has come."""
+        self.clients += 1
+        controller, steer = copy.deepcopy(self._controller), copy.deepcopy(self._steer)
+        self.sessions[sid] = Session(self.clients, controller, steer)
+        self.notices.tell_some("connect", f"simulator {self.clients} has connected")
+        return self.sessions[sid]
+
+    def disconnect(self, sid: str) -> None:
+        """It has gone."""
+        session = self.sessions.pop(sid, None)
+        if session is not None:
+            self.notices.tell_some("disconnect", f"simulator {session.number} has gone")
+
+    def answer(self, session: Session, data: object, now_s: float | None = None) -> Reply:
+        """The one reply to a telemetry's argument, whatever it is; never raises."""
+        now_s = time.perf_counter() if now_s is None else now_s
+        if self._began_s is None:
+            self._began_s = now_s
+        elapsed_s, session.last_s = now_s - session.last_s, now_s
+        self.tally.step(elapsed_s, session.speed_mph)
+        session.decimal = decimal_sign(data) or session.decimal
+        if data is None:
+            return self._hand_over(session, now_s)
+        session.overridden = False
+        try:
+            return self._drive(session, read_telemetry(data), now_s)
+        except TelemetryError as error:
+            self.notices.say(error.kind, str(error).removeprefix(f"{error.kind}: "))
+        except Exception as error:
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            self.notices.say(
+                "the policy failed",
+                f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})",
+            )
+        return self._fall_back(session, now_s)
+
+    def _hand_over(self, session: Session, now_s: float) -> Reply:
+        """A person holds a key down, and drives."""
+        began = not session.overridden
+        if began:
+            session.overridden = True
+            session.controller.reset()
+            session.steer.reset()
+            self.tally.interventions += 1
+            count = self.tally.interventions
+            self.notices.tell_some("person", f"a person drives (intervention {count})")
+        row = DriveRow(self._time(now_s), session.number, PERSON, intervention=began)
+        return Reply("manual", {}, row)
+
+    def _drive(self, session: Session, telemetry: Telemetry, now_s: float) -> Reply:
+        for kind, detail in telemetry.oddities:
+            self.notices.say(kind, detail)
+        if telemetry.speed_mph is not None:
+            session.speed_mph = telemetry.speed_mph
+        steering, throttle = self.policy(telemetry.frame, session.speed_mph)
+        if not math.isfinite(steering):
+            raise ValueError(f"it steers by {steering}")
+        steering = session.steer(float(steering), now_s)
+        throttle = session.controller.throttle(session.speed_mph, steering, throttle, now_s)
+        if not math.isfinite(throttle):
+            raise ValueError(f"its throttle is {throttle}")
+        session.steering = steering
+        if self.paused:
+            throttle = GENTLE_BRAKE
+        throttle = limit_pedal(throttle, session.speed_mph)
+        row = DriveRow(
+            time_s=self._time(now_s),
+            client=session.number,
+            steering=steering,
+            throttle=throttle,
+            speed_mph=session.speed_mph,
+            cross_track_m=telemetry.cross_track_m,
+        )
+        leads = self._leads(session, now_s)
+        if leads:
+            self._frame = telemetry.frame
+        # Rows of several cars in one recording would be of no use to train on.
+        picture = telemetry.picture if self.recording and leads else None
+        return Reply("steer", reply_values(steering, throttle, session.decimal or "."), row, picture)
+
+    def _leads(self, session: Session, now_s: float) -> bool:
+        """Whether this is the session that is recorded and shown: the first, while it drives."""
+        lead = self._lead
+        if lead is None or now_s - lead.last_s > SILENCE_S:
+            self._lead = session
+        return self._lead is session
+
+    def _fall_back(self, session: Session, now_s: float) -> Reply:
+        """Something is wrong: steer as before, brake gently."""
+        self.tally.fallbacks += 1
+        throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
+        row = DriveRow(
+            self._time(now_s), session.number, FALLBACK, "", session.steering, throttle
+        )
+        if session.decimal is None:
+            # It has not driven yet; and whole numbers are read alike in every locale.
+            return Reply("steer", {"steering_angle": "0", "throttle": "0"}, row)
+        return Reply("steer", reply_values(session.steering, throttle, session.decimal), row)
+
+    def sent(self, reply: Reply, latency_ms: float) -> None:
+        """The reply is on its way; now there is time to keep what it was."""
+        self.tally.latency.add(latency_ms)
+        row = replace(reply.row, latency_ms=latency_ms)
+        if self._lead is None or row.client == self._lead.number:
+            self._row = row
+        self.scribe.put(row, reply.picture)
+
+    def _time(self, now_s: float) -> float:
+        return now_s - self._began_s
+
+    # What a page's buttons do.
+
+    @property
+    def set_mph(self) -> float | None:
+        """The speed to hold; None with a controller that holds none."""
+        return self._controller.set_mph
+
+    def set_speed(self, set_mph: float) -> None:
+        """Change the speed to hold, of all sessions; raises ValueError if that cannot be."""
+        if self.set_mph is None:
+            raise ValueError("this drive.speed holds no speed; drive with drive.speed=pi")
+        if not (math.isfinite(set_mph) and 0 <= set_mph <= 100):
+            raise ValueError(f"{set_mph} mph is not in 0..100")
+        for controller in (self._controller, *(one.controller for one in self.sessions.values())):
+            controller.set_mph = float(set_mph)
+
+    def switch(self, path: Path | str) -> None:
+        """Drive with another checkpoint from the next frame on; the old one stays if it does not
+        load. Takes as long as loading: call it in a thread.
+
+        Raises:
+            InputError: see `zoo.policy.load_policy`.
+        """
+        policy = self.load(Path(path))
+        self.policy, self.checkpoint = policy, str(path)
+
+    def latest(self) -> LatestState:
+        """How the drive stands now; costs a few microseconds."""
+        row, tally = self._row, self.tally
+        known = tally.driven_s > 0
+        return LatestState(
+            frame=self._frame,
+            steering=row.steering,
+            throttle=row.throttle,
+            speed_mph=row.speed_mph if math.isfinite(row.speed_mph) else 0.0,
+            cross_track_m=row.cross_track_m if math.isfinite(row.cross_track_m) else None,
+            latency_ms=row.latency_ms if math.isfinite(row.latency_ms) else None,
+            clients=len(self.sessions),
+            telemetry=tally.telemetry,
+            interventions=tally.interventions,
+            fallbacks=tally.fallbacks,
+            driven_s=tally.driven_s,
+            autonomy=autonomy(tally.interventions, tally.driven_s) if known else None,
+            overridden=any(one.overridden for one in self.sessions.values()),
+            paused=self.paused,
+            set_mph=self.set_mph,
+            recording=self.recording,
+            recorded=self.scribe.recorded,
+            folder=str(self.scribe.folder),
+            checkpoint=self.checkpoint,
+            troubles=dict(self.notices.counts),
+        )
+
+
+def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, str]:
+    """A `steer` event's argument, numbers as the client itself writes them.
+
+    >>> reply_values(0.05, 0.2, ",")
+    {'steering_angle': '0,0500', 'throttle': '0,2000'}
+    """
+    pair = {"steering_angle": steering, "throttle": throttle}
+    return {name: f"{value:.4f}".replace(".", decimal) for name, value in pair.items()}

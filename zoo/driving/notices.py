@@ -1,0 +1,34 @@
+"""What the driver tells the person at the terminal: each kind of trouble once, then counted."""
+
+from collections import Counter
+from collections.abc import Callable
+
+
+class Notices:
+    """Says a kind's first few events, and counts them all.
+
+    >>> notices = Notices()
+    >>> notices.say("image cannot be read", "the file is empty")
+    image cannot be read: the file is empty (said once, then counted)
+    >>> notices.say("image cannot be read", "the image is truncated")
+    >>> dict(notices.counts)
+    {'image cannot be read': 2}
+    """
+
+    def __init__(self, tell: Callable[[str], None] | None = None) -> None:
+        self.tell = tell or (lambda line: print(line, flush=True))
+        self.counts: Counter[str] = Counter()
+        self._told: Counter[str] = Counter()
+
+    def say(self, kind: str, detail: str = "") -> None:
+        """Trouble of some kind: told the first time, with its detail in one line."""
+        self.counts[kind] += 1
+        if self.counts[kind] == 1:
+            detail = " ".join(detail.split())
+            self.tell(f"{kind}{': ' if detail else ''}{detail} (said once, then counted)")
+
+    def tell_some(self, kind: str, line: str, most: int = 10) -> None:
+        """An ordinary event, such as a client that connects: the first `most` are told."""
+        self._told[kind] += 1
+        if self._told[kind] <= most:
+            self.tell(line + (" (and so on)" if self._told[kind] == most else ""))

@@ -1,0 +1,183 @@
+"""The socket side of the driver: sessions, replies, and who may come in."""
+
+import logging
+import resource
+import socket
+import time
+from collections.abc import Callable, Iterable
+
+import eventlet
+import socketio
+from eventlet import wsgi
+from eventlet.greenio import GreenSocket
+
+from zoo.driving.driver import Driver
+from zoo.driving.fast_socket import ENVIRON_KEY
+from zoo.driving.legacy import SimulatorServer
+from zoo.driving.notices import Notices
+from zoo.driving.origin import OriginGuard
+
+BACKLOG = 1024
+MOST_CONNECTIONS = 1024
+# A client that sends no whole request, or no more telemetry and no PONG, is dropped after this.
+PATIENCE_S = 20.0
+MOST_UNSENT = 64  # replies that a client has not read; the original waits for one or two
+
+WsgiApp = Callable[[dict, Callable], Iterable[bytes]]
+
+
+class DriveServer:
+    """Serves a driver to simulators on a listening socket.
+
+    Nothing is monkeypatched: torch and the scribe's thread see the real `threading` and `socket`.
+    The policy runs in the one thread that serves the sockets, frame after frame; 2 ms of it are
+    less than what handing frames to another thread and back adds at its worst.
+
+    Args:
+        driver: answers.
+        listener: what `listen` made; closed by `close`.
+        page: answers HTTP requests for other paths than `/socket.io/`.
+        exposed: reachable from other machines, under any name.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        listener: GreenSocket,
+        page: WsgiApp | None = None,
+        exposed: bool = False,
+    ) -> None:
+        self.driver, self.listener = driver, listener
+        guard = OriginGuard(exposed, driver.notices)
+        self.sio = SimulatorServer(_logger(driver.notices), guard.allows)
+        self.sio.on("connect", self._connect)
+        self.sio.on("disconnect", self._disconnect)
+        self.sio.on("telemetry", self._telemetry)
+        # What is not kept alive frees its place at once: the old client leaks each connection that
+        # is answered by an error, a thousand of them in 2 s.
+        self._http = wsgi.Server(
+            listener,
+            listener.getsockname(),
+            guard(socketio.WSGIApp(self.sio, page)),
+            log_output=False,
+            keepalive=False,
+            debug=False,
+            socket_timeout=PATIENCE_S,
+        )
+        self._pool = eventlet.GreenPool(_connection_limit())
+        self._accepting = None
+
+    @property
+    def port(self) -> int:
+        return self.listener.getsockname()[1]
+
+    def serve(self, until: Callable[[], bool], tick_s: float = 0.1) -> None:
+        """Serve, and ask ten times a second whether to stop. It is asked in this way because an
+        exception that a signal raises could land in any session's task, and be swallowed there."""
+        self._accepting = eventlet.spawn(self._accept)
+        while not until():
+            eventlet.sleep(tick_s)
+
+    def close(self) -> None:
+        """Take no more connections, and hang up on those there are."""
+        if self._accepting is not None:
+            self._accepting.kill()
+        self.listener.close()
+        for environ in list(self.sio.environ.values()):
+            if ENVIRON_KEY in environ:
+                environ[ENVIRON_KEY].hang_up()
+        eventlet.sleep(0)
+
+    def _accept(self) -> None:
+        # eventlet's own loop ends at the first connection that fails while it is taken.
+        while True:
+            try:
+                connection, address = self.listener.accept()
+            except OSError as error:
+                self.driver.notices.say("a connection could not be taken", str(error))
+                eventlet.sleep(0.05)
+                continue
+            self._pool.spawn_n(self._serve, connection, address)
+
+    def _serve(self, connection: GreenSocket, address: object) -> None:
+        try:
+            connection.settimeout(PATIENCE_S)
+            self._http.process_request([address, connection, wsgi.STATE_IDLE])
+        except (OSError, EOFError):  # it has gone
+            pass
+        except Exception as error:
+            self.driver.notices.say("a request failed", f"{type(error).__name__}: {error}")
+        finally:
+            connection.close()
+
+    def _connect(self, sid: str, environ: dict) -> None:
+        self.driver.connect(sid)
+
+    def _disconnect(self, sid: str, reason: str) -> None:
+        self.driver.disconnect(sid)
+
+    def _telemetry(self, sid: str, *arguments: object) -> None:
+        began_s = time.perf_counter()
+        session = self.driver.sessions.get(sid)
+        if session is None or self._hung_up(sid):
+            return
+        websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
+        if websocket is not None:
+            began_s = websocket.received_s
+        # One argument is what the original sends; a null, or none at all, is a person driving.
+        reply = self.driver.answer(session, arguments[0] if arguments else None)
+        self.sio.emit(reply.event, reply.values, to=sid)
+        # The reply goes out in a task of its own, which must run before the next frame is read.
+        eventlet.sleep(0)
+        sent_s = websocket.sent_s if websocket is not None else 0.0
+        sent_s = sent_s if sent_s > began_s else time.perf_counter()
+        self.driver.sent(reply, 1000 * (sent_s - began_s))
+
+    def _hung_up(self, sid: str) -> bool:
+        """Whether this client reads no replies; then there is no point in making more."""
+        eio_sid = self.sio.manager.eio_sid_from_sid(sid, "/")
+        engine = self.sio.eio.sockets.get(eio_sid)
+        if engine is None or engine.queue.qsize() < MOST_UNSENT:
+            return False
+        self.driver.notices.say("a simulator reads no replies and was sent away")
+        websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
+        if websocket is not None:
+            websocket.hang_up()
+        else:
+            engine.close(wait=False, abort=True)
+        return True
+
+
+def listen(host: str, port: int) -> GreenSocket:
+    """A socket that takes connections from now on, though nobody answers them yet: the original
+    client, which tries thousands of times a second where the port is closed, then waits.
+
+    Raises:
+        OSError: the port is taken, or there is no such host.
+    """
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    # With reuse_port, eventlet's default, two drivers would share the port and the simulators.
+    return eventlet.listen((host, port), family, backlog=BACKLOG, reuse_port=False)
+
+
+def _connection_limit() -> int:
+    """As many connections as there are file descriptors for; the limit is raised where it can."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < MOST_CONNECTIONS * 2 <= hard:
+        soft = MOST_CONNECTIONS * 2
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    return min(MOST_CONNECTIONS, max(soft - 128, 16))
+
+
+def _logger(notices: Notices) -> logging.Logger:
+    """What socketio and engineio complain of, counted by what they say."""
+
+    class Counted(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            error = record.exc_info[1] if record.exc_info else None
+            detail = f"{type(error).__name__}: {error}" if error else record.getMessage()
+            notices.say("a client sent what Socket.IO does not know", detail)
+
+    logger = logging.Logger("zoo.driving", logging.WARNING)
+    logger.addHandler(Counted())
+    return logger

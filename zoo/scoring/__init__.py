@@ -1,0 +1,1 @@
+"""Scores by driving: a drive in the embedded world, its figures and its pictures."""

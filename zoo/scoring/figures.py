@@ -1,0 +1,57 @@
+"""Where a drive went, and how far off the middle."""
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from simulator.track import Track
+from zoo.plots import GREY, ORANGE
+from zoo.scoring.closed_loop import ScoredDrive
+
+
+def birds_eye(track: Track, drive: ScoredDrive, title: str) -> Figure:
+    """The car's way on the track, coloured by its cross-track error, interventions marked."""
+    figure = Figure(figsize=(7, 6), layout="constrained")
+    axis = figure.subplots()
+    closed = np.vstack([track.xyz, track.xyz[:1]])
+    axis.plot(closed[:, 0], closed[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
+    way = np.array(drive.xy)
+    error = np.abs([row.cross_track_m for row in drive.rows])
+    lines = LineCollection(
+        np.stack([way[:-1], way[1:]], 1), array=error[1:], cmap="viridis", lw=2.2
+    )
+    lines.set_clim(0, max(1.0, drive.lane_m / 2))
+    axis.add_collection(lines)
+    figure.colorbar(lines, ax=axis, label="cross-track error (m)", shrink=0.7, extend="max")
+    lost = np.array([row.intervention for row in drive.rows])
+    if lost.any():
+        axis.scatter(*way[lost].T, marker="x", s=70, color=ORANGE, lw=2.5, zorder=3)
+    axis.plot(*way[0], marker="o", color="black", ms=6, zorder=3)
+    axis.annotate("start", way[0], xytext=(6, 6), textcoords="offset points")
+    axis.set(aspect="equal", xlabel="m", ylabel="m", title=title)
+    axis.autoscale_view()
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    return figure
+
+
+def error_over_distance(drive: ScoredDrive, title: str) -> Figure:
+    """Cross-track error along the drive, right positive, with the lane's limits."""
+    figure = Figure(figsize=(8, 3), layout="constrained")
+    axis = figure.subplots()
+    step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
+    step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
+    driven = np.cumsum(np.abs(step))
+    error = np.array([row.cross_track_m for row in drive.rows])
+    lost = np.array([row.intervention for row in drive.rows])
+    axis.axhspan(-drive.lane_m, drive.lane_m, color=GREY, alpha=0.12, lw=0)
+    axis.axhline(0, color=GREY, lw=0.8)
+    axis.plot(driven, np.where(np.roll(lost, 1), np.nan, error), color="#2a6fbb", lw=1.2)
+    axis.scatter(driven[lost], error[lost], marker="x", color=ORANGE, lw=2, label="intervention")
+    if lost.any():
+        axis.legend(frameon=False)
+    axis.set(xlabel="driven (m)", ylabel="right of the middle (m)", title=title)
+    axis.margins(x=0)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    return figure
