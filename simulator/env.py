@@ -78,7 +78,6 @@ class DrivingEnv(gymnasium.Env):
                 raise SimulatorError(f"{name}={value}: must be {least} or more, or None")
         if not off_road_s >= 0:
             raise SimulatorError(f"off_road_s={off_road_s}: must be 0 or more; inf never ends it")
-        self.world = open_world(track, renderer, quality, frame_rate, delay_s, direction)
         self.metadata = {**self.metadata, "render_fps": frame_rate}
         self.weather, self.random_start, self.render_mode = (
             _weather(weather),
@@ -86,6 +85,7 @@ class DrivingEnv(gymnasium.Env):
             render_mode,
         )
         self.laps, self.max_seconds, self.off_road_s = laps, max_seconds, off_road_s
+        self.world = open_world(track, renderer, quality, frame_rate, delay_s, direction)
         self.images = {"image": "center"}
         if cameras == "all":
             self.images |= {camera: camera for camera in CAMERAS[1:]}

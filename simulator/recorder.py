@@ -45,11 +45,7 @@ class Recorder:
         self.rows = 0
         self._pass_begin_s, self._last_s = 0.0, -np.inf
         try:
-            if self.log.exists():
-                raise SimulatorError(
-                    f"{self.folder} holds a {LOG_NAME} already: name another folder with out=, "
-                    "or remove it"
-                )
+            check_free(self.folder)
             self.images.mkdir(parents=True, exist_ok=True)
             self._file = self.log.open("xb", buffering=0)
             if header:
@@ -133,6 +129,15 @@ class Recorder:
         except OSError:
             self._file.truncate(size)
             raise
+
+
+def check_free(folder: Path | str) -> None:
+    """Raise SimulatorError where a folder holds a recording; nothing is made there."""
+    folder = Path(folder).expanduser().absolute()
+    if (folder / LOG_NAME).exists():
+        raise SimulatorError(
+            f"{folder} holds a {LOG_NAME} already: name another folder with out=, or remove it"
+        )
 
 
 def number_text(value: float) -> str:

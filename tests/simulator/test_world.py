@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simulator.errors import SimulatorError
+from simulator.expert import Expert
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop
 
@@ -45,6 +46,41 @@ def test_progress_grows_the_way_it_drives(direction):
     assert place == pytest.approx(9, abs=1)
 
 
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_lap_counts_when_its_whole_length_is_driven(direction):
+    world = World(loop(), direction=direction)
+    world.put_back(Start(-direction * 10.0))
+    expert, laps = Expert(world.track), []
+    while world.lap < 2:
+        world.step(*expert(world))
+        laps.append((world.lap, int(world.info()["progress"])))
+    assert all(lap == whole for lap, whole in laps)
+    assert world.travelled == pytest.approx(2 * world.track.length, abs=1)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_backing_over_the_line_and_coming_again_is_no_lap(direction):
+    world = World(loop(), direction=direction)
+    world.put_back(Start(direction * 2.0))
+    info = drive(world, 4, throttle=-1)
+    assert info["progress"] * world.track.length < -4
+    assert info["lap"] == 0
+    info = drive(world, 3, throttle=1)
+    assert 0 < info["progress"] < 0.1
+    assert info["lap"] == 0
+
+
+def test_putting_the_car_back_drives_no_metre_and_takes_no_time():
+    world = World(loop())
+    before = drive(world, 2, throttle=1)
+    world.put_back(Start(200, cte=0.5, speed_mph=10))
+    after = world.info()
+    assert after["distance"] == pytest.approx(200, abs=0.01)
+    assert (after["cte"], after["speed_mph"]) == pytest.approx((0.5, 10), abs=0.01)
+    kept = ("progress", "lap", "time")
+    assert [after[key] for key in kept] == [before[key] for key in kept]
+
+
 def test_off_the_road_is_beyond_the_edge_line_and_slows_the_car():
     world = World(loop())
     world.put_back(Start(10, cte=-3.0, speed_mph=20))
@@ -64,10 +100,44 @@ def test_walls_keep_the_car_in_and_slow_it(kind):
     assert info["speed_mph"] < 20
 
 
+def test_a_wall_met_head_on_stops_the_car():
+    world = World(loop(verge={"left": "wall", "right": "wall"}))
+    world.put_back(Start(20, heading_deg=90, speed_mph=25))
+    info = drive(world, 3, throttle=1)
+    assert info["off_road"]
+    assert info["speed_mph"] < 5
+    assert abs(info["cte"]) <= world.track.width / 2
+
+
 @pytest.mark.parametrize("frame_rate", [5, 15, 30, 50])
 def test_simulated_time_follows_the_frame_rate(frame_rate):
     world = World(loop(), frame_rate=frame_rate)
     assert drive(world, 3)["time"] == pytest.approx(3, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("frame_rate", "steps"), [(50, [1, 1, 1, 1]), (15, [3, 4, 3, 3, 4, 3]), (12.5, [4, 4, 4])]
+)
+def test_a_frame_takes_whole_steps_of_physics_and_they_never_drift(frame_rate, steps):
+    world = World(loop(), frame_rate=frame_rate)
+    taken = []
+    for _ in steps:
+        before = world.steps
+        world.step(0, 0)
+        taken.append(world.steps - before)
+    assert taken == steps
+    drive(world, 600)
+    assert world.time == pytest.approx(world.frames / frame_rate, abs=0.011)
+
+
+def test_a_command_reaches_the_wheels_after_the_delay():
+    world = World(loop(), delay_s=0.2)
+    world.put_back(Start(10, speed_mph=20))
+    before = world.car.heading
+    drive(world, 0.2, steering=0.5)
+    assert world.car.heading == before
+    drive(world, 0.2, steering=0.5)
+    assert world.car.heading < before
 
 
 @pytest.mark.parametrize(

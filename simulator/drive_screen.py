@@ -1,0 +1,152 @@
+"""What a person sees who drives: the world through the centre camera, the picture that is recorded
+in a corner, and what to know and press."""
+
+import cv2
+import numpy as np
+from panda3d import core
+
+from simulator.pictures import Pictures
+from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, VERTICAL_FOV_DEG
+from simulator.scenery.air import FOG_RGB
+from simulator.scenery.bonnet import SHAPES
+from simulator.weather import Weather
+from simulator.window import Picture, Window
+
+HELP = (
+    "arrows or W A S D: drive     left mouse button held, moved sideways: steer     "
+    "space: cruise     R: record     backspace: back on the road     Esc: quit"
+)
+WHITE, GREY, RED, GREEN = (1, 1, 1, 1), (0.85, 0.85, 0.85, 1), (1, 0.25, 0.2, 1), (0.4, 0.9, 0.5, 1)
+DARK = (0.05, 0.06, 0.08, 0.6)
+INSET_WIDTH = 0.9  # in units of half the window's height, as all lengths here
+BAR_WIDTH = 0.5  # of the steering's bar, to each side
+BONNET_FROM = 128  # the row of the camera's picture from which on the bonnet is drawn
+FINE = 4  # pixels of the bonnet for one of the camera's
+
+
+class DriveScreen:
+    """Everything in the window; `draw` shows one moment."""
+
+    def __init__(self, window: Window, pictures: Pictures, weather: Weather) -> None:
+        self.window, self.pictures = window, pictures
+        self.lens = core.PerspectiveLens()
+        self.lens.setNearFar(0.3, 1500)
+        self.camera = pictures.root.attachNewNode(core.Camera("driver", self.lens))
+        self.camera.node().setInitialState(_weather_state(weather))
+        window.window.makeDisplayRegion().setCamera(self.camera)
+        flat = window.flat
+        Picture(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
+        self.corner = flat.attachNewNode("top right")
+        self.left = flat.attachNewNode("top left")
+        top = 0.96 - INSET_WIDTH / 2
+        _box(self.corner, (-INSET_WIDTH - 0.01, 0.01), (top - 0.09, 0.97), DARK)
+        self.inset = Picture(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
+        caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.045, core.TextNode.ACenter)
+        _say(caption, "the centre camera, as it is recorded", GREY)
+        _box(self.left, (0, 0.95), (0.71, 0.97), DARK)
+        self.recording = _text(self.left, 0.05, 0.87, 0.075)
+        self.notice = _text(self.left, 0.05, 0.765, 0.05)
+        self.speed = _text(flat, 0, -0.66, 0.17, core.TextNode.ACenter)
+        _box(flat, (-BAR_WIDTH, BAR_WIDTH), (-0.775, -0.755), DARK)
+        self.wheel = _box(flat, (-0.02, 0.02), (-0.79, -0.74), WHITE)
+        self.steering = _text(flat, 0, -0.86, 0.05, core.TextNode.ACenter)
+        self.help_box = _box(flat, (-1, 1), (-1, -0.93), DARK)
+        self.help = _text(flat, 0, -0.98, 0.045, core.TextNode.ACenter)
+        _say(self.help, HELP, GREY)
+
+    def show_frame(self, frame: np.ndarray) -> None:
+        """The picture in the corner: uint8 [160, 320, 3], RGB."""
+        self.inset.show(frame)
+
+    def say(self, recording: str, is_recording: bool, notice: str) -> None:
+        """The two lines in the upper left corner."""
+        _say(self.recording, recording, RED if is_recording else WHITE)
+        _say(self.notice, notice, GREY)
+
+    def draw(
+        self,
+        pose: tuple[float, float, float, float, float],
+        speed_mph: float,
+        steering: float,
+        throttle: float,
+    ) -> bool:
+        """Show the world from a pose, see `World.pose`; False when the window was closed."""
+        aspect = self.window.aspect
+        self.corner.setX(aspect - 0.03)
+        self.left.setX(-aspect + 0.03)
+        self.help_box.setSx(aspect)
+        self.help.setScale(0.045 * min(aspect / 2, 1))
+        tangent = np.tan(np.radians(VERTICAL_FOV_DEG / 2))
+        self.lens.setFov(float(2 * np.degrees(np.arctan(tangent * aspect))), VERTICAL_FOV_DEG)
+        self.pictures.place_camera(self.camera, pose, "center")
+        _say(self.speed, f"{speed_mph:.0f} mph", WHITE)
+        self.wheel.setX(steering * BAR_WIDTH)
+        pedal = "brake" if throttle < 0 else "throttle"
+        _say(self.steering, f"steering {steering:+.2f}     {pedal} {abs(throttle):.2f}", WHITE)
+        return self.window.draw()
+
+
+def bonnet_overlay(brightness: float) -> np.ndarray:
+    """The bonnet before the centre camera, drawn finer than it is recorded: uint8 [128, 1280, 4],
+    RGBA, for the rows from `BONNET_FROM` to the bottom."""
+    size = (FINE * (FRAME_HEIGHT - BONNET_FROM), FINE * FRAME_WIDTH)
+    # Twice as large, then averaged down: smooth edges.
+    picture = np.zeros((2 * size[0], 2 * size[1], 4), np.float32)
+    for colour, outline in SHAPES["center"]:
+        corners = 2 * FINE * (np.array(outline) - (0, BONNET_FROM))
+        lit = [min(one * brightness, 255) for one in colour]
+        cv2.fillPoly(picture, [np.round(corners).astype(np.int32)], (*lit, 255))
+    picture = cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA)
+    # Averaged where covered only, or the edge would darken.
+    picture[..., :3] /= np.maximum(picture[..., 3:] / 255, 1e-6)
+    return picture.clip(0, 255).astype(np.uint8)
+
+
+def _weather_state(weather: Weather) -> core.RenderState:
+    """What the air does to the recorded pictures, roughly: fog and exposure."""
+    state = core.NodePath("weather")
+    if weather.fog:
+        fog = core.Fog("fog")
+        fog.setColor(*(float(one) for one in FOG_RGB / 255 * weather.brightness))
+        fog.setExpDensity(weather.fog**2 * 0.06)
+        state.setFog(fog)
+    state.setColorScale(*[weather.brightness] * 3, 1)
+    return state.getState()
+
+
+def _text(
+    parent: core.NodePath,
+    x: float,
+    z: float,
+    size: float,
+    align: int = core.TextNode.ALeft,
+) -> core.NodePath:
+    node = core.TextNode("text")
+    node.setAlign(align)
+    node.setShadow(0.04, 0.04)
+    node.setShadowColor(0, 0, 0, 0.9)
+    path = parent.attachNewNode(node)
+    path.setPos(x, 0, z)
+    path.setScale(size)
+    return path
+
+
+def _say(path: core.NodePath, text: str, colour: tuple[float, ...]) -> None:
+    node = path.node()
+    if node.getText() != text:
+        node.setText(text)
+    node.setTextColor(*colour)
+
+
+def _box(
+    parent: core.NodePath,
+    x: tuple[float, float],
+    z: tuple[float, float],
+    colour: tuple[float, ...],
+) -> core.NodePath:
+    card = core.CardMaker("box")
+    card.setFrame(*x, *z)
+    card.setColor(*colour)
+    path = parent.attachNewNode(card.generate())
+    path.setTransparency(core.TransparencyAttrib.MAlpha)
+    return path

@@ -1,0 +1,91 @@
+"""Keys, mouse and gamepad into steering and throttle, at the original simulator's pace."""
+
+from collections.abc import Set
+from dataclasses import dataclass
+
+# As the original does: its keys turn the wheel by 0.05 every 0.02 s, and Unity's axes (throttle,
+# and the wheel's way back) change by 3 a second.
+STEERING_PER_S = 2.5
+AXIS_PER_S = 3.0
+CRUISE_THROTTLE = 0.4
+MOUSE_FULL_LOCK = 2 / 3  # of the window's width, from where the button was pressed
+DEAD_ZONE = 0.1  # of a stick that nobody touches
+TAKES_OVER = 0.05  # a pedal pressed so far ends cruising
+
+LEFT, RIGHT = frozenset({"arrow_left", "a"}), frozenset({"arrow_right", "d"})
+UP, DOWN = frozenset({"arrow_up", "w"}), frozenset({"arrow_down", "s"})
+MOUSE_BUTTON = "mouse1"
+
+
+@dataclass(frozen=True)
+class Hands:
+    """What a person does at a moment.
+
+    Args:
+        held: names of the keys and mouse buttons that are down, as Panda3D has them.
+        pointer: where the mouse is, 0 at the window's left edge, 1 at its right.
+        stick: of a gamepad or a steering wheel, -1..1, right positive.
+        pedals: accelerator minus brake, -1..1.
+    """
+
+    held: Set[str] = frozenset()
+    pointer: float = 0.5
+    stick: float = 0.0
+    pedals: float = 0.0
+
+
+class HandControl:
+    """`step` gives the command for the next moment; the keys come before mouse and gamepad."""
+
+    def __init__(self) -> None:
+        self.cruising = False
+        self.release()
+
+    def release(self) -> None:
+        """Let go of everything, as after the car was put back."""
+        self.steering = self.throttle = 0.0
+        self._pressed_at: float | None = None
+
+    def step(self, seconds: float, hands: Hands) -> tuple[float, float]:
+        """Steering and throttle, -1..1 each (right and forward positive), `seconds` later."""
+        self.steering = self._steer(seconds, hands)
+        self.throttle = self._push(seconds, hands)
+        return self.steering, self.throttle
+
+    def _steer(self, seconds: float, hands: Hands) -> float:
+        way = bool(hands.held & RIGHT) - bool(hands.held & LEFT)
+        if MOUSE_BUTTON not in hands.held:
+            self._pressed_at = None
+        elif self._pressed_at is None:
+            self._pressed_at = hands.pointer
+        if way:
+            return _clamp(self.steering + way * STEERING_PER_S * seconds)
+        if self._pressed_at is not None:
+            return _clamp((hands.pointer - self._pressed_at) / MOUSE_FULL_LOCK)
+        if abs(hands.stick) > DEAD_ZONE:
+            beyond = (abs(hands.stick) - DEAD_ZONE) / (1 - DEAD_ZONE)
+            return _clamp(beyond if hands.stick > 0 else -beyond)
+        return _towards(self.steering, 0.0, AXIS_PER_S * seconds)
+
+    def _push(self, seconds: float, hands: Hands) -> float:
+        way = bool(hands.held & UP) - bool(hands.held & DOWN)
+        # The original cruises on whatever is pressed; whoever brakes wants to slow down.
+        if way < 0 or abs(hands.pedals) > TAKES_OVER:
+            self.cruising = False
+        if self.cruising:
+            return CRUISE_THROTTLE
+        if way:
+            # From accelerating to braking at once: Unity's axes "snap".
+            begin = self.throttle if self.throttle * way > 0 else 0.0
+            return _towards(begin, float(way), AXIS_PER_S * seconds)
+        if abs(hands.pedals) > TAKES_OVER:
+            return _clamp(hands.pedals)
+        return _towards(self.throttle, 0.0, AXIS_PER_S * seconds)
+
+
+def _clamp(value: float) -> float:
+    return min(max(value, -1.0), 1.0)
+
+
+def _towards(value: float, target: float, change: float) -> float:
+    return min(value + change, target) if value < target else max(value - change, target)

@@ -1,0 +1,180 @@
+"""A window: pictures and text in it, and what a person presses while it is open.
+
+OpenGL draws it (`pandagl`), or Panda3D's software renderer where there is none.
+"""
+
+import os
+import sys
+
+import numpy as np
+from panda3d import core
+
+from simulator.errors import SimulatorError
+
+PIPES = {"pandagl": "OpenGL", "p3tinydisplay": "software"}
+KEY, UP = "key-", "-up"  # around the names of events
+OVERLAY = 10  # drawn after the world
+
+
+class Window:
+    """A window with a flat layer that pictures and texts are attached to.
+
+    `flat` spans -aspect..aspect in x and -1..1 in z. `pressed` are the keys that went down during
+    the last `draw`, `held` those that are down.
+
+    Raises:
+        SimulatorError: no window can be opened here.
+    """
+
+    def __init__(self, title: str, size: tuple[int, int] = (1280, 640)) -> None:
+        self.pipe, self.engine, self.window, self.name = _open(title, size)
+        self.held: set[str] = set()
+        self.pressed: list[str] = []
+        self.flat = core.NodePath("flat")
+        self.flat.setDepthTest(False)
+        self.flat.setDepthWrite(False)
+        self.lens = core.OrthographicLens()
+        self.lens.setNearFar(-1, 1)
+        region = self.window.makeDisplayRegion()
+        region.setSort(OVERLAY)
+        region.setCamera(self.flat.attachNewNode(core.Camera("flat", self.lens)))
+        # What Panda3D calls a data graph: from the window to named events.
+        self._devices = core.NodePath("devices")
+        keyboard = core.MouseAndKeyboard(self.window, 0, "keyboard and mouse")
+        thrower = core.ButtonThrower("keys")
+        thrower.setPrefix(KEY)
+        self._devices.attachNewNode(keyboard).attachNewNode(thrower)
+        self._traverser = core.DataGraphTraverser()
+        self._events = core.EventQueue.getGlobalEventQueue()
+
+    @property
+    def is_open(self) -> bool:
+        """False once a person, or `close`, has closed it."""
+        return self.window is not None and not self.window.isClosed()
+
+    @property
+    def aspect(self) -> float:
+        """Width by height."""
+        return self.window.getXSize() / max(self.window.getYSize(), 1)
+
+    @property
+    def pointer(self) -> float:
+        """Where the mouse is, 0 at the left edge, 1 at the right; beyond that outside."""
+        return self.window.getPointer(0).getX() / max(self.window.getXSize(), 1)
+
+    def draw(self) -> bool:
+        """Draw everything and see what was pressed; False when the window was closed."""
+        self.lens.setFilmSize(2 * self.aspect, 2)
+        self.engine.renderFrame()
+        self._traverser.traverse(self._devices.node())
+        self.pressed = []
+        while not self._events.isQueueEmpty():
+            name = self._events.dequeueEvent().getName()
+            if not name.startswith(KEY) or name.endswith("-repeat"):
+                continue
+            key = name.removeprefix(KEY)
+            if key.endswith(UP):
+                self.held.discard(key.removesuffix(UP))
+            else:
+                self.held.add(key)
+                self.pressed.append(key)
+        return self.is_open
+
+    def close(self) -> None:
+        """Close it, if a person has not done so."""
+        self.engine.removeAllWindows()
+        # The software renderer's window must go before its pipe, or freeing it crashes.
+        self._devices.removeNode()
+        self.window = None
+
+
+class Picture:
+    """A rectangle with a picture on it, in the units of a window's flat layer."""
+
+    def __init__(self, parent: core.NodePath, left: float, bottom: float, width: float) -> None:
+        self.parent, self.place = parent, (left, bottom, width)
+        self.texture = core.Texture("picture")
+        self.texture.setMagfilter(core.SamplerState.FTLinear)
+        self.node: core.NodePath | None = None
+
+    def show(self, frame: np.ndarray) -> None:
+        """uint8 [H, W, 3 or 4], RGB or RGBA, the same size each time."""
+        height, width, channels = frame.shape
+        if self.node is None:
+            self._attach(height, width, channels)
+        order = [2, 1, 0, 3][:channels]  # Panda3D keeps blue first, and the lowest row first
+        self._stored[:height, :width] = frame[::-1, :, order]
+        self.texture.setRamImage(self._stored.tobytes())
+
+    def _attach(self, height: int, width: int, channels: int) -> None:
+        # The software renderer draws textures of 2^n pixels only.
+        rows, columns = (1 << (side - 1).bit_length() for side in (height, width))
+        self._stored = np.zeros((rows, columns, channels), np.uint8)
+        kind = core.Texture.FRgba if channels == 4 else core.Texture.FRgb
+        self.texture.setup2dTexture(columns, rows, core.Texture.TUnsignedByte, kind)
+        card = core.CardMaker("picture")
+        left, bottom, wide = self.place
+        card.setFrame(left, left + wide, bottom, bottom + wide * height / width)
+        # Half a pixel inside: what lies beyond the picture is black.
+        low, right, top = 0.5 / columns, (width - 0.5) / columns, (height - 0.5) / rows
+        card.setUvRange((low, 0.5 / rows), (right, top))
+        self.node = self.parent.attachNewNode(card.generate())
+        self.node.setTexture(self.texture)
+        if channels == 4:
+            self.node.setTransparency(core.TransparencyAttrib.MAlpha)
+
+
+class Viewer:
+    """A window that shows frames and nothing else."""
+
+    def __init__(self, title: str, size: tuple[int, int]) -> None:
+        self.window = Window(title, size)
+        self.picture = Picture(self.window.flat, -1.0, -0.5, 2.0)
+
+    def show(self, frame: np.ndarray) -> bool:
+        """Show uint8 [160, 320, 3], RGB, as large as fits; False when the window is closed."""
+        if not self.window.is_open:
+            return False
+        self.picture.show(frame)
+        height, width = frame.shape[:2]
+        self.picture.node.setScale(min(self.window.aspect, width / height))
+        return self.window.draw() and "escape" not in self.window.pressed
+
+    def close(self) -> None:
+        """Close it; more than once does no harm."""
+        self.window.close()
+
+
+def open_viewer(title: str, size: tuple[int, int] = (960, 480)) -> Viewer:
+    """A window for frames; raises SimulatorError where none can be opened."""
+    return Viewer(title, size)
+
+
+def _open(
+    title: str, size: tuple[int, int]
+) -> tuple[core.GraphicsPipe, core.GraphicsEngine, core.GraphicsWindow, str]:
+    linux = sys.platform.startswith("linux")
+    if linux and not os.environ.get("DISPLAY"):
+        raise SimulatorError(
+            "no window can be opened: DISPLAY is not set; run it at a desktop (Wayland's needs "
+            "Xwayland), or over ssh -X, or under xvfb-run"
+        )
+    core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal\nauto-flip true")
+    wanted = core.FrameBufferProperties()
+    wanted.setRgbaBits(8, 8, 8, 0)
+    wanted.setDepthBits(24)
+    asked = core.WindowProperties.size(*size)
+    asked.setTitle(title)
+    for module, name in PIPES.items():
+        pipe = core.GraphicsPipeSelection.getGlobalPtr().makeModulePipe(module)
+        if pipe is None or not pipe.isValid():
+            continue
+        engine = core.GraphicsEngine(pipe)
+        flags = core.GraphicsPipe.BFRequireWindow
+        window = engine.makeOutput(pipe, title, 0, wanted, asked, flags)
+        if window is not None:
+            engine.openWindows()
+        if window is not None and not window.isClosed():
+            return pipe, engine, window, name
+    where = f"on DISPLAY={os.environ['DISPLAY']}" if linux else "here"
+    raise SimulatorError(f"no window can be opened {where}; is there a desktop that answers?")

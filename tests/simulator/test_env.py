@@ -1,0 +1,214 @@
+"""The Gymnasium environments, drawn by the software renderer."""
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import yaml
+from gymnasium.utils.env_checker import check_env
+
+from simulator.env import DrivingEnv
+from simulator.errors import SimulatorError
+from simulator.expert import Expert
+from simulator.weather import Weather
+from tests.simulator.tracks import LOOP
+
+STRAIGHT_ON = np.array([0.0, 0.5], np.float32)
+Opened = Callable[..., DrivingEnv]
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[Opened]:
+    """`opened(**arguments)`: an environment on a short loop, closed at the end of the test."""
+    track = tmp_path / "loop.yaml"
+    bare = {"trees": 5, "bushes": 0, "rocks": 5}
+    track.write_text(yaml.safe_dump({"points": LOOP, "surroundings": bare}))
+    envs = []
+
+    def make(**arguments) -> DrivingEnv:
+        envs.append(DrivingEnv(str(track), renderer="software", **arguments))
+        return envs[-1]
+
+    yield make
+    for env in envs:
+        env.close()
+
+
+@pytest.mark.parametrize("name", ["Lake-v0", "Mountain-v0"])
+@pytest.mark.parametrize("arguments", [{}, {"cameras": "all", "render_mode": "rgb_array"}])
+def test_gymnasium_finds_nothing_to_complain_about(name, arguments):
+    env = gymnasium.make(name, renderer="software", **arguments)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_importing_the_simulator_registers_it_and_loads_no_renderer():
+    lines = """
+import sys, gymnasium, simulator
+assert gymnasium.spec("Lake-v0").kwargs == {"track": "lake"}
+assert "panda3d" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", lines], check=True)
+
+
+def test_gymnasium_imports_the_simulator_where_the_name_says_so():
+    lines = """
+import gymnasium
+print(gymnasium.make("simulator:Lake-v0", renderer="software").reset(seed=0)[1]["lap"])
+"""
+    done = subprocess.run([sys.executable, "-c", lines], check=True, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+def test_the_image_is_the_centre_camera_and_the_others_come_on_request(opened):
+    one, _ = opened().reset(seed=1)
+    env = opened(cameras="all")
+    three, _ = env.reset(seed=1)
+    assert set(one) == {"image", "speed"}
+    assert set(three) == {"image", "left", "right", "speed"}
+    assert np.array_equal(one["image"], three["image"])
+    assert np.array_equal(three["left"], env.world.frame("left"))
+
+
+def test_the_same_seed_and_actions_give_the_same_frames_to_the_bit(opened):
+    arguments = {"weather": "random", "random_start": True}
+    drives = [drive_at_random(opened(**arguments), seed=5) for _ in range(2)]
+    for one, other in zip(*drives, strict=True):
+        assert one[1] == other[1]
+        for key in one[0]:
+            assert np.array_equal(one[0][key], other[0][key])
+
+
+def drive_at_random(env: DrivingEnv, seed: int) -> list[tuple[dict, dict]]:
+    """Observations and infos of two episodes, the second without a seed of its own."""
+    rng = np.random.default_rng(seed)
+    seen = []
+    for episode_seed in (seed, None):
+        seen.append(env.reset(seed=episode_seed))
+        for _ in range(10):
+            observation, *_, info = env.step(rng.uniform((-0.3, 0), (0.3, 1)))
+            seen.append((observation, info))
+    return seen
+
+
+def test_another_seed_is_another_place_and_day(opened):
+    env = opened(weather="random", random_start=True)
+    days = []
+    for seed in range(3):
+        _, info = env.reset(seed=seed)
+        days.append((info["distance"], env.world.weather.sun_azimuth_deg))
+    assert len(set(days)) == 3
+
+
+def test_reset_takes_where_and_in_what_weather_to_begin(opened):
+    fog = Weather(fog=0.6)
+    options = {"distance": 50, "cte": 1, "heading_deg": -4, "speed_mph": 12, "weather": fog}
+    env = opened()
+    observation, info = env.reset(seed=0, options=options)
+    assert (info["distance"], info["cte"]) == pytest.approx((50, 1), abs=0.05)
+    assert np.degrees(info["heading_error"]) == pytest.approx(-4, abs=0.5)
+    assert observation["speed"] == pytest.approx([12])
+    assert env.world.weather == fog
+    env.reset()
+    assert env.world.weather == Weather()
+
+
+def test_the_reward_is_the_metres_driven_along_the_lap(opened):
+    env = opened()
+    env.reset(seed=0, options={"speed_mph": 20})
+    rewards = [env.step(STRAIGHT_ON)[1] for _ in range(15)]
+    assert sum(rewards) == pytest.approx(env.world.travelled)
+    assert sum(rewards) == pytest.approx(9.5, abs=1)
+
+
+@pytest.mark.parametrize(("off_road_s", "steps"), [(0, 1), (0.5, 6)])
+def test_off_the_road_there_is_no_reward_and_then_no_more_time(opened, off_road_s, steps):
+    env = opened(off_road_s=off_road_s, frame_rate=10)
+    env.reset(seed=0, options={"cte": 6, "speed_mph": 5})
+    for step in range(1, steps + 1):
+        _, reward, terminated, truncated, info = env.step(STRAIGHT_ON)
+        assert info["off_road"]
+        assert reward == 0
+        assert (terminated, truncated) == (step == steps, False)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_it_ends_when_the_laps_are_driven(opened, direction):
+    env = opened(laps=1, frame_rate=10, direction=direction)
+    env.reset(seed=0, options={"speed_mph": 25})
+    expert, terminated = Expert(env.world.track), False
+    while not terminated and env.world.time < 60:
+        *_, terminated, _, info = env.step(expert(env.world))
+    assert terminated
+    assert info["lap"] == 1
+    assert info["progress"] == pytest.approx(1, abs=0.01)
+
+
+def test_it_is_cut_off_after_the_seconds_given(opened):
+    env = opened(max_seconds=0.5, frame_rate=10)
+    env.reset(seed=0)
+    assert [env.step(STRAIGHT_ON)[3] for _ in range(5)] == [False] * 4 + [True]
+
+
+def test_it_renders_what_was_last_seen(opened):
+    env = opened(render_mode="rgb_array", frame_rate=20)
+    assert env.metadata["render_fps"] == 20
+    env.reset(seed=0)
+    observation, *_ = env.step(STRAIGHT_ON)
+    assert np.array_equal(env.render(), observation["image"])
+    silent = opened()
+    silent.reset(seed=0)
+    assert silent.render() is None
+
+
+def test_closing_twice_does_no_harm(opened):
+    env = opened()
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("argument", "said"),
+    [
+        ({"cameras": "rear"}, "cameras=rear: must be center or all"),
+        ({"render_mode": "human"}, "render_mode=human"),
+        ({"renderer": "none"}, "renderer=none"),
+        ({"weather": "hail"}, "weather=hail: must be clear, random or a Weather"),
+        ({"laps": 0}, "laps=0: must be 1 or more"),
+        ({"max_seconds": -1}, "max_seconds=-1"),
+        ({"off_road_s": -1}, "off_road_s=-1"),
+        ({"track": "lagoon"}, "no track lagoon"),
+    ],
+)
+def test_an_argument_that_cannot_be_is_refused(argument, said):
+    with pytest.raises(SimulatorError, match=said):
+        DrivingEnv(**argument)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ({"speed": 5}, "no option speed; there are cte, distance"),
+        ({"speed_mph": 70}, "speed_mph=70: must be in 0..30"),
+        ({"cte": np.nan}, "nan: must be a finite number"),
+        ({"weather": "hail"}, "weather=hail"),
+    ],
+)
+def test_an_option_of_reset_that_cannot_be_is_refused(opened, option, said):
+    with pytest.raises(SimulatorError, match=said):
+        opened().reset(options=option)
+
+
+@pytest.mark.parametrize("action", [[np.nan, 0], [0.1], [0, np.inf]])
+def test_an_action_is_two_finite_numbers(opened, action):
+    env = opened()
+    env.reset(seed=0)
+    with pytest.raises(SimulatorError, match="must be two finite numbers"):
+        env.step(action)
