@@ -1,4 +1,4 @@
-# make setup | test | lint | train | sweep | clean; PYTHON=python3.12 chooses the interpreter.
+# make demo | setup | test | lint | train | sweep | drive | clean; PYTHON=python3.12 chooses the interpreter.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
@@ -13,7 +13,7 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
 	@touch $@
-	@echo "set up in .venv; next: make train ARGS=\"data.root=FOLDER\""
+	@echo "set up in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
 test: $(READY)
 	$(BIN)/python -m pytest $(ARGS)
@@ -30,11 +30,14 @@ train: $(READY)
 sweep: $(READY)
 	$(BIN)/python -m zoo -m $(ARGS)
 
-demo:
-	@echo "make demo: not built yet, it needs the embedded simulator; make train trains on your own recording" >&2; exit 2
+# Records the embedded lake, trains on it, drives it, and says where everything is.
+demo: $(READY)
+	$(BIN)/python -m zoo.demo
 
-drive:
-	@echo "make drive: not built yet; python -m zoo leaves checkpoints that it will drive" >&2; exit 2
+# make drive CKPT=outputs/.../best.ckpt [SIM=lake] [ARGS="drive.speed.set_mph=15"]
+drive: $(READY)
+	@test -n "$(CKPT)" || { echo "make drive: name a checkpoint, CKPT=outputs/.../checkpoints/best.ckpt" >&2; exit 2; }
+	$(BIN)/python -m zoo.drive "$(CKPT)" $(if $(SIM),drive.sim=$(SIM)) $(ARGS)
 
 bench:
 	@echo "make bench: not built yet; python -m zoo prints samples per second of each run" >&2; exit 2

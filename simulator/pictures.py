@@ -26,8 +26,8 @@ from simulator.rig import (
 from simulator.scenery.air import Air
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import lit_colours
-from simulator.scenery.mesh import Mesh, cut
-from simulator.scenery.plants import boulders_mesh, place_standing, standing_mesh
+from simulator.scenery.mesh import Mesh, cut, join
+from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
 from simulator.scenery.road import road_meshes
 from simulator.scenery.shadows import Shadows
 from simulator.scenery.sky import sky_mesh
@@ -131,11 +131,8 @@ class Pictures:
         road = [part for mesh in road_meshes(track) for part in cut(mesh, CELL_M)]
         if quality == "full":
             self.shadows = Shadows(track, standing, [mesh.points for mesh in road])
-        around = [
-            *ground.meshes(),
-            standing_mesh(standing, ground),
-            boulders_mesh(track, ground, quality),
-        ]
+        things = (standing_meshes(standing, ground), boulder_meshes(track, ground, quality))
+        around = [*ground.meshes(), *(join(meshes) for meshes in things if meshes)]
         parts = [*road, *(part for mesh in around for part in cut(mesh, CELL_M))]
         pieces = [self._attach(part)[0] for part in parts]
         dome, self.sky = self._attach(sky_mesh())

@@ -141,6 +141,8 @@ class Track:
         sin, cos = math.sin(sample.heading), math.cos(sample.heading)
         ahead = (x - sample.x) * cos + (y - sample.y) * sin
         distance = (sample.distance + min(max(ahead, -STEP_M), STEP_M)) % self.length
+        if distance == self.length:  # a hair before the start line, rounded
+            distance = 0.0
         count = len(self.distance)
         position = distance / self.length * count
         index = min(int(position), count - 1)

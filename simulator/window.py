@@ -159,7 +159,7 @@ def _open(
             "no window can be opened: DISPLAY is not set; run it at a desktop (Wayland's needs "
             "Xwayland), or over ssh -X, or under xvfb-run"
         )
-    core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal\nauto-flip true")
+    core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal")
     wanted = core.FrameBufferProperties()
     wanted.setRgbaBits(8, 8, 8, 0)
     wanted.setDepthBits(24)

@@ -1,5 +1,6 @@
 """A world: a track, a car on it and what its cameras see, in steps of simulated time."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +94,7 @@ class World:
         while self.steps < until:
             self.steps += 1
             before = self.place
-            ahead = np.cos(self.car.heading - before.heading)
+            ahead = math.cos(self.car.heading - before.heading)
             surface = ROAD if not self.off_road else OFF_ROAD
             self.car.step(steering, throttle, before.grade * ahead, surface)
             self.place = self.track.locate(self.car.x, self.car.y, before.distance)
@@ -150,10 +151,11 @@ class World:
         verge = self.track.verge_at(self.place.distance)
         kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
         room = self.track.width / 2 + WALL_M - WHEEL_TRACK_M / 2
-        self.at_wall = kind in ("wall", "rock") and abs(self.place.cte) > room
-        if not self.at_wall:
-            return
+        # A car that leans on a wall is put at exactly that place, and goes on touching it.
+        self.at_wall = kind in ("wall", "rock") and abs(self.place.cte) > room - 0.01
         over = (abs(self.place.cte) - room) * side
+        if not self.at_wall or over * side <= 0:
+            return
         heading = self.place.heading
         self.car.x -= over * np.sin(heading)
         self.car.y += over * np.cos(heading)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulator.scenery.ground import Ground
-from simulator.scenery.mesh import Mesh, grid_triangles, join
+from simulator.scenery.mesh import Mesh, grid_triangles
 from simulator.scenery.textures import PLANTS
 from simulator.track import Track
 
@@ -62,17 +62,17 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     return standing
 
 
-def standing_mesh(standing: list[Standing], ground: Ground) -> Mesh:
-    """All of them as one mesh."""
-    apart, _ = ground.near_road.query(np.array([one.foot[:2] for one in standing]))
-    return join([_crossed(one, float(away)) for one, away in zip(standing, apart, strict=True)])
+def standing_meshes(standing: list[Standing], ground: Ground) -> list[Mesh]:
+    """A mesh for each."""
+    apart, _ = ground.near_road.query(np.array([one.foot[:2] for one in standing]).reshape(-1, 2))
+    return [_crossed(one, float(away)) for one, away in zip(standing, apart, strict=True)]
 
 
-def boulders_mesh(track: Track, ground: Ground, quality: str) -> Mesh:
-    """The rocks that lie about."""
+def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
+    """The rocks that lie about; a track may have none."""
     count = round(track.surroundings.rocks * (1.0 if quality == "full" else 1 / 3))
     rng = np.random.default_rng(track.surroundings.seed + 200)
-    return join([_boulder(ground, rng, xy) for xy in scatter(ground, rng, count)])
+    return [_boulder(ground, rng, xy) for xy in scatter(ground, rng, count)]
 
 
 def scatter(

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import yaml
 from scipy.interpolate import LinearNDInterpolator
 
+from simulator.pictures import open_pictures
 from simulator.scenery.bonnet import bonnet_picture
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import lit_colours
@@ -12,7 +14,7 @@ from simulator.scenery.plants import place_standing
 from simulator.scenery.road import road_meshes
 from simulator.scenery.shadows import Shadows
 from simulator.scenery.textures import MEANS, halvings, make_textures
-from simulator.track_file import read_track, track_names
+from simulator.track_file import make_track, read_track, track_folder, track_names
 from simulator.weather import Weather
 
 
@@ -56,6 +58,15 @@ def test_simple_quality_has_fewer_plants(track) -> None:
     ground = Ground(track)
     full, simple = (place_standing(track, ground, quality) for quality in ("full", "simple"))
     assert len(simple) < len(full) / 2
+
+
+def test_a_bare_world_can_be_drawn() -> None:
+    content = yaml.safe_load((track_folder() / "lake.yaml").read_text())
+    content["surroundings"] = {"trees": 0, "bushes": 0, "rocks": 0, "poles": 0}
+    content["stretches"] = []
+    pictures = open_pictures(make_track("bare", content), "software")
+    assert pictures.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0).std() > 5
+    pictures.close()
 
 
 def square(material: str = "ground") -> Mesh:

@@ -1,0 +1,75 @@
+"""`python -m zoo.demo`: the main job from nothing: record, train, drive over the socket, score.
+
+Runs the commands that a person would type, and prints each before it runs.
+"""
+
+import datetime
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from datamodules.errors import InputError
+from zoo.command_line import run_command
+
+SPEED_MPH = 20
+
+
+def demo(arguments: list[str]) -> None:
+    """Every stage into one run's folder; then how long each took, and where things are.
+
+    Raises:
+        InputError: a stage failed; it has said why.
+    """
+    if arguments:
+        raise InputError("takes no arguments; python -m zoo --help has the settings")
+    console = Console(soft_wrap=True)
+    run = Path("outputs") / f"{datetime.datetime.now():%Y-%m-%d/%H-%M-%S}-demo"
+    best = str(run / "checkpoints" / "best.ckpt")
+    drive, scores = run / "drive", run / "evaluation"
+    stages = {
+        "record (once) and train": ["zoo", "model=nvidia", "quick=true", f"hydra.run.dir={run}"],
+        "drive a lap over the socket": [
+            "zoo.drive",
+            best,
+            "drive.sim=lake",
+            "drive.laps=1",
+            "drive.port=0",
+            f"drive.speed.set_mph={SPEED_MPH}",
+            f"drive.record={drive}",
+        ],
+        "film it": ["zoo.film", str(drive), f"out={run / 'lap.mp4'}", "fps=30"],
+        "score it by driving": [
+            "zoo.evaluate",
+            best,
+            "track=lake",
+            "seeds=2",
+            f"speed={SPEED_MPH}",
+            f"out={scores}",
+        ],
+    }
+    table = Table("stage", "seconds")
+    for stage, words in stages.items():
+        console.print(f"\n> python -m {shlex.join(words)}", highlight=False, markup=False)
+        began = time.perf_counter()
+        if subprocess.run([sys.executable, "-m", *words], check=False).returncode:
+            raise InputError(f"could not {stage}; the line above says why")
+        table.add_row(stage, f"{time.perf_counter() - began:.0f}")
+    console.print(table)
+    for name, path in {
+        "checkpoint": best,
+        "film of a lap": run / "lap.mp4",
+        "scores": scores / "metrics.json",
+        "where it drove": scores / "lake-0" / "track.png",
+        "training plots": run / "plots",
+        "the drive, as a recording": drive,
+    }.items():
+        console.print(f"{name}: {path}", highlight=False, markup=False)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.demo", demo, sys.argv[1:]))
