@@ -1,4 +1,4 @@
-"""The record of one drive: `drive.csv`, a row for each time step, and `drive.json`, what it came to.
+"""The record of a drive: `drive.csv`, a row for each time step, and `drive.json`, what it came to.
 
 Every drive is written like this, wherever it took place: a simulator on the socket, the embedded
 world, the replay of a recording. All metrics, films and reports read it, and nothing else.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zoo.driving.drive_log import FALLBACK, PERSON, POLICY, DriveRow
+from zoo.driving.drive_log import FALLBACK, PERSON, DriveRow
 from zoo.driving.notices import Notices
 from zoo.driving.scribe import Scribe
 from zoo.driving.speed_controller import SpeedController, limit_pedal
@@ -188,7 +188,8 @@ class Driver:
             self._frame = telemetry.frame
         # Rows of several cars in one recording would be of no use to train on.
         picture = telemetry.picture if self.recording and leads else None
-        return Reply("steer", reply_values(steering, throttle, session.decimal or "."), row, picture)
+        values = reply_values(steering, throttle, session.decimal or ".")
+        return Reply("steer", values, row, picture)
 
     def _leads(self, session: Session, now_s: float) -> bool:
         """Whether this is the session that is recorded and shown: the first, while it drives."""
@@ -201,9 +202,7 @@ class Driver:
         """Something is wrong: steer as before, brake gently."""
         self.tally.fallbacks += 1
         throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
-        row = DriveRow(
-            self._time(now_s), session.number, FALLBACK, "", session.steering, throttle
-        )
+        row = DriveRow(self._time(now_s), session.number, FALLBACK, "", session.steering, throttle)
         if session.decimal is None:
             # It has not driven yet; and whole numbers are read alike in every locale.
             return Reply("steer", {"steering_angle": "0", "throttle": "0"}, row)

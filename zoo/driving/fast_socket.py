@@ -4,6 +4,7 @@ eventlet's own spends 5 to 11 ms on each camera picture: it takes the mask off b
 the kernel holds back acknowledgements that the old client's many small fragments wait for.
 """
 
+import contextlib
 import socket
 import time
 
@@ -118,10 +119,8 @@ class FastWebSocket(RFC6455WebSocket):
 
     def hang_up(self) -> None:
         """Close the connection now, whatever the client does: reader and writer come to an end."""
-        try:
+        with contextlib.suppress(OSError):  # it may have closed it by itself
             self.socket.shutdown(socket.SHUT_RDWR)
-        except OSError:  # it has closed it by itself
-            pass
 
 
 class FastWebSocketWSGI(WebSocketWSGI):

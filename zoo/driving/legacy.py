@@ -62,8 +62,9 @@ class SimulatorServer(socketio.Server):
             self._handle_connect(eio_sid, "/", None)
         try:
             super()._handle_eio_message(eio_sid, data)
-        except ValueError:
-            # No JSON. The client waits for its reply for ever, so it gets one as for any rubbish.
+        except (ValueError, RecursionError):
+            # No JSON, or JSON that overflows the stack. The client waits for its reply for ever, so
+            # it gets one as for any rubbish.
             if not (isinstance(data, str) and data.startswith(TELEMETRY)):
                 raise
             super()._handle_eio_message(eio_sid, f'{TELEMETRY},"no JSON"]')

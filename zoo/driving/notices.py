@@ -32,3 +32,7 @@ class Notices:
         self._told[kind] += 1
         if self._told[kind] <= most:
             self.tell(line + (" (and so on)" if self._told[kind] == most else ""))
+
+    def count_lines(self) -> list[str]:
+        """How often there was trouble of each kind, for the end of a drive."""
+        return [f"{count:,} times: {kind}" for kind, count in self.counts.items() if count > 1]

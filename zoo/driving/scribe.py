@@ -1,7 +1,9 @@
 """Writes a drive while it goes on, in a thread of its own, so that no disk ever delays a reply."""
 
+import contextlib
 import datetime
 import queue
+import tempfile
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -45,6 +47,21 @@ class Scribe:
         self._thread = threading.Thread(target=self._write_all, name="scribe", daemon=True)
         self._thread.start()
 
+    def prepare(self) -> None:
+        """Make the folder now, so that one that cannot be written to is known before the drive.
+
+        Raises:
+            InputError: that it is.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=self.folder):
+                pass
+        except OSError as error:
+            raise InputError(
+                f"drive.record={self.folder}: {error.strerror}; name another folder"
+            ) from None
+
     def put(self, row: DriveRow, picture: bytes | None) -> None:
         """Have a row written, and its picture (JPEG or PNG as it came) if there is one."""
         try:
@@ -55,7 +72,7 @@ class Scribe:
     def close(self, summary: dict, timeout_s: float = 10.0) -> bool:
         """Write what is waiting, and the summary; False if there was nothing to write, or no way.
 
-        `summary` gets `recorded_rows` and `folder`.
+        `summary` gets `recorded_rows`.
         """
         self._queue.put(None)
         self._thread.join(timeout_s)
@@ -63,6 +80,8 @@ class Scribe:
             self.notices.say("the disk does not answer, the end of the drive is not written")
             return False
         if self._writer is None:
+            with contextlib.suppress(OSError):  # it was not made, or is not empty
+                self.folder.rmdir()
             return False
         try:
             write_summary(self.folder, summary | {"recorded_rows": self.recorded})

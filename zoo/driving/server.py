@@ -71,10 +71,17 @@ class DriveServer:
     def port(self) -> int:
         return self.listener.getsockname()[1]
 
-    def serve(self, until: Callable[[], bool], tick_s: float = 0.1) -> None:
-        """Serve, and ask ten times a second whether to stop. It is asked in this way because an
-        exception that a signal raises could land in any session's task, and be swallowed there."""
+    def serve(
+        self, listening: Callable[[], None], until: Callable[[], bool], tick_s: float = 0.1
+    ) -> None:
+        """Call `listening` once connections are answered, and serve until `until` says to stop.
+
+        It is asked ten times a second: an exception that a signal raises could land in any
+        session's task, and be swallowed there.
+        """
         self._accepting = eventlet.spawn(self._accept)
+        eventlet.sleep(0)
+        listening()
         while not until():
             eventlet.sleep(tick_s)
 

@@ -1,5 +1,6 @@
 """What a drive comes to: NVIDIA's autonomy, latency, telemetry a second."""
 
+import itertools
 import math
 
 INTERVENTION_S = 6.0  # what NVIDIA reckons that a person's intervention takes
@@ -36,17 +37,15 @@ class LatencyHistogram:
 
         >>> histogram = LatencyHistogram()
         >>> for latency_ms in (1.0, 2.0, 3.0): histogram.add(latency_ms)
-        >>> round(histogram.percentile(50), 2)
+        >>> histogram.percentile(50)
         2.05
         """
         if not self.total:
             return math.nan
-        wanted, seen = math.ceil(percent / 100 * self.total), 0
-        for index, count in enumerate(self._counts):
-            seen += count
-            if seen >= max(wanted, 1):
-                break
-        return (index + 1) * _BIN_MS
+        seen = itertools.accumulate(self._counts)
+        wanted = max(1, math.ceil(percent / 100 * self.total))
+        bins = 1 + next(index for index, one in enumerate(seen) if one >= wanted)
+        return round(bins * _BIN_MS, 2)
 
 
 class Tally:

@@ -1,0 +1,99 @@
+"""`python -m tests.zoo.driving.serve FOLDER`: the driver, in a process of its own, with a policy
+that needs no torch: it steers by how red the picture is, and fails on purpose."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tests.zoo.commands import ROOT, environment
+
+WHITE, BLACK = (255, 255, 255), (0, 0, 0)  # on which it is NaN, and raises
+
+
+def red_policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+    """Steers by the mean of the red channel, 0..1."""
+    if frame.mean() > 250:
+        return float("nan"), None
+    if frame.mean() < 5:
+        raise RuntimeError("it is dark")
+    return float(frame[..., 0].mean()) / 255, None
+
+
+def picture(
+    colour: tuple[int, int, int], width: int = 320, height: int = 160, kind: str = ".jpg"
+) -> bytes:
+    """A picture of one RGB colour, in the bytes of a file."""
+    pixels = np.full((height, width, 3), colour[::-1], np.uint8)
+    return cv2.imencode(kind, pixels)[1].tobytes()
+
+
+class Served:
+    """A driver's process; `lines` is what it said up to `stop`."""
+
+    def __init__(self, process: subprocess.Popen, folder: Path) -> None:
+        self.process, self.folder = process, folder
+        self.lines: list[str] = []
+        self.port = self._port()
+
+    def _port(self) -> int:
+        for line in self.process.stdout:
+            self.lines.append(line.strip())
+            if line.startswith("listening on "):
+                return int(line.split()[2].rpartition(":")[2])
+        raise AssertionError(f"it did not start: {self.lines}")
+
+    def stop(self) -> int:
+        """End it as Ctrl-C does; its exit status."""
+        if self.process.returncode is None:
+            self.process.send_signal(signal.SIGINT)
+            self.lines += self.process.communicate(timeout=20)[0].splitlines()
+        return self.process.returncode
+
+
+@contextlib.contextmanager
+def served(folder: Path, *command: str) -> Iterator[Served]:
+    """A process that serves: this module's, or another command (a module and its arguments)."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", *(command or ("tests.zoo.driving.serve", str(folder)))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=folder.parent,
+        env=environment() | {"PYTHONPATH": str(ROOT)},
+    )
+    try:
+        driver = Served(process, folder)
+        yield driver
+        driver.stop()
+    finally:
+        process.kill()
+        process.wait()
+
+
+def main(folder: str) -> None:
+    from zoo.drive import StopOnSignal
+    from zoo.driving.driver import Driver
+    from zoo.driving.notices import Notices
+    from zoo.driving.scribe import Scribe
+    from zoo.driving.server import DriveServer, listen
+    from zoo.driving.speed_controller import Constant
+    from zoo.driving.steering_filter import SteeringFilter
+
+    stop, notices = StopOnSignal(), Notices()
+    scribe = Scribe(Path(folder), notices)
+    driver = Driver(red_policy, Constant(0.2), SteeringFilter(), scribe, notices, record=True)
+    server = DriveServer(driver, listen("127.0.0.1", 0))
+    tell = f"listening on http://127.0.0.1:{server.port}"
+    server.serve(lambda: notices.tell(tell), lambda: stop.asked)
+    server.close()
+    scribe.close(driver.tally.figures() | {"troubles": dict(notices.counts)})
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

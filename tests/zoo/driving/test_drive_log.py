@@ -1,0 +1,88 @@
+"""The Drive: what is written can be read, whatever cut it off."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from datamodules.errors import InputError
+from zoo.driving.drive_log import DriveRow, DriveWriter, read_drive, write_summary
+from zoo.driving.notices import Notices
+from zoo.driving.scribe import Scribe
+from zoo.driving.summary import Tally
+
+ROWS = [
+    DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5),
+    DriveRow(0.5, 2, "person", intervention=True),
+]
+
+
+def test_a_drive_is_read_as_it_was_written(tmp_path: Path) -> None:
+    writer = DriveWriter(tmp_path / "drive")
+    writer.add(ROWS)
+    writer.close()
+    write_summary(tmp_path / "drive", {"autonomy": math.nan, "telemetry": 2})
+    drive = read_drive(tmp_path / "drive")
+    assert len(drive) == 2
+    assert drive.summary == {"autonomy": None, "telemetry": 2}
+    assert drive.frame.tolist() == ["IMG/a,b.jpg", ""]
+    assert drive.driver.tolist() == ["policy", "person"]
+    assert drive.client.tolist() == [1, 2]
+    assert drive.intervention.tolist() == [False, True]
+    assert drive.cross_track_m[0] == 0.125
+    assert math.isnan(drive.speed_mph[1])
+
+
+def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:
+    DriveWriter(tmp_path).add(ROWS)
+    assert read_drive(tmp_path).summary == {}
+    assert len(read_drive(tmp_path)) == 2
+
+
+def test_what_is_no_drive_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"holds no drive\.csv"):
+        read_drive(tmp_path)
+    (tmp_path / "drive.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="its columns are not"):
+        read_drive(tmp_path)
+    with pytest.raises(InputError, match="holds a drive.csv already"):
+        DriveWriter(tmp_path)
+
+
+def test_a_damaged_row_is_named(tmp_path: Path) -> None:
+    DriveWriter(tmp_path).add(ROWS)
+    log = tmp_path / "drive.csv"
+    log.write_text(log.read_text().replace("-0.25000", "left"))
+    with pytest.raises(InputError, match=r"drive\.csv, row 2: steering is 'left', not a number"):
+        read_drive(tmp_path)
+
+
+def test_the_same_picture_is_recorded_once(tmp_path: Path) -> None:
+    scribe = Scribe(tmp_path / "drive", Notices())
+    for picture in (b"one", b"one", b"two", None):
+        scribe.put(DriveRow(0.0, speed_mph=9.0, throttle=-0.5), picture)
+    assert scribe.close(Tally().figures())
+    frames = read_drive(tmp_path / "drive").frame
+    assert frames[0] == frames[1] != frames[2]
+    assert frames[3] == ""
+    lines = (tmp_path / "drive" / "driving_log.csv").read_text().splitlines()
+    assert len(lines) == 2
+    assert lines[0].endswith(".jpg,,,0,0,0.5,9")
+
+
+def test_a_folder_that_cannot_be_made_is_named_before_the_drive(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="Not a directory; name another folder"):
+        Scribe(tmp_path / "file" / "drive", Notices()).prepare()
+
+
+def test_a_disk_that_is_too_slow_delays_nobody(tmp_path: Path) -> None:
+    said: list[str] = []
+    scribe = Scribe(tmp_path / "drive", Notices(said.append))
+    for number in range(20_000):
+        scribe.put(DriveRow(float(number)), None)
+    scribe.close({})
+    written = len(read_drive(tmp_path / "drive"))
+    dropped = scribe.notices.counts.total()
+    assert written + dropped == 20_000
+    assert len(said) == (dropped > 0)

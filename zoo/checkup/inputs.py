@@ -1,0 +1,118 @@
+"""A checkpoint and a recording: can they be used?"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterator
+
+from zoo.checkup.finding import FAULT, OK, WARNING, Finding, from_error
+
+SLOW_MS = 1000 / 60  # the original simulator sends up to 60 pictures a second
+TRIALS, PICTURES = 15, 50
+
+
+def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Finding]:
+    """Whether it loads, what it expects, and how long a frame takes."""
+    import numpy as np
+    import torch
+
+    from datamodules.errors import InputError
+    from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+    from zoo.checkpoint import load_checkpoint
+    from zoo.policy import Policy
+
+    what = "checkpoint"
+    try:
+        checkpoint = load_checkpoint(path)
+    except InputError as error:
+        yield from_error(what, error)
+        return
+    network, view = checkpoint.network, checkpoint.view
+    parameters = sum(one.numel() for one in network.parameters())
+    name = checkpoint.config.get("model", {}).get("name") or type(network).__name__
+    yield Finding(OK, what, f"{path}: {name}, {parameters:,} parameters")
+    broken = [key for key, one in network.state_dict().items() if not torch.isfinite(one).all()]
+    if broken:
+        fix = "its training diverged: train again with a smaller optim.lr, or take an earlier one"
+        yield Finding(FAULT, what, f"{broken[0]} and {len(broken) - 1} more hold NaN", fix)
+    height, width, _ = view.shape
+    speed = " and the speed" if network.takes_speed else ""
+    answers = "steering and throttle" if network.outputs > 1 else "steering"
+    crop = f"{view.crop[0]} rows off the top, {view.crop[1]} off the bottom"
+    found = f"{width} x {height} {view.colour}{speed}; {crop}; answers with {answers}"
+    yield Finding(OK, "it expects", found)
+    yield _trained_on(checkpoint, recording)
+
+    policy = Policy(checkpoint)
+    frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
+    times_ms = []
+    for _ in range(TRIALS):
+        began = time.perf_counter()
+        policy(frame, 9.0)
+        times_ms.append(1000 * (time.perf_counter() - began))
+    took_ms = statistics.median(times_ms)
+    found = f"{took_ms:.1f} ms a frame, {1000 / took_ms:.0f} a second"
+    if took_ms > SLOW_MS:
+        fix = "drive with more threads (drive.threads=4), or a smaller model"
+        yield Finding(WARNING, "it takes", f"{found}; a simulator sends up to 60", fix)
+    else:
+        yield Finding(OK, "it takes", found)
+
+
+def _trained_on(checkpoint: object, recording: str | None) -> Finding:
+    from datamodules.errors import InputError
+    from datamodules.recording import read_recordings
+
+    data = checkpoint.data
+    root = checkpoint.config.get("data", {}).get("root")
+    found = f"{root}, {data.get('rows', 0):,} rows, fingerprint {data.get('fingerprint')}"
+    if recording is not None:
+        try:
+            same = read_recordings(recording).fingerprint() == data.get("fingerprint")
+        except InputError:
+            return Finding(OK, "trained on", found)
+        found += "; that is this recording" if same else "; not this recording"
+    return Finding(OK, "trained on", found)
+
+
+def check_recording(folder: str) -> Iterator[Finding]:
+    """Whether its log can be read, and a few of its pictures, spread over it."""
+    from pathlib import Path
+
+    import numpy as np
+
+    from datamodules.errors import InputError
+    from datamodules.image import decode_image
+    from datamodules.recording import read_recordings
+
+    what = "recording"
+    try:
+        recording = read_recordings(folder, on_bad_image="skip")
+    except InputError as error:
+        yield from_error(what, error)
+        return
+    yield Finding(OK, what, f"{folder}: {len(recording):,} rows, {_cameras(recording)}")
+    bad = list(recording.bad_images)
+    rows = np.unique(np.linspace(0, len(recording) - 1, PICTURES).astype(int))
+    for row in rows:
+        try:
+            decode_image(Path(recording.images[row, 0]).read_bytes())
+        except (OSError, ValueError) as error:
+            bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
+    if bad:
+        found = f"{len(bad):,} bad pictures or more: {bad[0]}"
+        fix = f"see them all: python -m datamodules.check {folder}; train with "
+        yield Finding(WARNING, "pictures", found, f"{fix}data.on_bad_image=skip")
+    else:
+        yield Finding(OK, "pictures", f"{len(rows)} of them, spread over it, can be read")
+
+
+def _cameras(recording: object) -> str:
+    names = ("centre", "left", "right")
+    there = [
+        name
+        for name, paths in zip(names, recording.images.T)  # noqa: B905
+        if any(path is not None for path in paths)
+    ]
+    return f"{', '.join(there)} camera{'s' if len(there) > 1 else ''}"

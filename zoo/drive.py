@@ -1,0 +1,177 @@
+"""`python -m zoo.drive CKPT [overrides]`: drive whatever simulator connects with a checkpoint."""
+
+import errno
+import signal
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from datamodules.errors import InputError
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.command_line import run_command
+from zoo.driving.origin import is_loopback
+
+if TYPE_CHECKING:
+    from eventlet.greenio import GreenSocket
+
+    from zoo.policy import Policy
+
+USAGE = """usage: python -m zoo.drive CKPT [key=value...]
+
+Serves a checkpoint on port 4567 to the simulator that connects: the original one (start it and
+choose autonomous mode), or the embedded one (drive.sim=lake). Ctrl-C ends the drive.
+
+  python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.speed.set_mph=15
+  python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.record=FOLDER drive.sim=lake
+"""
+
+
+def drive(arguments: list[str]) -> None:
+    """The command; the first argument is a path, whatever characters are in it."""
+    if not arguments or arguments[0] in ("--help", "-h"):
+        print(USAGE + help_text())
+        return
+    checkpoint, *overrides = arguments
+    if checkpoint.startswith("drive.") and not Path(checkpoint).exists():
+        raise InputError(f"the checkpoint comes first: python -m zoo.drive CKPT {checkpoint} ...")
+    from zoo.driving.settings import read_settings
+
+    settings = read_settings(overrides)
+    if not Path(checkpoint).is_file():
+        raise InputError(f"{checkpoint}: no such checkpoint; a run leaves checkpoints/best.ckpt")
+    from zoo.driving.notices import Notices
+    from zoo.driving.scribe import Scribe
+
+    now, notices = datetime.now(), Notices()
+    folder = settings.record or Path("outputs/drives") / now.strftime("%Y-%m-%d/%H-%M-%S-%f")
+    scribe = Scribe(folder, notices)
+    stop = StopOnSignal()
+    listener = open_port(settings.host, settings.port)
+
+    # torch takes its seconds only once the port is ours; simulators wait in the meantime.
+    import torch
+
+    from zoo.driving.driver import Driver
+    from zoo.driving.embedded_client import EmbeddedClient
+    from zoo.driving.server import DriveServer
+    from zoo.driving.summary import summary_lines
+
+    torch.set_num_threads(settings.threads)
+    policy = load_warm_policy(Path(checkpoint))
+    if settings.record is not None:
+        scribe.prepare()
+    driver = Driver(
+        policy,
+        settings.speed,
+        settings.steering,
+        scribe,
+        notices,
+        record=settings.record is not None,
+        checkpoint=checkpoint,
+        load=load_warm_policy,
+    )
+    server = DriveServer(driver, listener, exposed=settings.expose)
+    if not is_loopback(settings.host):
+        notices.tell(f"warning: every machine that reaches {settings.host} can drive, and watch")
+    notices.tell(f"{checkpoint}: {view_line(policy)}")
+    url = f"http://{local_name(settings.host)}:{server.port}"
+    client: EmbeddedClient | None = None
+
+    def listening() -> None:
+        nonlocal client
+        if settings.sim is not None:
+            notices.tell(f"listening on {url}; the embedded simulator drives {settings.sim}")
+            client = EmbeddedClient(settings.sim, url, settings.laps)
+        else:
+            notices.tell(f"listening on {url} for a simulator; Ctrl-C ends the drive")
+
+    try:
+        server.serve(listening, lambda: stop.asked or (client is not None and client.ended))
+    finally:
+        status = client.stop() if client is not None else 0
+        server.close()
+        figures = driver.tally.figures() | {
+            "checkpoint": checkpoint,
+            "began": now.isoformat(timespec="seconds"),
+            "clients": driver.clients,
+            "set_mph": driver.set_mph,
+            "troubles": dict(notices.counts),
+        }
+        written = scribe.close(figures)
+        for line in [*notices.count_lines(), *summary_lines(figures)]:
+            notices.tell(line)
+        if written:
+            notices.tell(f"{scribe.folder}")
+    if status:
+        raise InputError(f"the embedded simulator failed, with exit status {status}; see above")
+
+
+class StopOnSignal:
+    """Ctrl-C and SIGTERM set `asked`; a second Ctrl-C interrupts whatever hangs."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, number: int, frame: object) -> None:
+        if self.asked and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+def open_port(host: str, port: int) -> "GreenSocket":
+    """A listening socket; InputError names who holds the port."""
+    from zoo.driving.port_holder import port_holder
+    from zoo.driving.server import listen
+
+    try:
+        return listen(host, port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            holder = port_holder(port)
+            by = f"held by {holder}: end it" if holder else "taken: end what holds it"
+            reason = f"port {port} is {by}, or add drive.port=0 for a free one"
+        else:
+            reason = f"drive.host={host} drive.port={port}: {error.strerror}; try another"
+        raise InputError(reason) from None
+
+
+def load_warm_policy(path: Path) -> "Policy":
+    """A checkpoint's policy that has been asked already: the first time takes longest."""
+    import numpy as np
+
+    from zoo.policy import load_policy
+
+    policy = load_policy(path)
+    for _ in range(3):
+        policy(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+    return policy
+
+
+def view_line(policy: "Policy") -> str:
+    """What the policy is, in one line."""
+    parameters = sum(one.numel() for one in policy.network.parameters())
+    height, width, _ = policy.view.shape
+    network = type(policy.network).__name__
+    return f"{network} of {parameters:,} parameters, sees {width} x {height} {policy.view.colour}"
+
+
+def local_name(host: str) -> str:
+    """The name under which a client on this machine reaches a server bound to `host`."""
+    name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"[{name}]" if ":" in name else name
+
+
+def help_text() -> str:
+    """The options, as `conf/drive.yaml` has and explains them."""
+    from zoo.config import choices, conf_folder
+
+    lines = (conf_folder() / "drive.yaml").read_text().splitlines()
+    options = "\n".join(lines[lines.index("drive:") :])
+    return f"{options}\n  speed: one of {', '.join(choices('drive/speed'))}, with its own keys"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.drive", drive, sys.argv[1:]))

@@ -1,0 +1,38 @@
+"""The embedded simulator as a child process, which connects as the original one does."""
+
+import signal
+import subprocess
+import sys
+
+_PATIENCE_S = 5.0
+
+
+class EmbeddedClient:
+    """`python -m simulator client`, started at once.
+
+    Args:
+        track: to drive on.
+        url: of the driver.
+        laps: after which it ends; None goes on until `stop`.
+    """
+
+    def __init__(self, track: str, url: str, laps: int | None = None) -> None:
+        options = [f"track={track}", f"url={url}"] + ([f"laps={laps}"] if laps else [])
+        self._process = subprocess.Popen([sys.executable, "-m", "simulator", "client", *options])
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has come to an end by itself."""
+        return self._process.poll() is not None
+
+    def stop(self) -> int:
+        """End it if it goes on; its exit status, 0 if it was we who ended it."""
+        if self.ended:
+            return self._process.returncode
+        self._process.send_signal(signal.SIGINT)  # as Ctrl-C does, so that it closes its film
+        try:
+            self._process.wait(_PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        return 0

@@ -1,0 +1,206 @@
+"""`python -m zoo.film FOLDER [out=FILE.mp4] [fps=48]`: a film of a drive, a recording or pictures.
+
+An H.264 mp4 that plays in a browser, with steering, throttle and speed drawn in; of a drive (a
+folder with `drive.csv`), autonomy and the distance from the centreline too.
+"""
+
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from datamodules.recording import LOG_NAME, read_recordings, times_from_names
+from zoo.command_line import run_command
+from zoo.driving import drive_log
+from zoo.driving.summary import LONGEST_STEP_S, autonomy
+from zoo.film_overlay import draw_overlay
+from zoo.options import read_arguments
+
+USUAL_FPS = 15.0  # of the simulator's recorder, where the pictures carry no time
+MOST_FPS = 60.0
+SUFFIXES = (".jpg", ".jpeg", ".png")
+USAGE = "python -m zoo.film FOLDER [out=FILE.mp4] [fps=48]"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A frame of a film: its picture, and what is known of the drive; see `draw_overlay`."""
+
+    path: Path
+    time_s: float = math.nan
+    steering: float | None = None
+    throttle: float | None = None
+    speed_mph: float | None = None
+    autonomy: float | None = None
+    cte_m: float | None = None
+    note: str | None = None
+
+
+@dataclass
+class FilmOptions:
+    """What `python -m zoo.film` takes after the folder.
+
+    Args:
+        out: the film; by default FOLDER.mp4, beside the folder.
+        fps: frames per second; null plays as fast as it was driven.
+    """
+
+    out: str | None = None
+    fps: float | None = None
+
+
+def read_shots(folder: Path) -> list[Shot]:
+    """The frames of a folder in the order of time: of a drive, a recording, or pictures alone.
+
+    Raises:
+        InputError: there is no such folder, it holds no picture, or its log cannot be read.
+    """
+    if folder.is_file() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
+        folder = folder.parent
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; {USAGE}")
+    if (folder / drive_log.LOG_NAME).is_file():
+        shots = _shots_of_drive(folder)
+    elif (folder / LOG_NAME).is_file():
+        shots = _shots_of_recording(folder)
+    else:
+        shots = _shots_of_pictures(folder)
+    if not shots:
+        raise InputError(f"{folder}: holds no {LOG_NAME} and no JPEG or PNG to film")
+    times = np.array([shot.time_s for shot in shots])
+    order = np.argsort(times, kind="stable") if np.isfinite(times).all() else range(len(shots))
+    return [shots[index] for index in order]
+
+
+def real_fps(shots: list[Shot]) -> float:
+    """Frames per second at which the pictures were taken, 1 to 60; 15 where that is not known."""
+    steps = np.diff([shot.time_s for shot in shots])
+    steps = steps[steps > 0]  # neither NaN nor two clients at once
+    if not len(steps):
+        return USUAL_FPS
+    return float(np.clip(round(1 / float(np.median(steps)), 1), 1.0, MOST_FPS))
+
+
+def make_film(folder: str | Path, out: str | Path | None, fps: float | None, console: Console) -> Path:
+    """Write the film of a folder and return its path; `out` and `fps` are as in `FilmOptions`.
+
+    Pictures that cannot be read are left out and counted.
+
+    Raises:
+        InputError: see `read_shots`; no picture can be read; or the film cannot be written.
+    """
+    # imageio-ffmpeg and its 30 MB of ffmpeg are for those who make films.
+    from simulator.errors import SimulatorError
+    from simulator.film import Film
+
+    folder = Path(folder).expanduser()
+    out = Path(out).expanduser() if out else Path(f"{folder.absolute()}.mp4")
+    shots = read_shots(folder)
+    rate = real_fps(shots) if fps is None else fps
+    if not (math.isfinite(rate) and 0 < rate <= 1000):
+        raise InputError(f"fps={rate:g}: must be above 0, up to 1000")
+    faults: list[str] = []
+    try:
+        with Film(out, rate) as film:
+            for picture in _pictures(shots, faults, console):
+                film.add(picture)
+    except SimulatorError as error:
+        raise InputError(f"{error}; name another file with out=") from None
+    drawn = len(shots) - len(faults)
+    if not drawn:
+        raise InputError(f"{faults[0]}; none of {len(shots)} pictures can be read")
+    if faults:
+        line = f"{len(faults):,} pictures left out: {faults[0]}"
+        console.print(line, highlight=False, markup=False)
+    speed = "" if fps is None else f", {rate / real_fps(shots):.1f} times as fast as driven"
+    line = f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s{speed}"
+    console.print(line, highlight=False, markup=False)
+    return out
+
+
+def _pictures(shots: list[Shot], faults: list[str], console: Console) -> Iterator[np.ndarray]:
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        for shot in progress.track(shots, description="filming"):
+            try:
+                frame = decode_image(shot.path.read_bytes())
+            except (OSError, ValueError) as error:
+                faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
+                continue
+            yield draw_overlay(
+                frame,
+                shot.steering,
+                shot.throttle,
+                shot.speed_mph,
+                shot.autonomy,
+                shot.cte_m,
+                shot.note,
+            )
+
+
+def _shots_of_drive(folder: Path) -> list[Shot]:
+    drive = drive_log.read_drive(folder)
+    notes = {drive_log.PERSON: "a person drives", drive_log.FALLBACK: "trouble: braking"}
+    # Of several simulators at once the one with most pictures: taking turns they would flicker.
+    with_picture = drive.client[drive.frame != ""]
+    client = np.bincount(with_picture).argmax() if len(with_picture) else 0
+    rows = np.flatnonzero(drive.client == client)
+    steps = np.diff(drive.time_s[rows], prepend=drive.time_s[rows][:1])
+    shots, last = [], ""
+    interventions, driven_s = 0, 0.0
+    for row, step in zip(rows, steps, strict=True):
+        interventions += bool(drive.intervention[row])
+        driven_s += step if 0 < step <= LONGEST_STEP_S else 0.0
+        frame = str(drive.frame[row])
+        if not frame or frame == last:  # the old client's two loops send most pictures twice
+            continue
+        last = frame
+        shots.append(
+            Shot(
+                folder / frame,
+                float(drive.time_s[row]),
+                float(drive.steering[row]),
+                float(drive.throttle[row]),
+                float(drive.speed_mph[row]),
+                autonomy(interventions, driven_s),
+                float(drive.cross_track_m[row]),
+                notes.get(str(drive.driver[row])),
+            )
+        )
+    if not shots:
+        raise InputError(f"{folder}: the drive holds no pictures; drive with drive.record=FOLDER")
+    return shots
+
+
+def _shots_of_recording(folder: Path) -> list[Shot]:
+    log = read_recordings(str(folder), on_bad_image="skip")
+    columns = zip(
+        log.images[:, 0], log.time_s, log.steering, log.throttle - log.brake, log.speed_mph,
+        strict=True,
+    )  # fmt: skip
+    return [Shot(Path(image), *map(float, numbers)) for image, *numbers in columns]
+
+
+def _shots_of_pictures(folder: Path) -> list[Shot]:
+    """As the course's drive.py leaves them, named by time; others in the order of their names."""
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    times = times_from_names([path.name for path in paths])
+    return [Shot(path, float(time)) for path, time in zip(paths, times, strict=True)]
+
+
+def film(arguments: list[str]) -> None:
+    """The command: one folder, then options."""
+    (folder,), options = read_arguments(FilmOptions, ["FOLDER"], arguments, USAGE)
+    console = Console(soft_wrap=True)
+    path = make_film(folder, options.out, options.fps, console)
+    console.print(str(path), highlight=False, markup=False)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.film", film, sys.argv[1:]))

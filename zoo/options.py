@@ -1,0 +1,34 @@
+"""Arguments of commands that take paths first and `key=value` options after them."""
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from datamodules.errors import InputError
+
+Options = TypeVar("Options")
+
+
+def read_arguments(
+    kind: type[Options], paths: Sequence[str], arguments: Sequence[str], usage: str
+) -> tuple[list[str], Options]:
+    """As many paths as `paths` names, taken as they stand, and the options after them.
+
+    >>> from dataclasses import dataclass
+    >>> @dataclass
+    ... class FilmOptions:
+    ...     fps: float = 15.0
+    >>> read_arguments(FilmOptions, ["FOLDER"], ["my=folder", "fps=48"], "film FOLDER [fps=48]")
+    (['my=folder'], FilmOptions(fps=48.0))
+
+    Raises:
+        InputError: a path is missing; see `simulator.command_line.read_options` for the rest.
+    """
+    from simulator.command_line import read_options
+    from simulator.errors import SimulatorError
+
+    if len(arguments) < len(paths) or {"-h", "--help"} & set(arguments):
+        raise InputError(f"usage: {usage}")
+    try:
+        return list(arguments[: len(paths)]), read_options(kind, arguments[len(paths) :])
+    except SimulatorError as error:
+        raise InputError(f"{error} (usage: {usage})") from None
