@@ -33,7 +33,7 @@ class DriveOptions:
 
     Args:
         track: its name, or the path of a track's YAML file.
-        out: the folder to record to; auto is recordings/ and the time, made when R is first pressed.
+        out: the folder to record to; auto is recordings/ and the time when R is first pressed.
         direction: forward or backward.
         weather: clear, or random for a day drawn from the seed.
         seed: of the weather.

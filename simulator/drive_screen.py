@@ -1,7 +1,10 @@
 """What a person sees who drives: the world through the centre camera, the picture that is recorded
 in a corner, and what to know and press."""
 
+from pathlib import Path
+
 import cv2
+import matplotlib
 import numpy as np
 from panda3d import core
 
@@ -18,6 +21,7 @@ HELP = (
 )
 WHITE, GREY, RED, GREEN = (1, 1, 1, 1), (0.85, 0.85, 0.85, 1), (1, 0.25, 0.2, 1), (0.4, 0.9, 0.5, 1)
 DARK = (0.05, 0.06, 0.08, 0.6)
+HELP_SIZE = 0.036  # fills the width of a window that is twice as wide as high
 INSET_WIDTH = 0.9  # in units of half the window's height, as all lengths here
 BAR_WIDTH = 0.5  # of the steering's bar, to each side
 BONNET_FROM = 128  # the row of the camera's picture from which on the bonnet is drawn
@@ -34,24 +38,30 @@ class DriveScreen:
         self.camera = pictures.root.attachNewNode(core.Camera("driver", self.lens))
         self.camera.node().setInitialState(_weather_state(weather))
         window.window.makeDisplayRegion().setCamera(self.camera)
+        # In Panda3D's own font a zero looks like an o.
+        font = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+        core.TextProperties.setDefaultFont(
+            core.DynamicTextFont(core.Filename.fromOsSpecific(str(font)))
+        )
         flat = window.flat
+        flat.setBin("unsorted", 0)  # drawn in the order that follows
         Picture(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
         self.corner = flat.attachNewNode("top right")
         self.left = flat.attachNewNode("top left")
         top = 0.96 - INSET_WIDTH / 2
         _box(self.corner, (-INSET_WIDTH - 0.01, 0.01), (top - 0.09, 0.97), DARK)
         self.inset = Picture(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
-        caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.045, core.TextNode.ACenter)
+        caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.037, core.TextNode.ACenter)
         _say(caption, "the centre camera, as it is recorded", GREY)
         _box(self.left, (0, 0.95), (0.71, 0.97), DARK)
-        self.recording = _text(self.left, 0.05, 0.87, 0.075)
-        self.notice = _text(self.left, 0.05, 0.765, 0.05)
-        self.speed = _text(flat, 0, -0.66, 0.17, core.TextNode.ACenter)
+        self.recording = _text(self.left, 0.05, 0.87, 0.065)
+        self.notice = _text(self.left, 0.05, 0.765, 0.042)
+        self.speed = _text(flat, 0, -0.66, 0.15, core.TextNode.ACenter)
         _box(flat, (-BAR_WIDTH, BAR_WIDTH), (-0.775, -0.755), DARK)
         self.wheel = _box(flat, (-0.02, 0.02), (-0.79, -0.74), WHITE)
-        self.steering = _text(flat, 0, -0.86, 0.05, core.TextNode.ACenter)
+        self.steering = _text(flat, 0, -0.86, 0.042, core.TextNode.ACenter)
         self.help_box = _box(flat, (-1, 1), (-1, -0.93), DARK)
-        self.help = _text(flat, 0, -0.98, 0.045, core.TextNode.ACenter)
+        self.help = _text(flat, 0, -0.98, HELP_SIZE, core.TextNode.ACenter)
         _say(self.help, HELP, GREY)
 
     def show_frame(self, frame: np.ndarray) -> None:
@@ -75,7 +85,7 @@ class DriveScreen:
         self.corner.setX(aspect - 0.03)
         self.left.setX(-aspect + 0.03)
         self.help_box.setSx(aspect)
-        self.help.setScale(0.045 * min(aspect / 2, 1))
+        self.help.setScale(HELP_SIZE * min(aspect / 2, 1))
         tangent = np.tan(np.radians(VERTICAL_FOV_DEG / 2))
         self.lens.setFov(float(2 * np.degrees(np.arctan(tangent * aspect))), VERTICAL_FOV_DEG)
         self.pictures.place_camera(self.camera, pose, "center")

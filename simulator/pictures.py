@@ -177,8 +177,7 @@ def open_buffer(
     core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal\ntextures-power-2 down")
     tried = ("software", "opengl") if renderer == "auto" else (renderer,)
     for name in tried:
-        module = {"software": "p3tinydisplay", "opengl": "p3headlessgl"}[name]
-        pipe = core.GraphicsPipeSelection.getGlobalPtr().makeModulePipe(module)
+        pipe = _make_pipe(name)
         if pipe is None:
             continue
         engine = core.GraphicsEngine(pipe)
@@ -194,6 +193,14 @@ def open_buffer(
         f"renderer={renderer}: none opens here; the software renderer needs libX11 "
         "(Debian and Ubuntu: apt install libx11-6), OpenGL needs a driver with EGL"
     )
+
+
+def _make_pipe(name: str) -> core.GraphicsPipe | None:
+    known = core.GraphicsPipeSelection.getGlobalPtr()
+    if name == "opengl":
+        return known.makeModulePipe("p3headlessgl")
+    # By its type: the module's usual one connects to the display where there is one.
+    return known.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
 
 
 def open_pictures(track: Track, renderer: str = "auto", quality: str = "full") -> Pictures:

@@ -5,6 +5,8 @@ OpenGL draws it (`pandagl`), or Panda3D's software renderer where there is none.
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from panda3d import core
@@ -163,18 +165,34 @@ def _open(
     wanted = core.FrameBufferProperties()
     wanted.setRgbaBits(8, 8, 8, 0)
     wanted.setDepthBits(24)
+    wanted.setBackBuffers(1)  # without one, what is drawn never reaches the screen
     asked = core.WindowProperties.size(*size)
     asked.setTitle(title)
     for module, name in PIPES.items():
-        pipe = core.GraphicsPipeSelection.getGlobalPtr().makeModulePipe(module)
-        if pipe is None or not pipe.isValid():
-            continue
-        engine = core.GraphicsEngine(pipe)
-        flags = core.GraphicsPipe.BFRequireWindow
-        window = engine.makeOutput(pipe, title, 0, wanted, asked, flags)
-        if window is not None:
-            engine.openWindows()
-        if window is not None and not window.isClosed():
-            return pipe, engine, window, name
+        with _quiet_libraries():
+            pipe = core.GraphicsPipeSelection.getGlobalPtr().makeModulePipe(module)
+            if pipe is None or not pipe.isValid():
+                continue
+            engine = core.GraphicsEngine(pipe)
+            flags = core.GraphicsPipe.BFRequireWindow
+            window = engine.makeOutput(pipe, title, 0, wanted, asked, flags)
+            if window is not None:
+                engine.openWindows()
+                if not window.isClosed():
+                    return pipe, engine, window, name
     where = f"on DISPLAY={os.environ['DISPLAY']}" if linux else "here"
     raise SimulatorError(f"no window can be opened {where}; is there a desktop that answers?")
+
+
+@contextmanager
+def _quiet_libraries() -> Iterator[None]:
+    """Xlib and Panda3D's loader write to file 2, past any setting, what nobody can act on: an X
+    extension of the 1990s that is missing, and a type that two renderers share."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

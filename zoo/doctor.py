@@ -23,8 +23,10 @@ NAME_WIDTH, STATE_WIDTH = 12, 9
 
 def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
     """All findings, as they are found; nothing is raised."""
-    renderers = renderer.start_renderers()  # goes on while torch is imported
     yield from careful("Python", installation.check_python)
+    if sys.version_info < installation.OLDEST:
+        return  # all else would fail for that one reason
+    renderers = renderer.start_renderers()  # goes on while torch is imported
     yield from careful("packages", installation.check_packages)
     yield from careful("device", machine.check_device)
     yield from careful("renderer", renderers)
@@ -36,9 +38,7 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
     if checkpoint is None:
         return
     usable = True
-    for finding in careful(
-        "checkpoint", partial(inputs.check_checkpoint, checkpoint, recording)
-    ):
+    for finding in careful("checkpoint", partial(inputs.check_checkpoint, checkpoint, recording)):
         usable = usable and finding.state != FAULT
         yield finding
     if usable:

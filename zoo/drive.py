@@ -1,6 +1,7 @@
 """`python -m zoo.drive CKPT [overrides]`: drive whatever simulator connects with a checkpoint."""
 
 import errno
+import functools
 import signal
 import sys
 from datetime import datetime
@@ -15,6 +16,7 @@ from zoo.driving.origin import is_loopback
 if TYPE_CHECKING:
     from eventlet.greenio import GreenSocket
 
+    from zoo.driving.settings import DriveSettings
     from zoo.policy import Policy
 
 USAGE = """usage: python -m zoo.drive CKPT [key=value...]
@@ -40,25 +42,24 @@ def drive(arguments: list[str]) -> None:
     settings = read_settings(overrides)
     if not Path(checkpoint).is_file():
         raise InputError(f"{checkpoint}: no such checkpoint; a run leaves checkpoints/best.ckpt")
-    from zoo.driving.notices import Notices
-    from zoo.driving.scribe import Scribe
+    serve(checkpoint, settings)
 
-    now, notices = datetime.now(), Notices()
-    folder = settings.record or Path("outputs/drives") / now.strftime("%Y-%m-%d/%H-%M-%S-%f")
-    scribe = Scribe(folder, notices)
-    stop = StopOnSignal()
-    listener = open_port(settings.host, settings.port)
 
-    # torch takes its seconds only once the port is ours; simulators wait in the meantime.
-    import torch
-
+def serve(checkpoint: str, settings: "DriveSettings") -> None:
+    """Serve until Ctrl-C, or until the embedded simulator ends; then say what it came to."""
     from zoo.driving.driver import Driver
     from zoo.driving.embedded_client import EmbeddedClient
+    from zoo.driving.notices import Notices
+    from zoo.driving.scribe import Scribe
     from zoo.driving.server import DriveServer
-    from zoo.driving.summary import summary_lines
 
-    torch.set_num_threads(settings.threads)
-    policy = load_warm_policy(Path(checkpoint))
+    began, notices, stop = datetime.now(), Notices(), StopOnSignal()
+    folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
+    scribe = Scribe(folder, notices)
+    # Loading torch takes seconds: only once the port is ours. Simulators wait in the meantime.
+    listener = open_port(settings.host, settings.port)
+    load = functools.partial(load_warm_policy, threads=settings.threads)
+    policy = load(Path(checkpoint))
     if settings.record is not None:
         scribe.prepare()
     driver = Driver(
@@ -69,40 +70,26 @@ def drive(arguments: list[str]) -> None:
         notices,
         record=settings.record is not None,
         checkpoint=checkpoint,
-        load=load_warm_policy,
+        load=load,
     )
     server = DriveServer(driver, listener, exposed=settings.expose)
-    if not is_loopback(settings.host):
-        notices.tell(f"warning: every machine that reaches {settings.host} can drive, and watch")
-    notices.tell(f"{checkpoint}: {view_line(policy)}")
     url = f"http://{local_name(settings.host)}:{server.port}"
-    client: EmbeddedClient | None = None
+    client = EmbeddedClient(settings.sim, url, settings.laps)
 
     def listening() -> None:
-        nonlocal client
-        if settings.sim is not None:
-            notices.tell(f"listening on {url}; the embedded simulator drives {settings.sim}")
-            client = EmbeddedClient(settings.sim, url, settings.laps)
-        else:
-            notices.tell(f"listening on {url} for a simulator; Ctrl-C ends the drive")
+        if not is_loopback(settings.host):
+            notices.tell(f"warning: every machine that reaches {url} can drive, and watch")
+        notices.tell(f"{checkpoint}: {view_line(policy)}")
+        waits = "a simulator; Ctrl-C ends the drive"
+        notices.tell(f"listening on {url} for {settings.sim or waits}")
+        client.start()
 
     try:
-        server.serve(listening, lambda: stop.asked or (client is not None and client.ended))
+        server.serve(listening, lambda: stop.asked or client.ended)
     finally:
-        status = client.stop() if client is not None else 0
+        status = client.stop()
         server.close()
-        figures = driver.tally.figures() | {
-            "checkpoint": checkpoint,
-            "began": now.isoformat(timespec="seconds"),
-            "clients": driver.clients,
-            "set_mph": driver.set_mph,
-            "troubles": dict(notices.counts),
-        }
-        written = scribe.close(figures)
-        for line in [*notices.count_lines(), *summary_lines(figures)]:
-            notices.tell(line)
-        if written:
-            notices.tell(f"{scribe.folder}")
+        driver.end(began)
     if status:
         raise InputError(f"the embedded simulator failed, with exit status {status}; see above")
 
@@ -138,12 +125,16 @@ def open_port(host: str, port: int) -> "GreenSocket":
         raise InputError(reason) from None
 
 
-def load_warm_policy(path: Path) -> "Policy":
+def load_warm_policy(path: Path, threads: int) -> "Policy":
     """A checkpoint's policy that has been asked already: the first time takes longest."""
     import numpy as np
+    import torch
 
     from zoo.policy import load_policy
 
+    # In each thread that loads: torch keeps the number by thread. Its own choice, one for each
+    # core, took 128 ms a frame in place of 1.9 on four cores that were shared.
+    torch.set_num_threads(threads)
     policy = load_policy(path)
     for _ in range(3):
         policy(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)

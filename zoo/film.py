@@ -88,7 +88,9 @@ def real_fps(shots: list[Shot]) -> float:
     return float(np.clip(round(1 / float(np.median(steps)), 1), 1.0, MOST_FPS))
 
 
-def make_film(folder: str | Path, out: str | Path | None, fps: float | None, console: Console) -> Path:
+def make_film(
+    folder: str | Path, out: str | Path | None, fps: float | None, console: Console
+) -> Path:
     """Write the film of a folder and return its path; `out` and `fps` are as in `FilmOptions`.
 
     Pictures that cannot be read are left out and counted.

@@ -78,7 +78,9 @@ def _draw_state(picture: np.ndarray, autonomy: float | None, cte_m: float | None
         colour = GREEN if autonomy >= 0.995 else AMBER if autonomy >= 0.9 else RED
         lines.append(("AUTONOMY", f"{autonomy:.1%}", colour))
     if cte_m is not None:
-        lines.append(("OFF CENTRE", f"{abs(cte_m):.2f} m {'right' if cte_m > 0 else 'left'}", WHITE))
+        lines.append(
+            ("OFF CENTRE", f"{abs(cte_m):.2f} m {'right' if cte_m > 0 else 'left'}", WHITE)
+        )
     if not lines:
         return
     width, right = 268, picture.shape[1] - 20
@@ -120,9 +122,7 @@ def _draw_steering_bar(
     _line(picture, middle - (0, 9), middle + (0, 9), WHITE, 2)
 
 
-def _draw_pedals(
-    picture: np.ndarray, start: tuple[int, int], length: int, throttle: float
-) -> None:
+def _draw_pedals(picture: np.ndarray, start: tuple[int, int], length: int, throttle: float) -> None:
     """A bar: green for throttle, red for the brake."""
     begin = np.array(start, float)
     _line(picture, begin, begin + (length, 0), (110, 116, 124), 6)

@@ -1,4 +1,4 @@
-"""What a network looks at in a frame, after VisualBackProp: Bojarski et al., 2016, arXiv:1611.05418.
+"""What a network looks at, after VisualBackProp: Bojarski et al., 2016, arXiv:1611.05418.
 
 `python -m zoo.saliency CKPT IMAGE_OR_RECORDING [out=saliency.png]` draws it.
 """

@@ -150,6 +150,26 @@ def test_other_machines_are_let_in_only_with_a_warning(checkpoint: Path, tmp_pat
     assert any(line.startswith("warning: every machine") for line in driver.lines)
 
 
+def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.02", "drive.record=drive")
+    result = drive(tmp_path, checkpoint, *options)
+    assert result.returncode == 0, result.stderr
+    assert "listening on http://127.0.0.1:" in result.stdout
+    assert "simulator 1 has connected" in result.stdout
+    assert "autonomy" in result.stdout
+    record = read_drive(tmp_path / "drive")
+    assert record.summary["clients"] == 1
+    assert record.speed_mph.max() > 2
+    assert len(read_recordings(str(tmp_path / "drive"))) > 20
+
+
+def test_a_simulator_that_fails_is_said(checkpoint: Path, tmp_path: Path) -> None:
+    result = drive(tmp_path, checkpoint, "drive.port=0", "drive.sim=nowhere")
+    assert result.returncode == 1
+    assert "nowhere" in result.stderr
+    assert "the embedded simulator failed" in result.stderr.splitlines()[-1]
+
+
 def test_help_explains_every_option(tmp_path: Path) -> None:
     out = drive(tmp_path, "--help").stdout
     for word in ("CKPT", "port: 4567", "record: null", "one of bends, constant, network, pi"):

@@ -25,10 +25,12 @@ class Finding:
     fix: str = ""
 
 
-def from_error(what: str, error: Exception) -> Finding:
-    """The fault that one of our own errors tells: `what was found; what to do`."""
-    found, _, fix = " ".join(str(error).split()).rpartition("; ")
-    return Finding(FAULT, what, found, fix) if found else Finding(FAULT, what, fix)
+def from_error(what: str, error: Exception, usual_fix: str) -> Finding:
+    """The fault that one of our own errors tells: `what was found; what to do`, or else the
+    usual fix."""
+    text = " ".join(str(error).split())
+    found, _, fix = text.rpartition("; ")
+    return Finding(FAULT, what, found or text, fix if found else usual_fix)
 
 
 def careful(what: str, check: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:

@@ -26,7 +26,7 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     try:
         checkpoint = load_checkpoint(path)
     except InputError as error:
-        yield from_error(what, error)
+        yield from_error(what, error, "take one that python -m zoo wrote, or train again")
         return
     network, view = checkpoint.network, checkpoint.view
     parameters = sum(one.numel() for one in network.parameters())
@@ -90,7 +90,7 @@ def check_recording(folder: str) -> Iterator[Finding]:
     try:
         recording = read_recordings(folder, on_bad_image="skip")
     except InputError as error:
-        yield from_error(what, error)
+        yield from_error(what, error, "record or copy it again")
         return
     yield Finding(OK, what, f"{folder}: {len(recording):,} rows, {_cameras(recording)}")
     bad = list(recording.bad_images)

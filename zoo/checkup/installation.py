@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,36 +40,47 @@ def check_python() -> Iterator[Finding]:
 
 def check_packages() -> Iterator[Finding]:
     """Each dependency against its range, and what is known to be bad or in the way."""
-    from packaging.requirements import Requirement
-
     wanted, source = read_requirements()
     if not wanted:
         yield Finding(WARNING, "packages", "there is no pyproject.toml to compare with", INSTALL)
         return
+    missing = [name for name in map(_name, wanted) if installed_version(name) is None]
+    if missing:
+        found = f"not installed: {', '.join(missing)}"
+        yield Finding(FAULT, "packages", found, INSTALL)
+    if installed_version("packaging") is None:  # it reads versions, and is none of ours
+        return
     good = {}
-    for requirement in map(Requirement, wanted):
-        if requirement.marker and not requirement.marker.evaluate({"extra": ""}):
-            continue
-        version, name = installed_version(requirement.name), requirement.name
-        range_ = f"{name}{requirement.specifier}"
-        bad = KNOWN_BAD.get((name, version))
-        if version is None:
-            yield Finding(FAULT, "packages", f"{name} is not installed", f"pip install '{range_}'")
-        elif bad:
-            fix = f"pip uninstall {name}, change what passwords it saw, pip install '{range_}'"
-            yield Finding(FAULT, "packages", f"{name} {version} {bad}", fix)
-        elif not requirement.specifier.contains(version, prereleases=True):
-            found = f"{name} {version} is not within {requirement.specifier}"
-            yield Finding(FAULT, "packages", found, f"pip install '{range_}'")
-        else:
-            good[name] = version
-        for rival in RIVALS.get(name, ()):
-            if installed_version(rival):
-                found = f"{rival} is installed too, over the modules of {name}"
-                fix = f"pip uninstall {rival} {name}; pip install '{range_}'"
-                yield Finding(WARNING, "packages", found, fix)
+    for line in wanted:
+        findings = list(_look_at(line))
+        yield from findings
+        name = _name(line)
+        if name not in missing and all(finding.state != FAULT for finding in findings):
+            good[name] = installed_version(name)
     shown = ", ".join(f"{name} {good[name]}" for name in SHOWN if name in good)
     yield Finding(OK, "packages", f"{len(good)} within the ranges of {source}: {shown}")
+
+
+def _look_at(line: str) -> Iterator[Finding]:
+    """What is wrong with the package of a requirement, which is installed."""
+    from packaging.requirements import Requirement
+
+    requirement = Requirement(line)
+    name, version = requirement.name, installed_version(requirement.name)
+    if version is None:
+        return
+    install = f"pip install '{name}{requirement.specifier}'"
+    if (name, version) in KNOWN_BAD:
+        fix = f"pip uninstall {name}; change the passwords that it could read; {install}"
+        found = f"{name} {version} {KNOWN_BAD[name, version]}"
+        yield Finding(FAULT, "packages", found, fix)
+    elif not requirement.specifier.contains(version, prereleases=True):
+        found = f"{name} {version} is not within {requirement.specifier}"
+        yield Finding(FAULT, "packages", found, install)
+    for rival in RIVALS.get(name, ()):
+        if installed_version(rival):
+            found = f"{rival} is installed too, over the modules of {name}"
+            yield Finding(WARNING, "packages", found, f"pip uninstall {rival} {name}; {install}")
 
 
 def read_requirements() -> tuple[list[str], str]:
@@ -83,7 +95,8 @@ def read_requirements() -> tuple[list[str], str]:
     except (ImportError, OSError):
         pass
     try:
-        return importlib.metadata.requires("drivezoo") or [], "drivezoo"
+        lines = importlib.metadata.requires("drivezoo") or []
+        return [line for line in lines if "extra ==" not in line], "drivezoo"
     except importlib.metadata.PackageNotFoundError:
         return [], ""
 
@@ -94,6 +107,10 @@ def installed_version(name: str) -> str | None:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return None
+
+
+def _name(requirement: str) -> str:
+    return re.match(r"[\w.-]+", requirement)[0]
 
 
 def _dotted(version: tuple[int, int]) -> str:

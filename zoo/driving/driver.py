@@ -6,6 +6,7 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from zoo.driving.notices import Notices
 from zoo.driving.scribe import Scribe
 from zoo.driving.speed_controller import SpeedController, limit_pedal
 from zoo.driving.steering_filter import SteeringFilter
-from zoo.driving.summary import Tally, autonomy
+from zoo.driving.summary import Tally, autonomy, summary_lines
 from zoo.driving.telemetry import Telemetry, TelemetryError, decimal_sign, read_telemetry
 
 # A frame uint8 [160, 320, 3] RGB and mph -> steering -1..1 and throttle -1..1 or None.
@@ -218,6 +219,21 @@ class Driver:
 
     def _time(self, now_s: float) -> float:
         return now_s - self._began_s
+
+    def end(self, began: datetime) -> None:
+        """Write the drive and tell what it came to."""
+        figures = self.tally.figures() | {
+            "checkpoint": self.checkpoint,
+            "began": began.isoformat(timespec="seconds"),
+            "clients": self.clients,
+            "set_mph": self.set_mph,
+            "troubles": dict(self.notices.counts),
+        }
+        written = self.scribe.close(figures)
+        for line in [*self.notices.count_lines(), *summary_lines(figures)]:
+            self.notices.tell(line)
+        if written:
+            self.notices.tell(str(self.scribe.folder))
 
     # What a page's buttons do.
 

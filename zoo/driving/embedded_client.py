@@ -8,25 +8,34 @@ _PATIENCE_S = 5.0
 
 
 class EmbeddedClient:
-    """`python -m simulator client`, started at once.
+    """`python -m simulator client`.
 
     Args:
-        track: to drive on.
+        track: to drive on; None starts nothing.
         url: of the driver.
         laps: after which it ends; None goes on until `stop`.
     """
 
-    def __init__(self, track: str, url: str, laps: int | None = None) -> None:
-        options = [f"track={track}", f"url={url}"] + ([f"laps={laps}"] if laps else [])
-        self._process = subprocess.Popen([sys.executable, "-m", "simulator", "client", *options])
+    def __init__(self, track: str | None, url: str, laps: float | None = None) -> None:
+        self._track, self._options = track, [f"track={track}", f"url={url}"]
+        self._options += [f"laps={laps}"] if laps else []
+        self._process: subprocess.Popen | None = None
+
+    def start(self) -> None:
+        """Start it, where there is a track."""
+        if self._track is not None:
+            command = [sys.executable, "-m", "simulator", "client", *self._options]
+            self._process = subprocess.Popen(command)
 
     @property
     def ended(self) -> bool:
         """Whether it has come to an end by itself."""
-        return self._process.poll() is not None
+        return self._process is not None and self._process.poll() is not None
 
     def stop(self) -> int:
         """End it if it goes on; its exit status, 0 if it was we who ended it."""
+        if self._process is None:
+            return 0
         if self.ended:
             return self._process.returncode
         self._process.send_signal(signal.SIGINT)  # as Ctrl-C does, so that it closes its film

@@ -3,8 +3,10 @@
 import logging
 import resource
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
 import eventlet
 import socketio
@@ -19,6 +21,7 @@ from zoo.driving.origin import OriginGuard
 
 BACKLOG = 1024
 MOST_CONNECTIONS = 1024
+OTHER_FILES = 128  # that the process may have open
 # A client that sends no whole request, or no more telemetry and no PONG, is dropped after this.
 PATIENCE_S = 20.0
 MOST_UNSENT = 64  # replies that a client has not read; the original waits for one or two
@@ -84,6 +87,29 @@ class DriveServer:
         listening()
         while not until():
             eventlet.sleep(tick_s)
+
+    def switch(self, path: Path | str) -> None:
+        """Drive with another checkpoint, and go on with the old one while it loads, or if it does
+        not. Called by a page's handler, which waits.
+
+        Raises:
+            InputError: see `zoo.policy.load_policy`.
+        """
+        failures: list[BaseException] = []
+
+        def load() -> None:
+            try:
+                self.driver.switch(path)
+            except BaseException as error:
+                failures.append(error)
+
+        # Not eventlet's tpool, which can hang when the process ends (eventlet #989).
+        thread = threading.Thread(target=load, daemon=True)
+        thread.start()
+        while thread.is_alive():
+            eventlet.sleep(0.02)
+        if failures:
+            raise failures[0]
 
     def close(self) -> None:
         """Take no more connections, and hang up on those there are."""
@@ -169,11 +195,14 @@ def listen(host: str, port: int) -> GreenSocket:
 
 def _connection_limit() -> int:
     """As many connections as there are file descriptors for; the limit is raised where it can."""
+    infinite, wanted = resource.RLIM_INFINITY, MOST_CONNECTIONS + OTHER_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft < MOST_CONNECTIONS * 2 <= hard:
-        soft = MOST_CONNECTIONS * 2
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    return min(MOST_CONNECTIONS, max(soft - 128, 16))
+    if soft == infinite or soft >= wanted:
+        return MOST_CONNECTIONS
+    if hard == infinite or hard >= wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        return MOST_CONNECTIONS
+    return max(soft - OTHER_FILES, 1)
 
 
 def _logger(notices: Notices) -> logging.Logger:

@@ -16,7 +16,7 @@ from zoo.driving.origin import is_loopback
 from zoo.driving.speed_controller import SpeedController
 from zoo.driving.steering_filter import SteeringFilter
 
-SPEED = "drive.speed"
+SPEED, RECORD = "drive.speed", "drive.record"
 HELP = "python -m zoo.drive --help lists all"
 
 
@@ -28,7 +28,7 @@ class DriveSettings:
     port: int
     expose: bool
     sim: str | None
-    laps: int | None
+    laps: float | None
     record: Path | None
     threads: int
     steering: SteeringFilter
@@ -48,7 +48,8 @@ def read_settings(overrides: list[str]) -> DriveSettings:
     _check("expose", settings["expose"], isinstance(settings["expose"], bool), "true or false")
     _check("threads", settings["threads"], _is_whole(settings["threads"], 1, 64), "in 1..64")
     laps = settings["laps"]
-    _check("laps", laps, laps is None or _is_whole(laps, 1, 10**6), "a whole number above 0")
+    number = isinstance(laps, int | float) and not isinstance(laps, bool)
+    _check("laps", laps, laps is None or (number and 0 < laps < 10**6), "a number above 0")
     if not settings["expose"] and not is_loopback(settings["host"]):
         raise InputError(
             f"drive.host={settings['host']} lets other machines drive by this checkpoint; "
@@ -60,7 +61,7 @@ def read_settings(overrides: list[str]) -> DriveSettings:
     except HydraException as error:
         raise _own_error(error) from None
     return DriveSettings(
-        record=None if record is None else Path(str(record)).expanduser(),
+        record=None if record is None else Path(record).expanduser(),
         steering=SteeringFilter(**steering),
         speed=controller,
         **settings,
@@ -69,7 +70,7 @@ def read_settings(overrides: list[str]) -> DriveSettings:
 
 def compose_drive(overrides: list[str]) -> dict:
     """The config as plain containers; the same errors as `read_settings`."""
-    arguments = []
+    arguments, record = [], None
     for override in overrides:
         key, equals, value = override.partition("=")
         if not equals:
@@ -79,9 +80,10 @@ def compose_drive(overrides: list[str]) -> dict:
             if value not in known:
                 raise InputError(f"{override}: no such choice; there are {', '.join(known)}")
             key = "drive/speed"
-        elif key == "drive.record" and value != "null":
-            # A folder is taken as it stands, whatever characters are in it.
-            value = "'" + value.replace("\\", "\\\\").replace("'", "\\'") + "'"
+        elif key == RECORD:
+            # A folder is taken as it stands: Hydra reads none of its characters.
+            record = None if value in ("null", "") else value
+            continue
         arguments.append(f"{key}={value}")
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
         chosen = [one for one in arguments if one.startswith("drive/speed=")]
@@ -89,7 +91,9 @@ def compose_drive(overrides: list[str]) -> dict:
         for key in (one.partition("=")[0] for one in arguments if one not in chosen):
             if key not in known:
                 raise InputError(f"{key}: no such key; {nearest(key, [*known, SPEED])}")
-        return _compose(arguments)
+        config = _compose(arguments)
+    config["drive"]["record"] = record
+    return config
 
 
 def nearest(word: str, known: list[str]) -> str:

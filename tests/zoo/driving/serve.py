@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 
 import cv2
@@ -92,7 +93,7 @@ def main(folder: str) -> None:
     tell = f"listening on http://127.0.0.1:{server.port}"
     server.serve(lambda: notices.tell(tell), lambda: stop.asked)
     server.close()
-    scribe.close(driver.tally.figures() | {"troubles": dict(notices.counts)})
+    driver.end(datetime.now())
 
 
 if __name__ == "__main__":

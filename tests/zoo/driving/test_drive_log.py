@@ -45,7 +45,7 @@ def test_what_is_no_drive_is_named(tmp_path: Path) -> None:
     (tmp_path / "drive.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="its columns are not"):
         read_drive(tmp_path)
-    with pytest.raises(InputError, match="holds a drive.csv already"):
+    with pytest.raises(InputError, match=r"holds a drive\.csv already"):
         DriveWriter(tmp_path)
 
 

@@ -51,7 +51,7 @@ def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Callable[...,
 
 
 def test_set_speed_of_a_controller_without_one_is_refused(make: Callable[..., Driver]) -> None:
-    with pytest.raises(ValueError, match="drive with drive.speed=pi"):
+    with pytest.raises(ValueError, match=r"drive with drive\.speed=pi"):
         make().set_speed(12)
 
 

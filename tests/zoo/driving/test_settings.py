@@ -1,0 +1,34 @@
+"""`conf/drive.yaml` and what can be chosen in it."""
+
+from pathlib import Path
+
+import pytest
+
+from zoo.config import choices
+from zoo.driving.settings import read_settings
+from zoo.driving.speed_controller import PI
+
+
+@pytest.mark.parametrize("choice", choices("drive/speed"))
+def test_every_way_to_choose_the_throttle_can_be_built(choice: str) -> None:
+    speed = read_settings([f"drive.speed={choice}"]).speed
+    speed.reset()
+    assert -1 <= speed.throttle(9.0, 0.0, 0.5, 0.0) <= 1
+
+
+def test_the_defaults_are_the_courses_controller_on_loopback() -> None:
+    settings = read_settings([])
+    assert isinstance(settings.speed, PI)
+    assert (settings.speed.set_mph, settings.speed.kp, settings.speed.ki) == (9, 0.1, 0.002)
+    assert (settings.host, settings.port, settings.record) == ("127.0.0.1", 4567, None)
+    assert settings.steering(0.3, 0.0) == 0.3
+
+
+def test_keys_of_a_choice_can_stand_before_it() -> None:
+    settings = read_settings(["drive.speed.throttle=0.4", "drive.speed=constant"])
+    assert settings.speed.throttle(0.0, 0.0, None, 0.0) == 0.4
+
+
+@pytest.mark.parametrize("folder", ["a b", "lr=0.1,[x]", "it's", "C:\\x", "~tilde", "${x}"])
+def test_a_folder_to_record_in_is_taken_as_it_stands(folder: str) -> None:
+    assert read_settings([f"drive.record=/tmp/{folder}"]).record == Path(f"/tmp/{folder}")

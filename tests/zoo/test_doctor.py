@@ -1,0 +1,167 @@
+"""The doctor, in processes of its own, in good health and with what users run into."""
+
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from tests.recordings import Written
+from tests.zoo.commands import ROOT, environment
+from zoo import doctor
+from zoo.checkup import inputs, installation, round_trip
+from zoo.checkup.finding import FAULT, WARNING
+
+
+def visit(
+    cwd: Path, *arguments: object, python: tuple[str, ...] = (), **more: str
+) -> subprocess.CompletedProcess:
+    """What the doctor says; on a port of the tests, since somebody may be driving on the usual."""
+    ports = [] if any(str(one).startswith("port=") for one in arguments) else [free_port()]
+    result = subprocess.run(
+        [sys.executable, *python, "-m", "zoo.doctor", *map(str, arguments), *ports],
+        cwd=cwd,
+        env=environment() | {"COLUMNS": "400"} | more,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert "Traceback" not in result.stdout + result.stderr, result.stderr
+    return result
+
+
+def free_port() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"port={probe.getsockname()[1]}"
+
+
+def row(result: subprocess.CompletedProcess, what: str) -> str:
+    """The rows of a thing that is looked at, with the fixes below them."""
+    lines, taken = [], False
+    for line in result.stdout.splitlines():
+        taken = taken if line.startswith(" ") else line[9:].startswith(what)
+        lines += [line] if taken else []
+    return "\n".join(lines)
+
+
+def test_a_checkpoint_and_its_recording_in_good_health(
+    tmp_path: Path, run_folder: Path, recorded: Written
+) -> None:
+    result = visit(tmp_path, run_folder, recorded.folder)
+
+    assert result.returncode == 0, result.stdout
+    assert row(result, "Python").startswith("ok")
+    assert "torch" in row(result, "packages")
+    assert row(result, "renderer").startswith("ok")
+    assert "252,219 parameters" in row(result, "checkpoint")
+    assert "200 x 66 rgb" in row(result, "it expects")
+    assert "that is this recording" in row(result, "trained on")
+    assert "120 rows, centre, left, right" in row(result, "recording")
+    assert "ok" in row(result, "round trip")
+    assert not list(tmp_path.iterdir()), "a visit leaves nothing behind"
+
+
+def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as holder:
+        port = holder.getsockname()[1]
+        result = visit(tmp_path, "a=[b] c.ckpt", tmp_path, f"port={port}", LC_ALL="xx_YY")
+
+    assert result.returncode == 1
+    assert row(result, "port").startswith("fault")
+    if sys.platform == "linux":
+        assert "pytest" in row(result, "port"), "who holds it"
+    assert row(result, "locale").startswith("warning")
+    assert "no such checkpoint" in row(result, "checkpoint")
+    assert "holds no driving_log.csv" in row(result, "recording")
+    for what in ("port", "locale", "checkpoint", "recording"):
+        assert "fix: " in row(result, what)
+    assert not row(result, "round trip"), "it would fail for the same reason"
+    assert result.stdout.splitlines()[-1].startswith("3 at fault, 1 to be warned of")
+
+
+def test_a_package_that_carries_malware_is_a_fault(tmp_path: Path) -> None:
+    info = tmp_path / "bad" / "lightning-2.6.2.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lightning\nVersion: 2.6.2\n")
+
+    result = visit(tmp_path, PYTHONPATH=f"{tmp_path / 'bad'}:{ROOT}")
+
+    assert result.returncode == 1
+    assert "lightning 2.6.2 carries malware" in row(result, "packages")
+    assert "pip uninstall lightning" in row(result, "packages")
+
+
+def test_where_nothing_is_installed_it_says_what_and_how(tmp_path: Path) -> None:
+    result = visit(tmp_path, tmp_path, python=("-S",))
+
+    assert result.returncode == 1
+    assert "not installed: albumentations" in row(result, "packages")
+    assert "torch is not installed" in row(result, "device")
+    assert "pip install -e ." in row(result, "packages")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"rubbish" * 999])
+def test_a_file_that_is_no_checkpoint_is_a_fault(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bad.ckpt"
+    path.write_bytes(content)
+
+    (finding,) = inputs.check_checkpoint(str(path))
+
+    assert finding.state == FAULT
+    assert str(path) in finding.found
+    assert finding.fix
+
+
+def test_weights_that_are_not_finite_are_a_fault(tmp_path: Path, run_folder: Path) -> None:
+    contents = torch.load(run_folder / "checkpoints" / "best.ckpt", weights_only=True)
+    contents["state_dict"]["network.head.0.weight"][0, 0] = float("nan")
+    torch.save(contents, tmp_path / "diverged.ckpt")
+
+    faults = [
+        finding
+        for finding in inputs.check_checkpoint(str(tmp_path / "diverged.ckpt"))
+        if finding.state == FAULT
+    ]
+
+    assert len(faults) == 1
+    assert "head.0.weight" in faults[0].found
+
+
+def test_bad_pictures_are_a_warning(tmp_path: Path, recorded: Written) -> None:
+    folder = tmp_path / "lake"
+    shutil.copytree(recorded.folder, folder)
+    (folder / "IMG" / recorded.image(0).name).write_bytes(recorded.image(0).read_bytes()[:500])
+    (folder / "IMG" / recorded.image(5).name).unlink()
+
+    _, finding = inputs.check_recording(str(folder))
+
+    assert finding.state == WARNING
+    assert "2 bad pictures" in finding.found
+    assert "python -m datamodules.check" in finding.fix
+
+
+def test_a_driver_that_does_not_start_is_a_fault(tmp_path: Path) -> None:
+    (finding,) = round_trip.check_round_trip(str(tmp_path / "absent.ckpt"))
+    assert finding.state == FAULT
+    assert "no such checkpoint" in finding.found
+
+
+@pytest.mark.parametrize("arguments", [("a.ckpt", "b.ckpt"), ("port=none",)])
+def test_arguments_that_cannot_be_are_one_line(
+    arguments: tuple[str, ...], capsys: pytest.CaptureFixture
+) -> None:
+    assert doctor.main(list(arguments)) == 1
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert not printed.out
+
+
+def test_the_supported_pythons_are_those_of_pyproject() -> None:
+    text = (ROOT / "pyproject.toml").read_text()
+    (oldest, first), (newest, last) = installation.OLDEST, installation.NEWEST
+    assert f'requires-python = ">={oldest}.{first},<{newest}.{last + 1}"' in text

@@ -1,0 +1,162 @@
+"""Films of recordings, of drives and of the course's folders, decoded again."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from rich.console import Console
+
+from datamodules.errors import InputError
+from tests.recordings import Written
+from tests.zoo.commands import only_line, run
+from zoo.driving.drive_log import PERSON, DriveRow, DriveWriter
+from zoo.film import film as film_command
+from zoo.film import make_film, read_shots, real_fps
+from zoo.film_overlay import GREEN, RED, draw_overlay
+
+GREY = np.full((160, 320, 3), 90, np.uint8)
+
+
+def decode(path: Path) -> tuple[dict, np.ndarray]:
+    """A film's `fps`, `codec` and more, and its frames uint8 [N, H, W, 3]."""
+    reader = imageio_ffmpeg.read_frames(str(path))
+    meta = next(reader)
+    width, height = meta["size"]
+    return meta, np.array([np.frombuffer(one, np.uint8) for one in reader]).reshape(
+        -1, height, width, 3
+    )
+
+
+def film(cwd: Path, *arguments: object) -> subprocess.CompletedProcess:
+    return run(cwd, *map(str, arguments), module="zoo.film")
+
+
+def test_a_recording_becomes_h264_in_the_time_it_took(recorded: Written, tmp_path: Path) -> None:
+    result = film(tmp_path, recorded.folder, "out=films/lake.mp4")
+
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[-1] == "films/lake.mp4"
+    meta, frames = decode(tmp_path / "films" / "lake.mp4")
+    assert meta["codec"].startswith("h264")
+    assert "yuv420p" in meta["pix_fmt"]
+    assert frames.shape == (120, 480, 960, 3)
+    assert meta["fps"] == pytest.approx(15, abs=0.2)
+
+
+def test_the_courses_folder_of_pictures_is_filmed_in_the_order_of_time(
+    recorded: Written, tmp_path: Path
+) -> None:
+    folder = tmp_path / "a=[run] 1"
+    folder.mkdir()
+    for row in (7, 3, 5):
+        stem = recorded.stems[row]
+        shutil.copy(recorded.image(row), folder / f"{stem}.jpg")
+
+    shots = read_shots(folder)
+    result = film(tmp_path, folder, "fps=48")
+
+    assert [shot.path.stem for shot in shots] == [recorded.stems[row] for row in (3, 5, 7)]
+    assert shots[0].steering is None
+    assert real_fps(shots) == pytest.approx(7.5, abs=0.1)
+    assert result.returncode == 0, result.stderr
+    meta, frames = decode(tmp_path / "a=[run] 1.mp4")
+    assert meta["fps"] == 48
+    assert len(frames) == 3
+
+
+def test_a_drive_shows_autonomy_and_distance_from_the_centre(
+    recorded: Written, tmp_path: Path, console: Console
+) -> None:
+    folder = tmp_path / "drive"
+    shutil.copytree(recorded.folder / "IMG", folder / "IMG")
+    writer = DriveWriter(folder)
+    names = [f"IMG/{recorded.image(row).name}" for row in range(120)]
+    # Two loops of one client, so each picture twice; a person intervenes after four seconds.
+    for number in range(240):
+        row = number // 2
+        person = 120 <= number < 130
+        writer.add([
+            DriveRow(
+                time_s=number / 30, frame=names[row], steering=0.1, throttle=0.2, speed_mph=9.0,
+                cross_track_m=-0.5, driver=PERSON if person else "policy",
+                intervention=number == 120,
+            )
+        ])  # fmt: skip
+    writer.close()
+
+    shots = read_shots(folder)
+
+    assert len(shots) == 120
+    assert shots[59].autonomy == 1
+    assert shots[60].note == "a person drives"
+    assert shots[-1].autonomy == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
+    assert shots[-1].cte_m == -0.5
+    assert len(decode(make_film(folder, None, None, console))[1]) == 120
+
+
+def test_pictures_that_cannot_be_read_are_left_out_and_counted(
+    recorded: Written, tmp_path: Path, console: Console
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for row in range(4):
+        shutil.copy(recorded.image(row), folder)
+    (folder / recorded.image(2).name).write_bytes(b"")
+
+    path = make_film(folder, None, None, console)
+
+    assert "1 pictures left out" in console.file.getvalue()
+    assert "the file is empty" in console.file.getvalue()
+    assert len(decode(path)[1]) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "usage: python -m zoo.film FOLDER"),
+        (["nowhere"], "nowhere: no such folder"),
+        (["empty"], "holds no driving_log.csv and no JPEG"),
+        (["lake", "fps=0"], "fps=0: must be above 0"),
+        (["lake", "fsp=48"], "did you mean fps"),
+        (["lake", "out=film.avi"], "must end in .mp4"),
+    ],
+)
+def test_a_mistake_is_said_with_what_to_do(
+    arguments: list[str],
+    said: str,
+    recorded: Written,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "lake").symlink_to(recorded.folder)
+    with pytest.raises(InputError, match=re.escape(said)):
+        film_command(arguments)
+
+
+def test_the_command_says_a_mistake_in_one_line(tmp_path: Path) -> None:
+    assert "nowhere: no such folder" in only_line(film(tmp_path, "nowhere"))
+
+
+def test_the_overlay_draws_what_is_known_and_nothing_else() -> None:
+    bare = draw_overlay(GREY, None, float("nan"), None)
+    assert bare.shape == (480, 960, 3)
+    assert bare.dtype == np.uint8
+    assert (bare == 90).all()
+    whole = draw_overlay(GREY, -0.2, 0.5, 9.0, 0.97, 0.3, "nvidia")
+    assert (whole[18:92, 700:940] != 90).any(), "autonomy and the distance stand top right"
+    assert (draw_overlay(GREY, 0.0, 0.0, 9.0)[18:92] == 90).all()
+
+
+def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
+    left, right = (draw_overlay(GREY, value, None, None) for value in (-0.3, 0.3))
+    assert not np.array_equal(left[380:, :120], right[380:, :120])
+    throttle, brake = (draw_overlay(GREY, None, value, None) for value in (0.8, -0.8))
+    for picture, colour, other in ((throttle, GREEN, RED), (brake, RED, GREEN)):
+        assert (picture[440:] == colour).all(2).sum() > 300
+        assert not (picture[440:] == other).all(2).any()
