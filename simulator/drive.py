@@ -6,25 +6,23 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
 from simulator.command_line import read_options
+from simulator.drive_loop import Drive
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.errors import SimulatorError
-from simulator.gamepad import Gamepads
-from simulator.hand_control import HandControl, Hands
-from simulator.record_report import Driven, print_report
-from simulator.recorder import LOG_NAME, Recorder, check_free, split_pedals
-from simulator.rig import CAMERAS, PHYSICS_STEP_S
+from simulator.record_report import print_report
+from simulator.recorder import LOG_NAME, Recorder, check_free
+from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import CLEAR
 from simulator.window import Window
 from simulator.world import Start, World, open_world
 
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
-SHOWN_PER_S = 60.0
-LONGEST_S = 0.1  # that a picture may take; on a slower machine the world goes slower, too
 
 
 @dataclass(frozen=True)
@@ -60,121 +58,6 @@ class DriveOptions:
     seconds: float = 0.0
 
 
-class Drive:
-    """A person's drive, and the recording made of it."""
-
-    def __init__(self, world: World, screen: DriveScreen, options: DriveOptions) -> None:
-        self.world, self.screen, self.options = world, screen, options
-        self.control, self.gamepads = HandControl(), Gamepads()
-        self.driven = Driven(world.track.length)
-        self.recorder: Recorder | None = None
-        self.is_recording = False
-        self._began_s = self._lap_began_s = self._next_row_s = 0.0
-        self._before = world.pose()
-
-    def run(self, recorders: ExitStack) -> None:
-        """Drive until the person quits; a recorder that is opened goes on the stack.
-
-        Raises:
-            SimulatorError: the recording's folder cannot be written, or the disk is full.
-        """
-        begin, owed_s, seconds = time.perf_counter(), 0.0, self.options.seconds
-        while not seconds or self.world.time < seconds:
-            hands = self._hands()
-            while owed_s >= PHYSICS_STEP_S:
-                owed_s -= PHYSICS_STEP_S
-                self._step(hands)
-            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._obey(recorders):
-                break
-            time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
-            now = time.perf_counter()
-            owed_s += min(now - begin, LONGEST_S)
-            begin = now
-        self.driven.seconds, self.driven.metres = self.world.time, abs(self.world.travelled)
-
-    def _hands(self) -> Hands:
-        window = self.screen.window
-        return Hands(frozenset(window.held), window.pointer, *self.gamepads.read())
-
-    def _step(self, hands: Hands) -> None:
-        """Drive for 0.02 s, after the row that is due."""
-        world = self.world
-        steering, throttle = self.control.step(PHYSICS_STEP_S, hands)
-        if world.time >= self._next_row_s - 1e-6:
-            self._next_row_s += 1 / self.options.frame_rate
-            self._take_row(steering, throttle)
-        self._before, lap = world.pose(), world.lap
-        world.step(steering, throttle)
-        if world.lap > lap:
-            self.driven.lap_s.append(world.time - self._lap_began_s)
-            self._lap_began_s = world.time
-
-    def _take_row(self, steering: float, throttle: float) -> None:
-        """Show what the centre camera sees; record it with the others' pictures."""
-        world, self.driven.frames = self.world, self.driven.frames + 1
-        cameras = CAMERAS if self.is_recording else CAMERAS[:1]
-        frames = {camera: world.frame(camera) for camera in cameras}
-        self.screen.show_frame(frames[CAMERAS[0]])
-        if self.is_recording:
-            pedals = split_pedals(throttle)
-            seconds = world.time - self._began_s
-            self.recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
-            self.driven.cte.append(world.cte)
-            self.driven.steering.append(steering)
-
-    def _draw(self, part: float) -> bool:
-        """Show the world between the last two steps, or the car would judder."""
-        rows = self.recorder.rows if self.recorder else 0
-        if self.is_recording:
-            said = f"REC   {rows:,} rows"
-        else:
-            said = f"paused   {rows:,} rows" if rows else "R: record"
-        notice = self.recorder.folder.name if self.recorder else "nothing is recorded yet"
-        if self.world.off_road:
-            notice = "off the road: backspace puts you back"
-        elif self.control.cruising:
-            notice = "cruising: space or the brake ends it"
-        self.screen.say(said, self.is_recording, notice)
-        pairs = zip(self._before, self.world.pose(), strict=True)
-        pose = tuple(before + (after - before) * part for before, after in pairs)
-        car = self.world.car
-        return self.screen.draw(pose, car.speed_mph, self.control.steering, self.control.throttle)
-
-    def _obey(self, recorders: ExitStack) -> bool:
-        """What the keys just pressed ask for; False to quit."""
-        for key in self.screen.window.pressed:
-            if key == "escape":
-                return False
-            if key == "r":
-                self._toggle_recording(recorders)
-            elif key == "space":
-                self.control.cruising = not self.control.cruising
-            elif key == "backspace":
-                self._put_back()
-        return True
-
-    def _toggle_recording(self, recorders: ExitStack) -> None:
-        self.is_recording = not self.is_recording
-        if self.recorder is None:
-            options = self.options
-            recorder = Recorder(_folder(options.out), options.header, options.relative)
-            self.recorder = recorders.enter_context(recorder)
-        self._begin_pass()
-
-    def _begin_pass(self) -> None:
-        if self.recorder is not None:
-            self.recorder.begin_pass()
-        self._began_s = self.world.time
-
-    def _put_back(self) -> None:
-        """On the centreline, where it left it; readers of the recording see a gap."""
-        self.world.put_back(Start(self.world.place.distance))
-        self.control.release()
-        self.control.cruising = False
-        self._before = self.world.pose()
-        self._begin_pass()
-
-
 def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
     """Open the window and let a person drive; the recording's folder, None where there is none.
 
@@ -185,12 +68,13 @@ def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
     world = _open(options)
     title = f"{world.track.name}, python -m simulator drive"
     window = Window(title, (options.width, options.width // 2))
-    run = Drive(world, DriveScreen(window, world.pictures, world.weather), options)
+    screen = DriveScreen(window, world.pictures, world.weather)
+    run = Drive(world, screen, partial(_open_recorder, options), options.frame_rate)
     console.print(HELP.replace("     ", "\n"), highlight=False, markup=False)
     began = time.perf_counter()
     try:
         with ExitStack() as recorders:
-            run.run(recorders)
+            run.run(recorders, options.seconds)
     finally:
         window.close()
     if run.recorder is None or not run.recorder.rows:
@@ -236,6 +120,10 @@ def _open(options: DriveOptions) -> World:
     weather = CLEAR if options.weather == "clear" else options.weather
     world.reset(options.seed, Start(options.start), weather)
     return world
+
+
+def _open_recorder(options: DriveOptions) -> Recorder:
+    return Recorder(_folder(options.out), options.header, options.relative)
 
 
 def _folder(out: str) -> Path:

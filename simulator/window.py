@@ -29,7 +29,7 @@ class Window:
     """
 
     def __init__(self, title: str, size: tuple[int, int] = (1280, 640)) -> None:
-        self.pipe, self.engine, self.window, self.name = _open(title, size)
+        pipe, self.engine, self.window, self.name = _open(title, size)
         self.held: set[str] = set()
         self.pressed: list[str] = []
         self.flat = core.NodePath("flat")
@@ -48,6 +48,8 @@ class Window:
         self._devices.attachNewNode(keyboard).attachNewNode(thrower)
         self._traverser = core.DataGraphTraverser()
         self._events = core.EventQueue.getGlobalEventQueue()
+        # Last, so that it is freed last: the software renderer's window must not outlive its pipe.
+        self._pipe = pipe
 
     @property
     def is_open(self) -> bool:
@@ -85,7 +87,6 @@ class Window:
     def close(self) -> None:
         """Close it, if a person has not done so."""
         self.engine.removeAllWindows()
-        # The software renderer's window must go before its pipe, or freeing it crashes.
         self._devices.removeNode()
         self.window = None
 

@@ -109,6 +109,17 @@ def test_fog_hides_what_is_far_and_not_the_road_ahead(lake: World) -> None:
     assert np.abs(fog[120:130].astype(int) - clear[120:130]).mean() < 25
 
 
+def test_blur_spreads_a_lines_edge_and_keeps_the_brightness(lake: World) -> None:
+    sharp, soft, softer = (
+        look(lake, replace(CLEAR, blur=blur), distance=330).astype(int) for blur in (0, 1.5, 4)
+    )
+    edges = [np.abs(np.diff(one[80:130], axis=1)).max() for one in (sharp, soft, softer)]
+    assert edges[0] > 1.5 * edges[1] > 1.5 * 1.5 * edges[2]
+    assert soft.mean() == pytest.approx(sharp.mean(), abs=1)
+    with pytest.raises(SimulatorError, match="blur=-1"):
+        replace(CLEAR, blur=-1)
+
+
 @pytest.mark.parametrize("change", [{"rain": 0.7}, {"noise": 5.0}])
 def test_rain_and_noise_differ_from_frame_to_frame_and_not_from_run_to_run(
     lake: World, change: dict

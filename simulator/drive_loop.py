@@ -1,0 +1,145 @@
+"""A person's drive: what is pressed moves the car, what is seen becomes rows."""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+
+from simulator.drive_screen import DriveScreen
+from simulator.gamepad import Gamepads
+from simulator.hand_control import HandControl, Hands
+from simulator.record_report import Driven
+from simulator.recorder import Recorder, split_pedals
+from simulator.rig import CAMERAS, PHYSICS_STEP_S
+from simulator.world import Start, World
+
+SHOWN_PER_S = 60.0
+LONGEST_S = 0.1  # that a picture may take; on a slower machine the world goes slower, too
+
+
+class Drive:
+    """A person's drive, and the recording made of it.
+
+    Args:
+        world: in steps of 0.02 s, whatever the rows' rate.
+        screen: what the person looks at.
+        open_recorder: called when R is first pressed.
+        frame_rate: rows per second of simulated time.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        screen: DriveScreen,
+        open_recorder: Callable[[], Recorder],
+        frame_rate: float,
+    ) -> None:
+        self.world, self.screen, self.row_s = world, screen, 1 / frame_rate
+        self.open_recorder = open_recorder
+        self.control, self.gamepads = HandControl(), Gamepads()
+        self.driven = Driven(world.track.length)
+        self.recorder: Recorder | None = None
+        self.is_recording = False
+        self._began_s = self._lap_began_s = self._next_row_s = 0.0
+        self._before = world.pose()
+
+    def run(self, recorders: ExitStack, seconds: float = 0.0) -> None:
+        """Drive until the person quits, or so many seconds; 0 is no end.
+
+        A recorder that is opened goes on the stack, which closes it whatever happens.
+
+        Raises:
+            SimulatorError: the recording's folder cannot be written, or the disk is full.
+        """
+        begin, owed_s = time.perf_counter(), 0.0
+        while not seconds or self.world.time < seconds:
+            hands = self._hands()
+            while owed_s >= PHYSICS_STEP_S:
+                owed_s -= PHYSICS_STEP_S
+                self._step(hands)
+            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._obey(recorders):
+                break
+            time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
+            now = time.perf_counter()
+            owed_s += min(now - begin, LONGEST_S)
+            begin = now
+        self.driven.seconds, self.driven.metres = self.world.time, abs(self.world.travelled)
+
+    def _hands(self) -> Hands:
+        window = self.screen.window
+        return Hands(frozenset(window.held), window.pointer, *self.gamepads.read())
+
+    def _step(self, hands: Hands) -> None:
+        """Drive for 0.02 s, after the row that is due."""
+        world = self.world
+        steering, throttle = self.control.step(PHYSICS_STEP_S, hands)
+        if world.time >= self._next_row_s - 1e-6:
+            self._next_row_s += self.row_s
+            self._take_row(steering, throttle)
+        self._before, lap = world.pose(), world.lap
+        world.step(steering, throttle)
+        if world.lap > lap:
+            self.driven.lap_s.append(world.time - self._lap_began_s)
+            self._lap_began_s = world.time
+
+    def _take_row(self, steering: float, throttle: float) -> None:
+        """Show what the centre camera sees; record it with the others' pictures."""
+        world, self.driven.frames = self.world, self.driven.frames + 1
+        cameras = CAMERAS if self.is_recording else CAMERAS[:1]
+        frames = {camera: world.frame(camera) for camera in cameras}
+        self.screen.show_frame(frames[CAMERAS[0]])
+        if self.is_recording:
+            pedals = split_pedals(throttle)
+            seconds = world.time - self._began_s
+            self.recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
+            self.driven.cte.append(world.cte)
+            self.driven.steering.append(steering)
+
+    def _draw(self, part: float) -> bool:
+        """Show the world between the last two steps, or the car would judder."""
+        rows = self.recorder.rows if self.recorder else 0
+        if self.is_recording:
+            said = f"REC   {rows:,} rows"
+        else:
+            said = f"paused   {rows:,} rows" if rows else "R: record"
+        notice = self.recorder.folder.name if self.recorder else "nothing is recorded yet"
+        if self.world.off_road:
+            notice = "off the road: backspace puts you back"
+        elif self.control.cruising:
+            notice = "cruising: space or the brake ends it"
+        self.screen.say(said, self.is_recording, notice)
+        pairs = zip(self._before, self.world.pose(), strict=True)
+        pose = tuple(before + (after - before) * part for before, after in pairs)
+        car = self.world.car
+        return self.screen.draw(pose, car.speed_mph, self.control.steering, self.control.throttle)
+
+    def _obey(self, recorders: ExitStack) -> bool:
+        """What the keys just pressed ask for; False to quit."""
+        for key in self.screen.window.pressed:
+            if key == "escape":
+                return False
+            if key == "r":
+                self._toggle_recording(recorders)
+            elif key == "space":
+                self.control.cruising = not self.control.cruising
+            elif key == "backspace":
+                self._put_back()
+        return True
+
+    def _toggle_recording(self, recorders: ExitStack) -> None:
+        self.is_recording = not self.is_recording
+        if self.recorder is None:
+            self.recorder = recorders.enter_context(self.open_recorder())
+        self._begin_pass()
+
+    def _begin_pass(self) -> None:
+        if self.recorder is not None:
+            self.recorder.begin_pass()
+        self._began_s = self.world.time
+
+    def _put_back(self) -> None:
+        """On the centreline, where it left it; readers of the recording see a gap."""
+        self.world.put_back(Start(self.world.place.distance))
+        self.control.release()
+        self.control.cruising = False
+        self._before = self.world.pose()
+        self._begin_pass()
