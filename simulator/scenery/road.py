@@ -19,7 +19,7 @@ VERGE_END_M = 14.0  # from the centreline; the ground's own mesh goes on from th
 
 YELLOW, GUTTER = (0.66, 0.62, 0.36), (0.23, 0.22, 0.17)
 ASPHALT, SHOULDER = (0.356, 0.355, 0.366), (0.40, 0.40, 0.40)
-COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.95, 0.92, 0.70)
+COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.95, 0.92, 0.77)
 SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
 GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
 FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
