@@ -68,5 +68,7 @@ class Film:
         if self._writer is None:
             return
         self._writer.close()
-        if self._unfinished.exists():
+        if kind is not None:
+            self._unfinished.unlink(missing_ok=True)
+        elif self._unfinished.exists():
             self._unfinished.replace(self.path)

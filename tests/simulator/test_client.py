@@ -9,6 +9,8 @@ import threading
 import time
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -169,9 +171,6 @@ def test_an_option_that_cannot_be_is_named(options: dict, words: str) -> None:
 
 
 def test_a_film_is_h264_and_plays(tmp_path: Path) -> None:
-    import cv2
-    import numpy as np
-
     path = tmp_path / "films" / "lap.mp4"
     with Film(path, fps=20) as film:
         for grey in range(0, 200, 10):
@@ -187,6 +186,16 @@ def test_a_film_is_h264_and_plays(tmp_path: Path) -> None:
     assert frames[0].shape == (160, 320, 3)
     assert abs(int(frames[-1].mean()) - 190) < 6
     assert not list(path.parent.glob(".*"))
+
+
+def test_a_film_that_fails_leaves_the_one_before(tmp_path: Path) -> None:
+    path = tmp_path / "lap.mp4"
+    path.write_bytes(b"the one before")
+    with pytest.raises(ZeroDivisionError), Film(path, fps=20) as film:
+        film.add(np.zeros((16, 16, 3), np.uint8))
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"the one before"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_film_without_a_frame_leaves_no_file(tmp_path: Path) -> None:
