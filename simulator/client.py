@@ -15,7 +15,7 @@ from simulator.errors import SimulatorError
 from simulator.film import Film
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry, read_steer
-from simulator.weather import CLEAR
+from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
 RETRY_S = 0.5
@@ -36,7 +36,7 @@ class ClientOptions:
         clock: lockstep advances a frame for each reply; realtime drives on meanwhile.
         frame_rate: frames per second of simulated time, up to 50.
         seed: of the weather.
-        weather: clear, or random for a day drawn from the seed.
+        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
         start: metres along the lap.
         direction: 1, or -1 for the other way round.
         laps: ends after so many; 0 never does.
@@ -44,6 +44,8 @@ class ClientOptions:
         film: a path ending in .mp4; null for none.
         window: show what it sees.
         manual: pairs of seconds between which a person holds W, [[5,7],[20,21]].
+        truth: tell the driver the simulated time and the cross-track error, too; the original does
+            not.
         decimal_comma: write and read numbers as in a German locale.
         drop_at: the second in which the connection is dropped once; null for never.
         delay_s: from a command to the wheels.
@@ -65,6 +67,7 @@ class ClientOptions:
     film: str | None = None
     window: bool = False
     manual: list[list[float]] = field(default_factory=list)
+    truth: bool = False
     decimal_comma: bool = False
     drop_at: float | None = None
     delay_s: float = 0.0
@@ -176,7 +179,9 @@ class Client:
             socket.emit("telemetry", None)
             return
         car, comma = self.world.car, self.options.decimal_comma
-        message = make_telemetry(self.frame(), car.steering, car.throttle, car.speed_mph, comma)
+        truth = {"time": self.world.time, "cte": self.world.cte} if self.options.truth else None
+        frame = self.frame()
+        message = make_telemetry(frame, car.steering, car.throttle, car.speed_mph, comma, truth)
         socket.emit("telemetry", message)
 
     def frame(self) -> np.ndarray:
@@ -220,8 +225,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
         options.delay_s,
         options.direction,
     )
-    weather = CLEAR if options.weather == "clear" else options.weather
-    world.reset(options.seed, Start(options.start), weather)
+    world.reset(options.seed, Start(options.start), read_weather(options.weather))
     client = Client(world, options, console)
     client.say(f"{world.track.name}, drawn by the {world.pictures.name} renderer")
     began = time.monotonic()
@@ -294,7 +298,8 @@ def _summary(client: Client, wall_s: float) -> None:
 
 def _check(options: ClientOptions) -> None:
     choices = {"protocol": ("legacy", "modern"), "clock": ("lockstep", "realtime")}
-    for key, known in (*choices.items(), ("weather", ("clear", "random"))):
+    read_weather(options.weather)
+    for key, known in choices.items():
         if getattr(options, key) not in known:
             raise SimulatorError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")
     if options.renderer == "none":

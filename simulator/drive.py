@@ -18,7 +18,7 @@ from simulator.errors import SimulatorError
 from simulator.record_report import print_report
 from simulator.recorder import LOG_NAME, Recorder, check_free
 from simulator.rig import PHYSICS_STEP_S
-from simulator.weather import CLEAR
+from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
 
@@ -33,7 +33,7 @@ class DriveOptions:
         track: its name, or the path of a track's YAML file.
         out: the folder to record to; auto is recordings/ and the time when R is first pressed.
         direction: forward or backward.
-        weather: clear, or random for a day drawn from the seed.
+        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
         seed: of the weather.
         start: metres along the lap.
         frame_rate: rows per second, up to 50.
@@ -100,8 +100,7 @@ def main(arguments: Sequence[str]) -> None:
 def _open(options: DriveOptions) -> World:
     if options.direction not in DIRECTIONS:
         raise SimulatorError(f"direction={options.direction}: must be forward or backward")
-    if options.weather not in ("clear", "random"):
-        raise SimulatorError(f"weather={options.weather}: must be clear or random")
+    read_weather(options.weather)  # says now what is wrong with it
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
     if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
@@ -117,8 +116,7 @@ def _open(options: DriveOptions) -> World:
         frame_rate=1 / PHYSICS_STEP_S,
         direction=DIRECTIONS[options.direction],
     )
-    weather = CLEAR if options.weather == "clear" else options.weather
-    world.reset(options.seed, Start(options.start), weather)
+    world.reset(options.seed, Start(options.start), read_weather(options.weather))
     return world
 
 

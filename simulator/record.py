@@ -15,7 +15,7 @@ from simulator.expert import Expert, ExpertSettings
 from simulator.record_report import Driven, print_report
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS
-from simulator.weather import CLEAR
+from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
 STUCK_S = 10.0  # in which a driver makes some way
@@ -36,7 +36,7 @@ class RecordOptions:
         frame_rate: rows per second of simulated time, up to 50.
         seed: of the swaying and the weather.
         start: metres along the lap.
-        weather: clear, or random for a day drawn from the seed.
+        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
         renderer: auto, software or opengl.
         quality: full, or simple pictures, which are quicker.
         header: begin the log with the columns' names, as the course's sample data does.
@@ -167,8 +167,7 @@ def _directions(options: RecordOptions) -> tuple[int, ...]:
 def _open(options: RecordOptions, direction: int) -> tuple[World, Expert]:
     if not 0 < options.laps <= 1000:
         raise SimulatorError(f"laps={options.laps:g}: must be above 0, up to 1000")
-    if options.weather not in ("clear", "random"):
-        raise SimulatorError(f"weather={options.weather}: must be clear or random")
+    read_weather(options.weather)  # says now what is wrong with it
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
     settings = ExpertSettings(speed_mph=options.speed, noise=options.noise, seed=options.seed)
@@ -180,8 +179,7 @@ def _open(options: RecordOptions, direction: int) -> tuple[World, Expert]:
         options.delay_s,
         direction,
     )
-    weather = CLEAR if options.weather == "clear" else options.weather
-    world.reset(options.seed, Start(options.start), weather)
+    world.reset(options.seed, Start(options.start), read_weather(options.weather))
     return world, Expert(world.track, settings)
 
 

@@ -13,16 +13,23 @@ JPEG_QUALITY = 75  # what the original's pictures have
 
 
 def make_telemetry(
-    frame: np.ndarray, steering: float, throttle: float, speed_mph: float, decimal_comma: bool
+    frame: np.ndarray,
+    steering: float,
+    throttle: float,
+    speed_mph: float,
+    decimal_comma: bool,
+    truth: dict[str, float] | None = None,
 ) -> dict[str, str]:
     """The original's telemetry: strings with four decimals, the steering in degrees (-25..25), the
-    speed in mph, and the frame (uint8 [160, 320, 3] RGB) as a base64 JPEG."""
+    speed in mph, and the frame (uint8 [160, 320, 3] RGB) as a base64 JPEG. `truth` adds numbers
+    that the original does not tell."""
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
     numbers = {
         "steering_angle": steering * MAX_STEERING_DEG,
         "throttle": throttle,
         "speed": speed_mph,
+        **(truth or {}),
     }
     texts = {key: f"{value + 0.0:.4f}" for key, value in numbers.items()}
     if decimal_comma:

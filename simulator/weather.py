@@ -1,8 +1,10 @@
 """Light and weather: what changes a picture and not the road."""
 
+import difflib
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+import yaml
 
 from simulator.errors import SimulatorError
 from simulator.rig import CameraOffset
@@ -24,6 +26,7 @@ class Weather:
         texture_seed: of the grain of road and ground.
         camera: how far the cameras were knocked out of place.
         noise: standard deviation of the sensor's noise, in grey levels of 255.
+        blur: standard deviation of the lens's blur, in pixels; 0 is sharp.
     """
 
     sun_azimuth_deg: float = 210.0
@@ -37,6 +40,7 @@ class Weather:
     texture_seed: int = 1
     camera: CameraOffset = field(default_factory=CameraOffset)
     noise: float = 0.0
+    blur: float = 0.0
 
     def __post_init__(self) -> None:
         ranges = {
@@ -47,6 +51,7 @@ class Weather:
             "rain": (0, 1),
             "wet": (0, 1),
             "noise": (0, 100),
+            "blur": (0, 20),
         }
         for key, (low, high) in ranges.items():
             value = getattr(self, key)
@@ -81,4 +86,41 @@ def random_weather(rng: np.random.Generator, usual: Weather = CLEAR) -> Weather:
     )
 
 
-WEATHER_KEYS = tuple(one.name for one in fields(Weather) if one.name != "camera")
+def read_weather(text: str) -> Weather | str:
+    """What a person writes: `clear`; `random`, as it stands; or what differs from a clear day.
+
+    >>> read_weather("{fog: 0.4, wet: 1, camera: {pitch_deg: 2}}").camera.pitch_deg
+    2
+
+    Raises:
+        SimulatorError: none of these, no such setting, or a value that cannot be.
+    """
+    if text == "random":
+        return text
+    if text == "clear":
+        return CLEAR
+    try:
+        given = yaml.safe_load(text)
+    except yaml.YAMLError:
+        given = None
+    if not isinstance(given, dict):
+        raise SimulatorError(f"weather={text}: must be clear, random or settings, {{fog: 0.4}}")
+    _check_names("weather", given, Weather)
+    if camera := given.pop("camera", None):
+        _check_names("weather: camera", camera, CameraOffset)
+        given["camera"] = CameraOffset(**camera)
+    return Weather(**given)
+
+
+def _check_names(place: str, given: dict, kind: type) -> None:
+    """Every setting must be one of `kind`'s, and a number, or a yes or no."""
+    if not isinstance(given, dict):
+        raise SimulatorError(f"{place}: must be settings, such as {{pitch_deg: 2}}")
+    known = [one.name for one in fields(kind)]
+    for key, value in given.items():
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+            raise SimulatorError(f"{place}: there is no {key}; {hint}")
+        if key != "camera" and not isinstance(value, int | float):
+            raise SimulatorError(f"{place}: {key}={value}: must be a number")

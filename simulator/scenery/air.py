@@ -1,4 +1,4 @@
-"""What happens between the world and the file: fog, the bonnet, rain, exposure, sensor noise."""
+"""What happens between the world and the file: fog, the bonnet, exposure, rain, blur, noise."""
 
 import cv2
 import numpy as np
@@ -44,13 +44,15 @@ class Air:
         picture[first:] = picture[first:] * keep + colour
         if weather.brightness != 1:
             picture = cv2.LUT(picture, self.exposure)
-        if weather.rain or weather.noise:
-            rng = np.random.default_rng((self.seed, tick, CAMERAS.index(camera)))
-            if weather.rain:
-                picture = _with_rain(picture, rng, weather.rain)
-            if weather.noise:
-                noise = rng.standard_normal(picture.shape, np.float32) * weather.noise
-                picture = np.clip(picture + noise, 0, 255).astype(np.uint8)
+        rng = np.random.default_rng((self.seed, tick, CAMERAS.index(camera)))
+        if weather.rain:
+            picture = _with_rain(picture, rng, weather.rain)
+        # The lens blurs what there is to see; the noise is the sensor's, behind it.
+        if weather.blur:
+            picture = cv2.GaussianBlur(picture, (0, 0), weather.blur)
+        if weather.noise:
+            noise = rng.standard_normal(picture.shape, np.float32) * weather.noise
+            picture = np.clip(picture + noise, 0, 255).astype(np.uint8)
         return picture
 
 

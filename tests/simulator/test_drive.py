@@ -185,7 +185,7 @@ def test_without_a_display_one_line_says_so(tmp_path, monkeypatch, display):
     [
         ("directoin=1", "there is no option directoin; did you mean direction?"),
         ("direction=both", "direction=both: must be forward or backward"),
-        ("weather=snow", "weather=snow: must be clear or random"),
+        ("weather=snow", "weather=snow: must be clear, random or settings"),
         ("frame_rate=60", "frame_rate=60: must be above 0, up to 50"),
         ("width=10", "width=10: must be in 320..7680 pixels"),
         ("seconds=-1", "seconds=-1: must be 0 or more"),

@@ -34,6 +34,11 @@ def test_a_decimal_comma_where_the_locale_has_one() -> None:
         assert message[key][-5] == ","
 
 
+def test_the_truth_is_told_only_when_asked() -> None:
+    told = make_telemetry(FRAME, 0, 0, 0, False, {"time": 1.5, "cte": -0.25})
+    assert (told["time"], told["cte"]) == ("1.5000", "-0.2500")
+
+
 @pytest.mark.parametrize(
     ("text", "comma", "value"),
     [

@@ -108,7 +108,7 @@ def _loads(library: str) -> bool:
 if __name__ == "__main__":
     try:
         wrong = draw(sys.argv[1])
-    except ImportError as error:
-        wrong = str(error)
+    except Exception as error:  # what a damaged installation raises, in one line
+        wrong = f"{type(error).__name__}: {error}".splitlines()[0]
     print(wrong)
     sys.exit(1 if wrong else 0)

@@ -17,7 +17,13 @@ from zoo.driving.scribe import Scribe
 from zoo.driving.speed_controller import SpeedController, limit_pedal
 from zoo.driving.steering_filter import SteeringFilter
 from zoo.driving.summary import Tally, autonomy, summary_lines
-from zoo.driving.telemetry import Telemetry, TelemetryError, decimal_sign, read_telemetry
+from zoo.driving.telemetry import (
+    Telemetry,
+    TelemetryError,
+    decimal_sign,
+    parse_number,
+    read_telemetry,
+)
 
 # A frame uint8 [160, 320, 3] RGB and mph -> steering -1..1 and throttle -1..1 or None.
 DrivingPolicy = Callable[[np.ndarray, float], tuple[float, float | None]]
@@ -33,8 +39,20 @@ class Session:
         self.number, self.controller, self.steer = number, controller, steer
         self.decimal: str | None = None
         self.steering = self.speed_mph = 0.0
-        self.last_s = -math.inf
+        self.last_s = self.heard_s = -math.inf
         self.overridden = False
+        self._clock_s: float | None = None  # of the simulator, which the original does not tell
+        self._ahead_s = 0.0
+
+    def now(self, data: object, wall_s: float) -> float:
+        """The time of a telemetry in seconds: by the simulator's own clock where it tells it, since
+        one that waits for each reply may drive faster than the wall clock; else `wall_s`."""
+        told = parse_number(data.get("time")) if isinstance(data, dict) else None
+        if told is not None:
+            if self._clock_s is None or told < self._clock_s:  # it has begun anew
+                self._ahead_s = max(wall_s, self.last_s) - told
+            self._clock_s = told
+        return wall_s if self._clock_s is None else self._clock_s + self._ahead_s
 
 
 @dataclass(frozen=True)
@@ -126,11 +144,13 @@ class Driver:
 
     def answer(self, session: Session, data: object, now_s: float | None = None) -> Reply:
         """The one reply to a telemetry's argument, whatever it is; never raises."""
-        now_s = time.perf_counter() if now_s is None else now_s
+        wall_s = time.perf_counter() if now_s is None else now_s
+        now_s = session.now(data, wall_s)
         if self._began_s is None:
             self._began_s = now_s
         elapsed_s, session.last_s = now_s - session.last_s, now_s
-        self.tally.step(elapsed_s, session.speed_mph)
+        served_s, session.heard_s = wall_s - session.heard_s, wall_s
+        self.tally.step(elapsed_s, served_s, session.speed_mph)
         session.decimal = decimal_sign(data) or session.decimal
         if data is None:
             return self._hand_over(session, now_s)
@@ -184,7 +204,7 @@ class Driver:
             speed_mph=session.speed_mph,
             cross_track_m=telemetry.cross_track_m,
         )
-        leads = self._leads(session, now_s)
+        leads = self._leads(session)
         if leads:
             self._frame = telemetry.frame
         # Rows of several cars in one recording would be of no use to train on.
@@ -192,10 +212,10 @@ class Driver:
         values = reply_values(steering, throttle, session.decimal or ".")
         return Reply("steer", values, row, picture)
 
-    def _leads(self, session: Session, now_s: float) -> bool:
+    def _leads(self, session: Session) -> bool:
         """Whether this is the session that is recorded and shown: the first, while it drives."""
         lead = self._lead
-        if lead is None or now_s - lead.last_s > SILENCE_S:
+        if lead is None or session.heard_s - lead.heard_s > SILENCE_S:
             self._lead = session
         return self._lead is session
 

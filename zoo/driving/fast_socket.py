@@ -24,11 +24,14 @@ class EagerSocket:
 
     def __init__(self, sock: GreenSocket) -> None:
         self._sock, self._ahead = sock, memoryview(b"")
+        self._hung_up = False
         # Two replies that follow each other must not wait for the client's acknowledgement.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def recv(self, size: int) -> bytes:
         """At most `size` bytes; none where the client has closed the connection."""
+        if self._hung_up:
+            return b""
         if not self._ahead:
             self._ahead = memoryview(self._sock.recv(_READ))
             if _QUICKACK is not None and self._ahead:
@@ -37,6 +40,12 @@ class EagerSocket:
                 self._sock.setsockopt(socket.IPPROTO_TCP, _QUICKACK, 1)
         taken, self._ahead = self._ahead[:size], self._ahead[size:]
         return bytes(taken)
+
+    def hang_up(self) -> None:
+        """Close the connection now, and forget what has come and was not read."""
+        self._hung_up = True
+        with contextlib.suppress(OSError):  # the client may have closed it first
+            self._sock.shutdown(socket.SHUT_RDWR)
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._sock, name)
@@ -126,8 +135,7 @@ class FastWebSocket(RFC6455WebSocket):
 
     def hang_up(self) -> None:
         """Close the connection now, whatever the client does: reader and writer come to an end."""
-        with contextlib.suppress(OSError):  # it may have closed it by itself
-            self.socket.shutdown(socket.SHUT_RDWR)
+        self.socket.hang_up()
 
 
 class FastWebSocketWSGI(WebSocketWSGI):

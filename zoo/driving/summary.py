@@ -53,12 +53,15 @@ class Tally:
 
     def __init__(self) -> None:
         self.telemetry = self.fallbacks = self.interventions = 0
-        self.driven_s = self.speed_s = 0.0
+        self.driven_s = self.served_s = self.speed_s = 0.0
         self.latency = LatencyHistogram()
 
-    def step(self, elapsed_s: float, speed_mph: float) -> None:
-        """A client's telemetry came `elapsed_s` after its last one."""
+    def step(self, elapsed_s: float, served_s: float, speed_mph: float) -> None:
+        """A client's telemetry came `elapsed_s` after its last one by the simulator's clock, and
+        `served_s` by the wall's."""
         self.telemetry += 1
+        if served_s <= LONGEST_STEP_S:
+            self.served_s += served_s
         if elapsed_s <= LONGEST_STEP_S:
             self.driven_s += elapsed_s
             self.speed_s += elapsed_s * speed_mph
@@ -69,7 +72,7 @@ class Tally:
         return {
             "driven_s": driven,
             "telemetry": self.telemetry,
-            "telemetry_per_s": self.telemetry / driven if driven else math.nan,
+            "telemetry_per_s": self.telemetry / self.served_s if self.served_s else math.nan,
             "latency_ms": {f"p{p}": self.latency.percentile(p) for p in (50, 95, 99)},
             "mean_speed_mph": self.speed_s / driven if driven else math.nan,
             "interventions": self.interventions,

@@ -113,3 +113,27 @@ def test_autonomy_counts_stretches_and_driven_time(make: Callable[..., Driver]) 
     assert state.interventions == 2
     assert state.driven_s == pytest.approx(60, abs=0.2)
     assert state.autonomy == pytest.approx(0.8, abs=0.01)
+
+
+def test_time_is_the_simulators_own_where_it_tells_it(make: Callable[..., Driver]) -> None:
+    """One that waits for each reply drives faster than the wall clock: 60 s in one, here."""
+    driver = make()
+    session = driver.connect("a")
+    for step in range(901):
+        driver.answer(session, {**MOVING, "time": f"{step / 15:.4f}"}, now_s=100 + step / 900)
+    assert driver.tally.driven_s == pytest.approx(60, abs=0.01)
+    assert driver.tally.figures()["telemetry_per_s"] == pytest.approx(901, abs=2)
+    driver.answer(session, None, now_s=101.1)
+    assert driver.tally.figures()["autonomy"] == pytest.approx(0.9, abs=0.001)
+
+
+def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(
+    make: Callable[..., Driver],
+) -> None:
+    driver = make()
+    session = driver.connect("a")
+    rows = [
+        driver.answer(session, {**MOVING, "time": time}, now_s=now_s).row.time_s
+        for time, now_s in (("5.0", 10.0), ("5.1", 10.01), ("0.0", 10.02), ("0.1", 10.03))
+    ]
+    assert rows == sorted(rows)
