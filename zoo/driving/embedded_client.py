@@ -17,7 +17,7 @@ class EmbeddedClient:
     """
 
     def __init__(self, track: str | None, url: str, laps: float | None = None) -> None:
-        self._track, self._options = track, [f"track={track}", f"url={url}"]
+        self._track, self._options = track, [f"track={track}", f"url={url}", "truth=true"]
         self._options += [f"laps={laps}"] if laps else []
         self._process: subprocess.Popen | None = None
 

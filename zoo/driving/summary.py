@@ -88,8 +88,9 @@ def summary_lines(figures: dict) -> list[str]:
     latency = figures["latency_ms"]
     count = figures["interventions"]
     return [
-        f"{figures['telemetry']:,} telemetry in {figures['driven_s']:.1f} s of driving "
-        f"({figures['telemetry_per_s']:.0f}/s), {figures['mean_speed_mph']:.1f} mph on average",
+        f"{figures['telemetry']:,} telemetry in {figures['driven_s']:.1f} s of driving, "
+        f"{figures['telemetry_per_s']:.0f} a second served, "
+        f"{figures['mean_speed_mph']:.1f} mph on average",
         f"latency p50 {latency['p50']:.1f} ms, p95 {latency['p95']:.1f} ms, "
         f"p99 {latency['p99']:.1f} ms",
         f"autonomy {figures['autonomy']:.1%}: {count} intervention{'' if count == 1 else 's'}",
