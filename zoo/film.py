@@ -85,7 +85,9 @@ def real_fps(shots: list[Shot]) -> float:
     steps = steps[steps > 0]  # neither NaN nor two clients at once
     if not len(steps):
         return USUAL_FPS
-    return float(np.clip(round(1 / float(np.median(steps)), 1), 1.0, MOST_FPS))
+    # The mean of those that are no pause: 15 Hz in steps of 0.02 s has a median of 0.06 s.
+    usual = steps[steps < 3 * np.median(steps)]
+    return float(np.clip(round(1 / float(usual.mean()), 1), 1.0, MOST_FPS))
 
 
 def make_film(
