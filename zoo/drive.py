@@ -60,6 +60,8 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     listener = open_port(settings.host, settings.port)
     load = functools.partial(load_warm_policy, threads=settings.threads)
     policy = load(Path(checkpoint))
+    from zoo.driving.page import LivePage  # imports torch
+
     if settings.record is not None:
         scribe.prepare()
     driver = Driver(
@@ -72,7 +74,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         checkpoint=checkpoint,
         load=load,
     )
-    server = DriveServer(driver, listener, exposed=settings.expose)
+    server = DriveServer(driver, listener, LivePage(driver), settings.expose)
     url = f"http://{local_name(settings.host)}:{server.port}"
     client = EmbeddedClient(settings.sim, url, settings.laps)
 
@@ -82,6 +84,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         notices.tell(f"{checkpoint}: {view_line(policy)}")
         waits = "a simulator; Ctrl-C ends the drive"
         notices.tell(f"listening on {url} for {settings.sim or waits}")
+        notices.tell(f"open {url} in a browser to watch")
         client.start()
 
     try:

@@ -3,10 +3,8 @@
 import logging
 import resource
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterable
-from pathlib import Path
 
 import eventlet
 import socketio
@@ -87,29 +85,6 @@ class DriveServer:
         listening()
         while not until():
             eventlet.sleep(tick_s)
-
-    def switch(self, path: Path | str) -> None:
-        """Drive with another checkpoint, and go on with the old one while it loads, or if it does
-        not. Called by a page's handler, which waits.
-
-        Raises:
-            InputError: see `zoo.policy.load_policy`.
-        """
-        failures: list[BaseException] = []
-
-        def load() -> None:
-            try:
-                self.driver.switch(path)
-            except BaseException as error:
-                failures.append(error)
-
-        # Not eventlet's tpool, which can hang when the process ends (eventlet #989).
-        thread = threading.Thread(target=load, daemon=True)
-        thread.start()
-        while thread.is_alive():
-            eventlet.sleep(0.02)
-        if failures:
-            raise failures[0]
 
     def close(self) -> None:
         """Take no more connections, and hang up on those there are."""

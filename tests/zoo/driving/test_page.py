@@ -16,6 +16,7 @@ from PIL import Image
 from tests.zoo.commands import command, environment
 from tests.zoo.driving.browser import CHROMIUM, Browser
 from tests.zoo.driving.serve import Served, served
+from zoo.driving.pace import MOST_POLLS, POLL_MS, Pace
 
 Answer = tuple[int, str, bytes]
 
@@ -230,6 +231,15 @@ def test_other_paths_and_methods_are_refused(
     driver: Served, method: str, path: str, status: int
 ) -> None:
     assert ask(driver, method, path)[0] == status
+
+
+def test_a_class_that_looks_on_asks_no_more_often_than_a_few() -> None:
+    pace, now_s = Pace(), 1000.0
+    for pages, poll_ms in ((1, POLL_MS), (30, 30_000 / MOST_POLLS), (2, POLL_MS)):
+        for _ in range(10 * MOST_POLLS):
+            now_s += pace.poll_ms / 1000 / pages
+            pace.asked(now_s)
+        assert pace.poll_ms == pytest.approx(poll_ms, rel=0.1)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")

@@ -1,0 +1,312 @@
+"use strict";
+// Polls how the drive stands. Nothing waits in line: what comes next is asked for once what came
+// last is shown, and it is then the latest.
+
+const POLL_MS = 100; // until the driver says: the more pages there are, the less often each asks
+const GAZE_MS = 500;
+const HIDDEN_MS = 1000; // between polls while nobody sees the page
+const SILENT_S = 1.5;
+const CHART_S = 30;
+const MAX_STEERING_DEG = 25; // of the front wheels, at a steering of 1
+const WHEEL_RATIO = 6; // the wheel shown turns so much further, as in the films
+
+const $ = (id) => document.getElementById(id);
+const dash = "–";
+let state = null;
+let looking = false;
+let shownFrame = -1;
+let movedAt = 0; // state.time_s at which telemetry last came
+const counts = []; // [time_s, telemetry] of the last 2 s
+const trace = []; // [time_s, steering or null]
+
+async function get(path) {
+  const response = await fetch(path, { cache: "no-store", signal: AbortSignal.timeout(5000) });
+  if (!response.ok) throw new Error((await response.json()).error);
+  return response;
+}
+
+async function send(command) {
+  try {
+    const response = await fetch("command", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(command),
+    });
+    const answer = await response.json();
+    if (!response.ok) throw new Error(answer.error);
+    show(answer);
+    return true;
+  } catch (error) {
+    tell(error instanceof TypeError ? "The driver does not answer" : error.message, true);
+    return false;
+  }
+}
+
+// --- what is shown ---
+
+function number(value, digits, sign = false) {
+  if (value === null || value === undefined) return dash;
+  const text = Math.abs(value).toFixed(digits);
+  const zero = Number(text) === 0;
+  return (value < 0 && !zero ? "−" : sign && !zero ? "+" : "") + text;
+}
+
+function text(id, value) {
+  if ($(id).textContent !== value) $(id).textContent = value;
+}
+
+function show(next) {
+  if (state === null || next.telemetry !== state.telemetry) movedAt = next.time_s;
+  state = next;
+  const { steering, throttle, speed_mph: speed, cross_track_m: offset } = state;
+  note(state.time_s, state.telemetry, steering);
+  text("angle", steering === null ? dash : `${number(steering * MAX_STEERING_DEG, 1, true)}°`);
+  $("wheel").style.transform = `rotate(${(steering ?? 0) * MAX_STEERING_DEG * WHEEL_RATIO}deg)`;
+  text("speed-value", number(speed, 1));
+  text("pedal-name", throttle < 0 ? "Brake" : "Throttle");
+  text("pedal-value", throttle === null ? dash : number(Math.abs(throttle), 2));
+  $("throttle").style.transform = `scaleX(${Math.max(throttle ?? 0, 0)})`;
+  $("brake").style.transform = `scaleX(${Math.max(-(throttle ?? 0), 0)})`;
+  const side = offset > 0 ? "right" : "left";
+  text("offset-value", offset === null ? dash : `${number(Math.abs(offset), 2)} m ${side}`);
+  text("autonomy", state.autonomy === null ? dash : `${number(100 * state.autonomy, 1)} %`);
+  text("interventions", String(state.interventions));
+  text("clients", String(state.clients));
+  text("rate", rate());
+  text("p50", number(state.latency_p50_ms, 1));
+  text("p99", number(state.latency_p99_ms, 1));
+  showStatus();
+  showControls();
+  drawChart();
+}
+
+function showStatus() {
+  const silent = state.time_s - movedAt > SILENT_S;
+  const [kind, words] =
+    state.clients === 0 ? ["", "Waiting for a simulator"]
+    : silent ? ["warn", "The simulator is silent"]
+    : state.overridden ? ["warn", "A person drives"]
+    : state.paused ? ["warn", "Paused"]
+    : ["good", "Driving"];
+  $("status").className = kind;
+  text("status-text", words);
+}
+
+function showControls() {
+  press("pause", state.paused);
+  text("pause", state.paused ? "Drive on" : "Pause");
+  press("record", state.recording);
+  const rows = state.recorded.toLocaleString("en");
+  text("record-text", state.recording ? `Recording ${rows}` : "Record");
+  $("record").title = `To ${state.folder}`;
+  const fixed = state.set_mph === null;
+  for (const id of ["slower", "faster", "set-mph"]) $(id).disabled = fixed;
+  $("set-speed").title = fixed ? "This drive holds no speed; drive with drive.speed=pi" : "Set speed";
+  if (document.activeElement !== $("set-mph")) $("set-mph").value = state.set_mph ?? "";
+  text("checkpoint-name", state.loading ? `loading ${shortName(state.loading)}` : shortName(state.checkpoint));
+  $("checkpoint").title = state.checkpoint;
+  $("checkpoint").disabled = Boolean(state.loading);
+  const troubles = Object.entries(state.troubles).map(([kind, count]) => `${kind} (${count}×)`);
+  text("troubles", troubles.slice(-2).join(" · "));
+}
+
+function press(id, pressed) {
+  $(id).setAttribute("aria-pressed", String(pressed));
+}
+
+function shortName(path) {
+  // The run tells checkpoints apart: all are called best or last.
+  const parts = path.split("/").filter((part) => part !== "checkpoints" && part !== "outputs");
+  return parts.slice(-3).join(" / ") || "no checkpoint";
+}
+
+function note(time, telemetry, steering) {
+  const moves = state.clients > 0 && time - movedAt < SILENT_S && !state.overridden;
+  trace.push([time, moves ? steering : null]);
+  while (trace[0][0] < time - CHART_S) trace.shift();
+  counts.push([time, telemetry]);
+  while (counts[0][0] < time - 2) counts.shift();
+}
+
+function rate() {
+  const [first, last] = [counts[0], counts[counts.length - 1]];
+  const elapsed = last[0] - first[0];
+  return elapsed > 0.5 ? ((last[1] - first[1]) / elapsed).toFixed(0) : dash;
+}
+
+function drawChart() {
+  const canvas = $("chart");
+  const scale = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name) => style.getPropertyValue(name).trim();
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  const most = Math.max(...trace.map(([, steering]) => Math.abs(steering ?? 0)));
+  const range = [0.2, 0.4, 0.6, 0.8, 1].find((one) => most <= one * 0.95) ?? 1;
+  const [top, bottom] = [40, height - 16]; // below the heading
+  const middle = (top + bottom) / 2;
+  const y = (steering) => middle + (steering / range) * (bottom - middle); // right is down
+  const right = width - 80;
+  const x = (time) => right * (1 - (state.time_s - time) / CHART_S);
+  pen.strokeStyle = colour("--line");
+  pen.lineWidth = 1.5;
+  pen.beginPath();
+  for (const level of [-range, 0, range]) {
+    pen.moveTo(0, y(level));
+    pen.lineTo(right, y(level));
+  }
+  pen.stroke();
+  pen.font = `15px ${getComputedStyle(document.body).fontFamily}`;
+  pen.fillStyle = colour("--soft");
+  pen.textBaseline = "middle";
+  const degrees = number(range * MAX_STEERING_DEG, 0);
+  pen.fillText(`${degrees}° left`, right + 12, y(-range));
+  pen.fillText("0°", right + 12, middle);
+  pen.fillText(`${degrees}° right`, right + 12, y(range));
+  pen.strokeStyle = pen.fillStyle = colour("--accent");
+  pen.lineWidth = 3;
+  pen.lineJoin = pen.lineCap = "round";
+  pen.beginPath();
+  let drawn = false;
+  for (const [time, steering] of trace) {
+    if (steering !== null) pen[drawn ? "lineTo" : "moveTo"](x(time), y(steering));
+    drawn = steering !== null;
+  }
+  pen.stroke();
+  if (drawn) {
+    pen.beginPath();
+    pen.arc(right, y(trace[trace.length - 1][1]), 5, 0, 7);
+    pen.fill();
+  }
+}
+
+let messageEnds = 0;
+function tell(line, bad = false) {
+  text("message-text", line);
+  $("message").className = bad ? "bad" : "";
+  $("message").hidden = false;
+  clearTimeout(messageEnds);
+  messageEnds = setTimeout(() => ($("message").hidden = true), bad ? 15000 : 4000);
+}
+
+// --- what is asked for, again and again ---
+
+async function repeat(periodMs, task) {
+  for (;;) {
+    const began = performance.now();
+    try {
+      await task();
+    } catch {
+      await pause(500); // the next poll of the state says what is wrong
+    }
+    const rest = document.hidden ? HIDDEN_MS : periodMs() - (performance.now() - began);
+    await pause(Math.max(rest, 10));
+  }
+}
+
+const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+
+async function pollState() {
+  try {
+    show(await (await get("state.json")).json());
+  } catch (error) {
+    $("status").className = "bad";
+    text("status-text", "The driver does not answer");
+    throw error;
+  }
+}
+
+async function pollFrame() {
+  if (document.hidden || !state?.has_frame || state.telemetry === shownFrame) return;
+  const n = state.telemetry;
+  await load($("frame"), `frame.jpg?n=${n}`);
+  shownFrame = n;
+  $("no-frame").hidden = true;
+}
+
+async function pollGaze() {
+  if (!looking || document.hidden || !state?.has_frame) return;
+  let blob;
+  try {
+    blob = await (await get(`saliency.jpg?n=${state.telemetry}`)).blob();
+  } catch (error) {
+    if (looking) tell(error.message, true);
+    look(false);
+    return;
+  }
+  const url = URL.createObjectURL(blob);
+  await load($("gaze"), url);
+  URL.revokeObjectURL(url);
+  $("gaze").hidden = !looking;
+  $("camera").classList.toggle("looking", looking);
+}
+
+async function load(image, url) {
+  await new Promise((done, fail) => {
+    image.onload = done;
+    image.onerror = fail;
+    image.src = url;
+  });
+  image.hidden = false;
+}
+
+// --- buttons ---
+
+function look(on) {
+  looking = on;
+  press("look", on);
+  if (!on) {
+    $("gaze").hidden = true;
+    $("camera").classList.remove("looking");
+  }
+}
+
+function setSpeed(mph) {
+  send({ set_mph: Math.min(Math.max(mph, 0), 100) });
+}
+
+async function switchTo(path) {
+  $("switch").close();
+  if (await send({ switch: path })) tell(`Driving with ${shortName(path)}`);
+}
+
+async function openSwitch() {
+  $("path").value = "";
+  $("list").replaceChildren();
+  $("switch").showModal();
+  const paths = await (await get("checkpoints.json")).json();
+  for (const path of paths) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = shortName(path);
+    button.title = path;
+    button.onclick = () => switchTo(path);
+    $("list").append(document.createElement("li"));
+    $("list").lastChild.append(button);
+  }
+}
+
+$("pause").onclick = () => send({ pause: !state.paused });
+$("record").onclick = () => send({ record: !state.recording });
+$("slower").onclick = () => setSpeed(Math.ceil(state.set_mph) - 1);
+$("faster").onclick = () => setSpeed(Math.floor(state.set_mph) + 1);
+$("set-mph").onchange = () => $("set-mph").value !== "" && setSpeed(Number($("set-mph").value));
+$("look").onclick = () => look(!looking);
+$("checkpoint").onclick = openSwitch;
+$("close").onclick = () => $("switch").close();
+$("dismiss").onclick = () => ($("message").hidden = true);
+$("switch-form").onsubmit = (event) => {
+  event.preventDefault();
+  if ($("path").value.trim()) switchTo($("path").value.trim());
+};
+
+const pollMs = () => state?.poll_ms ?? POLL_MS;
+repeat(pollMs, pollState);
+repeat(pollMs, pollFrame);
+repeat(() => Math.max(GAZE_MS, pollMs()), pollGaze);
