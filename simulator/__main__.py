@@ -45,22 +45,26 @@ def help_text(module: ModuleType) -> str:
     """What a command does, and its options: meanings are those under `Args:` in the docstring of
     the module's dataclass `...Options`."""
     kind = next(
-        one
-        for name, one in vars(module).items()
-        if name.endswith("Options") and is_dataclass(one) and one.__module__ == module.__name__
+        one for name, one in vars(module).items() if name.endswith("Options") and is_dataclass(one)
     )
     intro, _, args = inspect.getdoc(kind).partition("Args:")
     found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
     meanings = {name: " ".join(meaning.split()) for name, meaning in found}
     lines = []
     for one in fields(kind):
-        default = "needed" if one.default is MISSING else _text(one.default)
+        default = one.default
+        if one.default_factory is not MISSING:
+            default = one.default_factory()
+        default = "needed" if default is MISSING else _text(default)
         lines.append(f"  {one.name + '=' + default:<22} {meanings.get(one.name, '')}")
     return "\n".join([intro.strip(), "", *lines])
 
 
 def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool | None) else str(value)
+    """As it is typed: true, null, []."""
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 if __name__ == "__main__":

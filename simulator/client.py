@@ -2,77 +2,33 @@
 
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from typing import Protocol
 
 import numpy as np
 from rich.console import Console
 
+from simulator.client_options import ClientOptions, check_options
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
 from simulator.film import Film
-from simulator.legacy_socket import OPENED, LegacySocket
+from simulator.legacy_socket import (
+    OPENED,
+    UNREADABLE,
+    HandshakeRefusedError,
+    LegacySocket,
+)
 from simulator.telemetry import make_telemetry, read_steer
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
 RETRY_S = 0.5
 SILENT_S = 5.0  # without a reply, a person wants to know
-
-
-@dataclass(frozen=True)
-class ClientOptions:
-    """Drive as a driver on the socket commands: the original's autonomous mode.
-
-    On the wire it behaves like the original client of 2016, but for one thing: where nobody listens
-    it tries twice a second, not thousands of times.
-
-    Args:
-        track: its name, or the path of a track's YAML file.
-        url: of the driver.
-        protocol: legacy, as the original speaks, or modern, as today's libraries do.
-        clock: lockstep advances a frame for each reply; realtime drives on meanwhile.
-        frame_rate: frames per second of simulated time, up to 50.
-        seed: of the weather.
-        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
-        start: metres along the lap.
-        direction: 1, or -1 for the other way round.
-        laps: ends after so many; 0 never does.
-        seconds: ends after so many of simulated time; 0 never does.
-        film: a path ending in .mp4; null for none.
-        window: show what it sees.
-        manual: pairs of seconds between which a person holds W, [[5,7],[20,21]].
-        truth: tell the driver the simulated time and the cross-track error, too; the original does
-            not.
-        decimal_comma: write and read numbers as in a German locale.
-        drop_at: the second in which the connection is dropped once; null for never.
-        delay_s: from a command to the wheels.
-        renderer: auto, software or opengl.
-        quality: full or simple.
-    """
-
-    track: str = "lake"
-    url: str = "http://127.0.0.1:4567"
-    protocol: str = "legacy"
-    clock: str = "lockstep"
-    frame_rate: float = 15.0
-    seed: int = 0
-    weather: str = "clear"
-    start: float = 0.0
-    direction: int = 1
-    laps: float = 0.0
-    seconds: float = 0.0
-    film: str | None = None
-    window: bool = False
-    manual: list[list[float]] = field(default_factory=list)
-    truth: bool = False
-    decimal_comma: bool = False
-    drop_at: float | None = None
-    delay_s: float = 0.0
-    renderer: str = "auto"
-    quality: str = "full"
+LATE_S = 1 / 3  # what a slow computer falls behind by in real time, it does not drive later
+REPLIES = {
+    "steer": '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]',
+    "manual": '42["manual",{}]',
+}
 
 
 class Socket(Protocol):
@@ -100,16 +56,22 @@ class Client:
         self.cte: list[float] = []
         self.counts: Counter[str] = Counter()
         self.waiting = 0  # emits that the original would do at its next frame
+        self.expected = "steer"  # the reply to what was sent last
         self.said: set[str] = set()
-        self.heard = time.monotonic()
-        self.dropped = False
-        self.on_frame: list = []  # called with each frame that is drawn
+        self.began = self.heard = self.next_frame = time.monotonic()
+        self.dropped = self.held = False
+        self.on_frame: list[Callable[[np.ndarray], None]] = []  # called with each frame drawn
         self._frame: tuple[int, np.ndarray] | None = None
 
     @property
     def manual(self) -> bool:
         """Whether a person holds W."""
         return any(begin <= self.world.time < end for begin, end in self.options.manual)
+
+    @property
+    def obeyed(self) -> int:
+        """How many replies there were so far."""
+        return self.counts["steer"] + self.counts["manual"]
 
     @property
     def finished(self) -> bool:
@@ -125,13 +87,11 @@ class Client:
         realtime = self.options.clock == "realtime"
         self.waiting, self.heard = 0, time.monotonic()
         self.emit(socket)  # unasked, as the socket opens; and once more for the OPEN packet
-        next_frame = time.monotonic() + self.world.frame_s
         while not self.finished:
-            late = next_frame - time.monotonic()
-            for name, data in socket.events(late if realtime else 0.25):
+            left = self.next_frame - time.monotonic()
+            for name, data in socket.events(left if realtime else 0.25):
                 self.take(socket, name, data)
-            if realtime and time.monotonic() >= next_frame:
-                next_frame += self.world.frame_s
+            if realtime and time.monotonic() >= self.next_frame:
                 self.advance()
                 for _ in range(self.waiting):
                     self.emit(socket)
@@ -140,19 +100,33 @@ class Client:
             if self.options.drop_at is not None and not self.dropped:
                 self._drop(socket)
 
+    def pause(self, wait_s: float) -> None:
+        """Without a driver. In real time a car that was driven drives on."""
+        until = time.monotonic() + wait_s
+        if self.options.clock == "lockstep" or not self.obeyed:
+            time.sleep(wait_s)
+            return
+        while time.monotonic() < until and not self.finished:
+            time.sleep(max(self.next_frame - time.monotonic(), 0))
+            self.advance()
+
     def take(self, socket: Socket, name: str, data: object) -> None:
         """Obey an event. What the original would swallow ends its loop here too."""
         if name == OPENED:
             self.emit(socket)
             return
-        if name == "steer":
-            try:
+        if name == UNREADABLE:
+            self._swallow("a message", f"{str(data)[:80]!r} is no event with a name")
+            return
+        if name not in REPLIES:
+            return
+        try:
+            if isinstance(data, tuple):
+                raise ValueError(f"it has {len(data)} arguments, expected one object")
+            if name == "steer":
                 self.command = read_steer(data, self.options.decimal_comma)
-            except ValueError as error:
-                self.counts["swallowed"] += 1
-                self.say(f"a steer was swallowed, as by the original, and its loop ends: {error}")
-                return
-        elif name != "manual":
+        except ValueError as error:
+            self._swallow(f"a {name}", str(error))
             return
         self.heard = time.monotonic()
         self.counts[name] += 1
@@ -164,9 +138,13 @@ class Client:
 
     def advance(self) -> None:
         """Drive for a frame's time."""
-        self.world.step(*((0.0, 1.0) if self.manual else self.command))
+        self.next_frame = max(self.next_frame + self.world.frame_s, time.monotonic() - LATE_S)
+        held, was_off = self.manual, self.world.off_road
+        self.counts["interventions"] += held and not self.held
+        self.held = held
+        self.world.step(*((0.0, 1.0) if held else self.command))
         self.cte.append(self.world.cte)
-        self.counts["off road"] += self.world.off_road
+        self.counts["off road"] += self.world.off_road and not was_off
         if self.on_frame:
             for each in self.on_frame:
                 each(self.frame())
@@ -174,8 +152,8 @@ class Client:
     def emit(self, socket: Socket) -> None:
         """Send telemetry, or null while a person drives."""
         self.counts["telemetry"] += 1
+        self.expected = "manual" if self.manual else "steer"
         if self.manual:
-            self.counts["manual telemetry"] += 1
             socket.emit("telemetry", None)
             return
         car, comma = self.world.car, self.options.decimal_comma
@@ -196,17 +174,20 @@ class Client:
             self.said.add(text)
             self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
+    def _swallow(self, what: str, reason: str) -> None:
+        self.counts["swallowed"] += 1
+        self.say(f"{what} was swallowed, as by the original, and its loop ends: {reason}")
+
     def _say_silence(self) -> None:
         if time.monotonic() - self.heard > SILENT_S:
-            expected = '["manual",{}]' if self.manual else '["steer",{"steering_angle":"...",...}]'
             self.say(
-                f"no reply for {SILENT_S:.0f} s: expected 42{expected}; see python -m zoo.drive"
+                f"no reply for {SILENT_S:.0f} s, and the original never asks again; expected: "
+                f"{REPLIES[self.expected]}"
             )
 
     def _drop(self, socket: Socket) -> None:
         if self.world.time >= self.options.drop_at:
             self.dropped = True
-            socket.close()
             raise ConnectionError("dropped, as asked")
 
 
@@ -216,7 +197,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     Raises:
         SimulatorError: an option that cannot be, no renderer, a film that cannot be written.
     """
-    _check(options)
+    check_options(options)
     world = open_world(
         options.track,
         options.renderer,
@@ -228,7 +209,6 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     client = Client(world, options, console)
     client.say(f"{world.track.name}, drawn by the {world.pictures.name} renderer")
-    began = time.monotonic()
     with ExitStack() as open_things:
         if options.film:
             client.on_frame.append(
@@ -242,7 +222,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
         except KeyboardInterrupt:
             client.say("stopped")
         finally:
-            _summary(client, time.monotonic() - began)
+            _summary(client)
     return client
 
 
@@ -250,18 +230,25 @@ def _drive_until_gone(client: Client) -> None:
     options = client.options
     try:
         socket = _connect(options)
-    except OSError:
-        client.say(
-            f"waiting for a driver at {options.url}; start it with: python -m zoo.drive CKPT"
-        )
-        time.sleep(RETRY_S)
+    except OSError as error:
+        there = f" (what listens there says {error})" * isinstance(error, HandshakeRefusedError)
+        start = "start it with: python -m zoo.drive CKPT"
+        client.say(f"waiting for a driver at {options.url}; {start}{there}")
+        client.pause(RETRY_S)
         return
+    connected, obeyed, dropped = time.monotonic(), client.obeyed, client.dropped
+    if not client.counts["connections"]:
+        client.began = client.next_frame = connected
     client.counts["connections"] += 1
     try:
-        client.drive(socket)
-        socket.close()
+        with closing(socket):
+            client.drive(socket)
     except ConnectionError as error:
+        if time.monotonic() - connected > SILENT_S:
+            client.said.clear()  # a driver that was there and went is news, each time
         client.say(f"the connection is gone ({error}); connecting again")
+        if client.obeyed == obeyed and client.dropped == dropped:
+            client.pause(RETRY_S)  # sent away at the door
 
 
 def _connect(options: ClientOptions) -> Socket:
@@ -272,7 +259,7 @@ def _connect(options: ClientOptions) -> Socket:
     return ModernSocket(options.url)
 
 
-def _window(title: str):
+def _window(title: str) -> Callable[[np.ndarray], None]:
     from simulator.window import open_viewer
 
     viewer = open_viewer(title)
@@ -284,30 +271,17 @@ def _window(title: str):
     return show
 
 
-def _summary(client: Client, wall_s: float) -> None:
+def _summary(client: Client) -> None:
     world, counts = client.world, client.counts
     cte = np.abs(client.cte) if client.cte else np.zeros(1)
-    laps, a_second = world.travelled / world.track.length, counts["telemetry"] / max(wall_s, 1e-9)
+    wall_s = max(time.monotonic() - client.began, 1e-9)
     client.say(
-        f"{laps:.2f} laps in {world.time:.1f} s of simulated time; {counts['telemetry']:,} "
-        f"telemetry, {a_second:.0f} a second; {counts['connections']} connections, "
-        f"{counts['manual']} manual replies; off centre {cte.mean():.2f} m on average, "
-        f"{cte.max():.2f} m at most; {counts['off road']} frames off the road"
+        f"{world.travelled / world.track.length:.2f} laps in {world.time:.1f} s of simulated time; "
+        f"{world.frames:,} frames, {world.frames / wall_s:.0f} a second; {counts['telemetry']:,} "
+        f"telemetry in {counts['connections']} connections; {counts['interventions']} "
+        f"interventions; off centre {cte.mean():.2f} m on average, {cte.max():.2f} m at most; "
+        f"{counts['off road']} times off the road"
     )
-
-
-def _check(options: ClientOptions) -> None:
-    choices = {"protocol": ("legacy", "modern"), "clock": ("lockstep", "realtime")}
-    read_weather(options.weather)
-    for key, known in choices.items():
-        if getattr(options, key) not in known:
-            raise SimulatorError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")
-    if options.renderer == "none":
-        raise SimulatorError("renderer=none: a driver needs pictures; try renderer=auto")
-    if options.laps < 0 or options.seconds < 0:
-        raise SimulatorError("laps and seconds must be 0 or more")
-    if any(len(pair) != 2 or pair[0] >= pair[1] for pair in options.manual):
-        raise SimulatorError("manual: must be pairs of seconds, [[5,7],[20,21]]")
 
 
 def main(arguments: Sequence[str]) -> None:

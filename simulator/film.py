@@ -29,6 +29,7 @@ class Film:
             raise SimulatorError(f"fps={fps:g}: must be above 0")
         self._unfinished = self.path.with_name(f".{self.path.name}.part.mp4")
         self._writer: Generator | None = None
+        self._size = (0, 0)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -38,9 +39,16 @@ class Film:
         return self
 
     def add(self, frame: np.ndarray) -> None:
-        """Append uint8 [H, W, 3] RGB; all frames of a film have one size, of even numbers."""
+        """Append uint8 [H, W, 3] RGB; an odd row or column at the edge, which H.264 in yuv420p
+        cannot hold, is cut off.
+
+        Raises:
+            SimulatorError: it has not the first one's size, or the disk is full.
+        """
+        frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
+        height, width = frame.shape[:2]
         if self._writer is None:
-            height, width = frame.shape[:2]
+            self._size = width, height
             self._writer = imageio_ffmpeg.write_frames(
                 str(self._unfinished),
                 (width, height),
@@ -53,6 +61,11 @@ class Film:
                 output_params=["-preset", "veryfast", "-crf", "27", "-movflags", "+faststart"],
             )
             self._writer.send(None)
+        if self._size != (width, height):  # bytes have no shape: ffmpeg would garble the rest
+            raise SimulatorError(
+                f"{self.path}: a frame is {width} x {height}, the film is "
+                f"{self._size[0]} x {self._size[1]}"
+            )
         try:
             self._writer.send(np.ascontiguousarray(frame))
         except OSError as error:

@@ -4,15 +4,19 @@ import queue
 
 import socketio
 
+from simulator.legacy_socket import websocket_address
+
 
 class ModernSocket:
     """As `LegacySocket`; announces itself once.
 
     Raises:
+        SimulatorError: a URL that is none.
         OSError: nobody listens there, or the driver refuses.
     """
 
     def __init__(self, url: str) -> None:
+        websocket_address(url)
         self._queue: queue.Queue[tuple[str, object]] = queue.Queue()
         self._client = socketio.Client(reconnection=False)
         for name in ("steer", "manual"):
@@ -26,7 +30,7 @@ class ModernSocket:
     def emit(self, name: str, data: object) -> None:
         """Send an event of the default namespace."""
         try:
-            self._client.emit(name, data)
+            self._client.emit(name, (data,))  # for a bare None it would send no argument at all
         except socketio.exceptions.SocketIOError as error:
             raise ConnectionError(str(error)) from None
 
@@ -45,4 +49,5 @@ class ModernSocket:
         self._client.disconnect()
 
     def _take(self, name: str, data: tuple) -> None:
-        self._queue.put((name, data[0] if data else None))
+        argument = data if len(data) > 1 else data[0] if data else None
+        self._queue.put((name, argument))

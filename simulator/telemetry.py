@@ -1,7 +1,6 @@
 """The original's messages: telemetry out, `steer` and `manual` in, with the quirks of its C#."""
 
 import base64
-import math
 import re
 
 import cv2
@@ -9,6 +8,7 @@ import numpy as np
 
 from simulator.rig import MAX_STEERING_DEG
 
+LARGEST_FLOAT = 3.4028235e38  # of 32 bits; Mono throws for what is larger
 JPEG_QUALITY = 75  # what the original's pictures have
 
 
@@ -72,4 +72,4 @@ def parse_float(text: str, decimal_comma: bool) -> float | None:
         return None
     plain = re.sub(thousands, "", text)
     value = float(plain.replace(",", "."))
-    return value if math.isfinite(value) else None
+    return value if abs(value) <= LARGEST_FLOAT else None

@@ -1,13 +1,19 @@
-"""Drivers to connect to: a raw WebSocket server that records every frame that it gets."""
+"""Drivers to connect to: a raw WebSocket server that records every frame that it gets, a server
+that sends everybody away, and today's python-socketio."""
 
 import base64
 import hashlib
 import json
 import socket
 import struct
+import subprocess
+import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
 
 GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
@@ -17,15 +23,18 @@ class RawDriver:
     """Listens on a free port, one connection at a time, in a thread; use it in a `with`.
 
     Attributes:
-        answer: what to send back for each whole message, a list of texts.
+        answer: what to send back for each whole message: texts, or bytes that go out as they are;
+            it may raise EOFError, which ends the connection.
         frames: of each connection, (final, opcode, masked, length) as they came.
         messages: of each connection, whole texts.
+        times: of each connection, when they came, by `time.monotonic`.
         requests: of each connection, the handshake.
     """
 
-    answer: Callable[[str], list[str]]
+    answer: Callable[[str], Iterable[str | bytes]]
     frames: list[list[tuple[bool, int, bool, int]]] = field(default_factory=list)
     messages: list[list[str]] = field(default_factory=list)
+    times: list[list[float]] = field(default_factory=list)
     requests: list[str] = field(default_factory=list)
 
     def __enter__(self) -> "RawDriver":
@@ -36,6 +45,11 @@ class RawDriver:
 
     def __exit__(self, *_: object) -> None:
         self.listener.close()
+
+    @property
+    def telemetry(self) -> list[str]:
+        """The telemetry messages of the first connection."""
+        return [text for text in self.messages[0] if text.startswith('42["telemetry"')]
 
     def _serve(self) -> None:
         while True:
@@ -57,6 +71,7 @@ class RawDriver:
         self.requests.append(request.decode())
         self.frames.append([])
         self.messages.append([])
+        self.times.append([])
         lines = request.decode().split("\r\n")
         headers = dict(line.lower().split(": ", 1) for line in lines[1:] if ": " in line)
         key = next(v for v in request.split(b"\r\n") if v.lower().startswith(b"sec-websocket-key"))
@@ -76,8 +91,109 @@ class RawDriver:
             if final:
                 text, whole = whole.decode(), b""
                 self.messages[-1].append(text)
+                self.times[-1].append(time.monotonic())
                 for reply in self.answer(text):
-                    connection.sendall(_frame(reply))
+                    connection.sendall(make_frame(reply) if isinstance(reply, str) else reply)
+
+
+@dataclass
+class RefusingDriver:
+    """Answers every handshake with HTTP 400, as of 2020's libraries; use it in a `with`.
+
+    Attributes:
+        times: of each handshake, by `time.monotonic`.
+        left_open: handshakes after which the client did not close its socket.
+    """
+
+    times: list[float] = field(default_factory=list)
+    left_open: int = 0
+
+    def __enter__(self) -> "RefusingDriver":
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+        threading.Thread(target=self._serve, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.listener.close()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                connection, _ = self.listener.accept()
+            except OSError:
+                return
+            self.times.append(time.monotonic())
+            with connection:
+                connection.recv(4096)
+                connection.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
+                connection.settimeout(0.4)
+                try:
+                    connection.recv(1)
+                except TimeoutError:
+                    self.left_open += 1
+                except OSError:
+                    pass
+
+
+class ModernDriver:
+    """Today's python-socketio on eventlet, in a process of its own; use it in a `with`.
+
+    Args:
+        reply: the arguments of the `steer` that answers telemetry.
+
+    Attributes:
+        telemetry: the arguments of each event, in the order they came.
+    """
+
+    def __init__(self, *reply: object) -> None:
+        self.telemetry: list[list] = []
+        self._command = [
+            sys.executable,
+            "-W",
+            "ignore",
+            "-m",
+            "tests.simulator.drivers",
+            json.dumps(reply),
+        ]
+
+    def __enter__(self) -> "ModernDriver":
+        folder = Path(__file__).parents[2]
+        self._process = subprocess.Popen(
+            self._command, cwd=folder, stdout=subprocess.PIPE, text=True
+        )
+        self.url = self._process.stdout.readline().strip()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        self._reader.join()
+        self._process.stdout.close()
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            self.telemetry.append(json.loads(line))
+
+
+def serve_modern(reply: list) -> None:
+    """The process of `ModernDriver`: prints its URL, then each telemetry's arguments as JSON."""
+    import eventlet.wsgi
+    import socketio
+
+    server = socketio.Server(async_mode="eventlet")
+    listener = eventlet.listen(("127.0.0.1", 0))
+    print(f"http://127.0.0.1:{listener.getsockname()[1]}", flush=True)
+
+    def take(sid: str, *arguments: object) -> None:
+        print(json.dumps(arguments), flush=True)
+        by_hand = arguments == (None,)
+        server.emit(*("manual", {}) if by_hand else ("steer", tuple(reply)), to=sid)
+
+    server.on("telemetry", take)
+    eventlet.wsgi.server(listener, socketio.WSGIApp(server), log_output=False)
 
 
 def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Callable:
@@ -99,7 +215,15 @@ def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Calla
     return answer
 
 
-def _read_frame(stream) -> tuple[bool, int, bool, bytes]:
+def make_frame(text: str, opcode: int = 1) -> bytes:
+    """A whole WebSocket frame, unmasked, as a server's are."""
+    data = text.encode()
+    if len(data) < 126:
+        return bytes([0x80 | opcode, len(data)]) + data
+    return bytes([0x80 | opcode, 126]) + struct.pack(">H", len(data)) + data
+
+
+def _read_frame(stream: BinaryIO) -> tuple[bool, int, bool, bytes]:
     first, second = stream.read(2) or _end()
     length = second & 127
     if length == 126:
@@ -112,12 +236,9 @@ def _read_frame(stream) -> tuple[bool, int, bool, bytes]:
     return bool(first & 128), first & 15, masked, data
 
 
-def _frame(text: str) -> bytes:
-    data = text.encode()
-    if len(data) < 126:
-        return bytes([0x81, len(data)]) + data
-    return bytes([0x81, 126]) + struct.pack(">H", len(data)) + data
-
-
 def _end() -> bytes:
     raise EOFError
+
+
+if __name__ == "__main__":
+    serve_modern(json.loads(sys.argv[1]))

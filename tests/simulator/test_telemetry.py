@@ -54,6 +54,7 @@ def test_the_truth_is_told_only_when_asked() -> None:
         ("", False, None),
         ("1.2.3", False, None),
         ("0x10", False, None),
+        ("1e39", False, None),
     ],
 )
 def test_floats_are_parsed_as_csharp_parses_them(text, comma, value) -> None:

@@ -1,0 +1,93 @@
+"""Films: an .mp4 that a browser plays."""
+
+import contextlib
+import re
+from pathlib import Path
+
+import cv2
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from simulator.errors import SimulatorError
+from simulator.film import Film
+
+
+def write(path: Path, *frames: np.ndarray) -> Path:
+    with Film(path, fps=20) as film:
+        for frame in frames:
+            film.add(frame)
+    return path
+
+
+def read(path: Path) -> list[np.ndarray]:
+    video, frames = cv2.VideoCapture(str(path)), []
+    while (found := video.read())[0]:
+        frames.append(cv2.cvtColor(found[1], cv2.COLOR_BGR2RGB))
+    return frames
+
+
+def grey(level: int, height: int = 160, width: int = 320) -> np.ndarray:
+    return np.full((height, width, 3), level, np.uint8)
+
+
+def test_a_film_is_h264_that_a_browser_plays_before_it_has_it_all(tmp_path: Path) -> None:
+    path = write(tmp_path / "lap.mp4", *[grey(100)] * 5)
+    facts = next(imageio_ffmpeg.read_frames(str(path)))
+    assert facts["codec"] == "h264"
+    assert facts["pix_fmt"].startswith("yuv420p")
+    assert facts["fps"] == 20
+    data = path.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")
+
+
+def test_every_frame_is_there_in_order(tmp_path: Path) -> None:
+    levels = range(0, 200, 10)
+    frames = read(write(tmp_path / "lap.mp4", *map(grey, levels)))
+    assert [frame.shape for frame in frames] == [(160, 320, 3)] * 20
+    assert np.allclose([frame.mean() for frame in frames], levels, atol=6)
+
+
+def test_colours_are_rgb(tmp_path: Path) -> None:
+    red = np.broadcast_to(np.array((200, 40, 30), np.uint8), (160, 320, 3))
+    frames = read(write(tmp_path / "lap.mp4", red))
+    assert np.abs(frames[0].mean((0, 1)) - (200, 40, 30)).max() < 12
+
+
+def test_an_odd_row_and_column_are_cut_off(tmp_path: Path, capfd) -> None:
+    frames = read(write(tmp_path / "odd.mp4", *[grey(90, 161, 321)] * 2))
+    assert [frame.shape for frame in frames] == [(160, 320, 3)] * 2
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "lap.mp4"
+    words = re.escape(f"{path}: a frame is 320 x 80, the film is 320 x 160")
+    with pytest.raises(SimulatorError, match=words):
+        write(path, grey(0), grey(10), grey(20, height=80))
+
+
+def test_a_film_that_fails_leaves_the_one_before(tmp_path: Path) -> None:
+    path = tmp_path / "lap.mp4"
+    path.write_bytes(b"the one before")
+    with contextlib.suppress(ZeroDivisionError), Film(path, fps=20) as film:
+        film.add(grey(0, 16, 16))
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"the one before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_folders_are_made_and_nothing_else_is_left_there(tmp_path: Path) -> None:
+    path = write(tmp_path / "films" / "of" / "today" / "lap.mp4", grey(0))
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_film_without_a_frame_leaves_no_file(tmp_path: Path) -> None:
+    write(tmp_path / "none.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "films").write_text("")
+    with pytest.raises(SimulatorError, match="cannot be written"):
+        Film(tmp_path / "films" / "lap.mp4", fps=20)

@@ -1,0 +1,168 @@
+"""The socket of 2016: every frame as the original sends it, and what it makes of a server's."""
+
+import itertools
+import re
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from simulator import legacy_socket
+from simulator.errors import SimulatorError
+from simulator.legacy_socket import OPENED, UNREADABLE, HandshakeRefusedError, LegacySocket
+from tests.simulator.drivers import RawDriver, RefusingDriver, make_frame
+
+STEER = '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]'
+TELEMETRY = {"image": "A" * 16_800}  # 12.6 kB as base64
+
+
+def listen(client: LegacySocket, wanted: int, patience_s: float = 2.0) -> list[tuple[str, object]]:
+    """The first `wanted` events, or fewer if no more come in time."""
+    events, end_s = [], time.monotonic() + patience_s
+    while len(events) < wanted and time.monotonic() < end_s:
+        events += client.events(0.02)
+    return events
+
+
+def until(condition, patience_s: float = 2.0) -> None:
+    end_s = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.005)
+
+
+def answers_to_ping(*replies: str | bytes):
+    """A driver that answers the first ping with these, and nothing else with anything."""
+    left = [replies]
+    return lambda text: left.pop() if text == "2" and left else []
+
+
+def test_telemetry_is_17_fragments_or_so_of_1016_bytes_and_a_rest() -> None:
+    with RawDriver(lambda _: []) as driver:
+        client = LegacySocket(driver.url)
+        client.emit("telemetry", TELEMETRY)
+        until(lambda: len(driver.messages[0]) == 2)
+        client.close()
+    ping, *fragments = driver.frames[0]
+    assert ping == (True, 1, True, 1)
+    assert all(masked for _, _, masked, _ in fragments)
+    assert [length for *_, length in fragments[:-1]] == [1016] * 16
+    assert 0 < fragments[-1][3] <= 1016
+    assert [opcode for _, opcode, _, _ in fragments] == [1] + [0] * 16
+    assert [final for final, *_ in fragments] == [False] * 16 + [True]
+
+
+def test_nagles_algorithm_is_on() -> None:
+    with RawDriver(lambda _: []) as driver:
+        client = LegacySocket(driver.url)
+        assert client._web.sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 0
+        client.close()
+
+
+def test_it_pings_at_once_and_then_every_25_s(monkeypatch) -> None:
+    assert legacy_socket.PING_EVERY_S == 25
+    monkeypatch.setattr(legacy_socket, "PING_EVERY_S", 0.3)
+    with RawDriver(lambda _: []) as driver:
+        began = time.monotonic()
+        client = LegacySocket(driver.url)
+        listen(client, 1, patience_s=1.1)
+        client.close()
+    assert driver.messages[0] == ["2"] * 4
+    assert driver.times[0][0] - began < 0.2
+    gaps = [later - sooner for sooner, later in itertools.pairwise(driver.times[0])]
+    assert all(0.29 < gap < 0.45 for gap in gaps)
+
+
+def test_null_telemetry_is_sent_as_null() -> None:
+    with RawDriver(lambda _: []) as driver:
+        client = LegacySocket(driver.url)
+        client.emit("telemetry", None)
+        until(lambda: len(driver.messages[0]) == 2)
+        client.close()
+    assert driver.telemetry == ['42["telemetry",null]']
+
+
+def test_a_modern_servers_packets_are_taken() -> None:
+    """CONNECT's answer, PONG, DISCONNECT and CLOSE change nothing; `maxPayload` is no matter."""
+    opened = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":2,"maxPayload":1000000}'
+    replies = answers_to_ping(opened, '40{"sid":"x"}', "3", "41", "1", "2", STEER)
+    with RawDriver(replies) as driver:
+        client = LegacySocket(driver.url)
+        events = listen(client, 2)
+        until(lambda: len(driver.messages[0]) == 2)
+        client.close()
+    assert events == [
+        (OPENED, None),
+        ("steer", {"steering_angle": "0.0500", "throttle": "0.2000"}),
+    ]
+    assert driver.messages[0] == ["2", "3"]  # the server's ping, answered
+
+
+@pytest.mark.parametrize(
+    ("packet", "event"),
+    [
+        ('42["manual",{}]', ("manual", {})),
+        ('42["manual"]', ("manual", None)),
+        ('42["steer","0.1","0.2"]', ("steer", ("0.1", "0.2"))),
+        ('42["steer",{"steering', (UNREADABLE, '42["steer",{"steering')),
+        ("42[]", (UNREADABLE, "42[]")),
+        ("427", (UNREADABLE, "427")),
+    ],
+)
+def test_an_events_arguments(packet: str, event: tuple[str, object]) -> None:
+    with RawDriver(answers_to_ping(packet)) as driver:
+        client = LegacySocket(driver.url)
+        assert listen(client, 1) == [event]
+        client.close()
+
+
+def test_a_frame_that_comes_in_two_halves_is_whole() -> None:
+    frame = make_frame(STEER)
+
+    def halves(_: str) -> Iterator[bytes]:
+        yield frame[:20]
+        time.sleep(0.15)
+        yield frame[20:]
+
+    with RawDriver(halves) as driver:
+        client = LegacySocket(driver.url)
+        assert [name for name, _ in listen(client, 1)] == ["steer"]
+        client.close()
+
+
+@pytest.mark.parametrize("goodbye", [b"\x88\x02\x03\xe8", None])
+def test_a_driver_that_goes_is_a_connection_error(goodbye: bytes | None) -> None:
+    """A WebSocket's CLOSE, or no more than the end of the TCP connection."""
+
+    def answer(_: str) -> list[bytes]:
+        if goodbye is None:
+            raise EOFError
+        return [goodbye]
+
+    with RawDriver(answer) as driver:
+        client = LegacySocket(driver.url)
+        with pytest.raises(ConnectionError):
+            listen(client, 1)
+        client.close()
+
+
+def test_an_answer_of_http_400_is_told_and_its_socket_closed() -> None:
+    with RefusingDriver() as driver:
+        for _ in range(3):
+            with pytest.raises(HandshakeRefusedError, match="HTTP 400"):
+                LegacySocket(driver.url)
+    assert driver.left_open == 0
+
+
+def test_a_closed_port_is_an_os_error() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(OSError, match="refused"):
+        LegacySocket(f"http://127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("url", ["nowhere", "http://", "http://h:99999", "http://h:x", "ftp://h"])
+def test_a_url_that_is_none_is_named(url: str) -> None:
+    with pytest.raises(SimulatorError, match=re.escape(f"url={url}: must be like http://")):
+        LegacySocket(url)
