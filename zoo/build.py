@@ -16,6 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoint import VIEW_KEYS, make_network
 from zoo.steering_module import SteeringModule
 
@@ -89,6 +90,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
                     "validation rows; set data.val_share=0.1, or callbacks.early_stopping=null "
                     "callbacks.best.monitor=train/loss"
                 )
+    _check_drives(callbacks)
     keep_earlier_log(folder)
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.logger or {}).items():
@@ -102,6 +104,19 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         logger=loggers,
         default_root_dir=str(folder),
     )
+
+
+def _check_drives(callbacks: list[lightning.Callback]) -> None:
+    """Raises InputError where a figure of driving is monitored and nothing drives."""
+    if any(isinstance(one, ClosedLoop) for one in callbacks):
+        return
+    for callback in callbacks:
+        monitor = getattr(callback, "monitor", None) or ""
+        if monitor.startswith(MONITORED):
+            raise InputError(
+                f"{type(callback).__name__} monitors {monitor}, but nothing drives; add "
+                "callbacks=closed_loop"
+            )
 
 
 def keep_earlier_log(folder: Path) -> None:

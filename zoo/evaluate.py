@@ -7,18 +7,23 @@ import datetime
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
 
+if TYPE_CHECKING:
+    from zoo.scoring.drives import Setup
+    from zoo.scoring.options import EvaluateOptions
+
 USAGE = "python -m zoo.evaluate RUN_FOLDER/checkpoints/best.ckpt [key=value...]"
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
 
-def evaluate(checkpoint: str, options, console: Console) -> dict:
+def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> dict:
     """Drive as `EvaluateOptions` say, print the table, and write `metrics.json`, drives and plots;
     returns the metrics.
 
@@ -76,7 +81,7 @@ def evaluate(checkpoint: str, options, console: Console) -> dict:
     return metrics
 
 
-def _show_sweeps(results: dict, usual, folder: Path, console: Console) -> None:
+def _show_sweeps(results: dict, usual: "Setup", folder: Path, console: Console) -> None:
     from zoo.plots import save_figure
     from zoo.scoring.figures import degradation_curves
     from zoo.scoring.robustness import PERTURBATIONS, sweep_table
@@ -85,8 +90,7 @@ def _show_sweeps(results: dict, usual, folder: Path, console: Console) -> None:
     figure = degradation_curves(
         {PERTURBATIONS[name].label: by_value for name, by_value in results.items()},
         {PERTURBATIONS[name].label: PERTURBATIONS[name].usual(usual) for name in results},
-        f"one thing changed at a time: {Path(usual.track).stem}, {usual.laps:g} laps at "
-        f"{usual.speed_mph:g} mph (dotted: usual)",
+        f"{Path(usual.track).stem}, {usual.laps:g} laps at {usual.speed_mph:g} mph; dotted: usual",
     )
     save_figure(figure, folder / "robustness.png")
 

@@ -17,6 +17,8 @@ from rich.table import Table
 from datamodules.driving import DrivingData
 from datamodules.split import PARTS
 from zoo import plots
+from zoo.callbacks.closed_loop import best_drive
+from zoo.checkpoint import read_checkpoint_file
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
 from zoo.steering_module import SteeringModule
 
@@ -55,12 +57,14 @@ def report_outcome(
         figure = plots.training_curves(curves["train/loss"], curves["val/mse"], zero)
         plots.save_figure(figure, folder / "plots" / "training_curves.png")
     samples, seconds = module.train_samples, module.train_seconds
-    best = min(curves["val/mse"], key=curves["val/mse"].get) if curves["val/mse"] else None
+    best = _best_epoch(folder) if curves["val/mse"] else None
+    drive = best_drive(trainer, module, data.view)
     metrics = {
         "model": config.model.name,
         "parameters": sum(p.numel() for p in module.network.parameters()),
         "open_loop": figures,
         "baselines": baselines,
+        "drive": drive,
         "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
         "epochs": trainer.current_epoch,
         "best_epoch": best,
@@ -80,6 +84,13 @@ def report_outcome(
     }
     (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
     console.print(metrics_table(config.model.name, figures, baselines))
+    if drive:
+        console.print(
+            f"drove {drive['metres']:g} m of the {drive['track']}: autonomy "
+            f"{drive['autonomy']:.1%}, {drive['interventions']} interventions, cross-track error "
+            f"{drive['cte_mean']:.2f} m on average, {drive['cte_max']:.2f} m at most",
+            highlight=False,
+        )
     if seconds:
         console.print(
             f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
@@ -88,6 +99,12 @@ def report_outcome(
         )
     console.print(f"{folder / 'checkpoints' / 'best.ckpt'}\n{folder / 'plots'}", highlight=False)
     return figures.get("val", {}).get("mse", float("nan"))
+
+
+def _best_epoch(folder: Path) -> int | None:
+    """Of `best.ckpt`, whatever it went by; 1 is the first."""
+    path = folder / "checkpoints" / "best.ckpt"
+    return read_checkpoint_file(path)["epoch"] + 1 if path.is_file() else None
 
 
 def metrics_table(name: str, figures: dict, baselines: dict) -> Table:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simulator.weather import CLEAR
+from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World
 from zoo.driving.drive_log import DriveRow
 from zoo.driving.speed_controller import SpeedController, limit_pedal
@@ -16,7 +16,7 @@ from zoo.driving.summary import autonomy
 STALLED_BELOW_MPH, STALLED_S = 1.0, 5.0
 SLOWEST_MPH = 3.0  # a drive that averages less is given up
 
-Policy = Callable[[np.ndarray, float], tuple[float, float | None]]
+Policy = Callable[[np.ndarray | None, float], tuple[float, float | None]]
 
 
 @dataclass
@@ -53,8 +53,9 @@ def drive_closed_loop(
     speed: SpeedController,
     seed: int,
     laps: float,
-    weather: str,
+    weather: Weather | str = CLEAR,
     margin_m: float | None = None,
+    start: Start | None = None,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
 ) -> ScoredDrive:
     """Let a policy drive laps from a start that the seed draws.
@@ -64,23 +65,25 @@ def drive_closed_loop(
     pointing ahead, at the speed to hold. Seed 0 starts at the track's first point, in the middle.
 
     Args:
-        policy: frame uint8 [160, 320, 3] RGB and mph -> steering, and throttle or None.
-        world: with a renderer.
+        policy: frame uint8 [160, 320, 3] RGB (None in a world without a renderer, for a policy
+            that needs no eyes) and mph -> steering, and throttle or None.
+        world: where to drive.
         speed: how much throttle, from simulated time.
         seed: of start and weather.
         laps: how many to drive.
-        weather: `clear` or `random`.
+        weather: or `random`, for one that the seed draws.
         margin_m: from the centreline; None is the edge line.
+        start: instead of the seed's.
         show: is given every frame, uint8 RGB, with its row.
     """
-    world.reset(seed, _start(world, seed, speed), CLEAR if weather == "clear" else weather)
+    world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
     lane = world.track.width / 2 if margin_m is None else margin_m
     drive = ScoredDrive(world.track.name, seed, lane, world.track.length)
     longest_s = laps * world.track.length / (SLOWEST_MPH * 0.44704)
     moving_s = lap_began_s = 0.0
     while world.travelled < laps * world.track.length and world.time < longest_s:
-        frame = world.frame()
+        frame = world.frame() if world.pictures is not None else None
         began = time.perf_counter()
         steering, predicted = policy(frame, world.car.speed_mph)
         latency_ms = 1000 * (time.perf_counter() - began)
@@ -117,24 +120,25 @@ def drive_closed_loop(
     return drive
 
 
-def _start(world: World, seed: int, speed: SpeedController) -> Start:
+def start_of(world: World, seed: int, speed_mph: float) -> Start:
+    """Where a seed's drive begins, at a speed."""
     if seed == 0:
-        return Start(speed_mph=speed.set_mph or 0.0)
+        return Start(speed_mph=speed_mph)
     rng = np.random.default_rng((seed, 1))
     return Start(
         distance=rng.uniform(0, world.track.length),
         cte=rng.uniform(-0.5, 0.5),
         heading_deg=rng.uniform(-3, 3),
-        speed_mph=speed.set_mph or 0.0,
+        speed_mph=speed_mph,
     )
 
 
 def score(drive: ScoredDrive) -> dict[str, float]:
     """The figures of a drive; the same for the same seed, but for `latency_ms`.
 
-    `autonomy` is NVIDIA's, 0..1. `m_per_intervention` is infinite without one. `steering_per_s`
-    is how much the steering changes in a second, up and down added: the smoothness. `stalled` is
-    the share of time below 1 mph.
+    `autonomy` is NVIDIA's, 0..1. `m_per_intervention` is infinite without one; `lap_s` is NaN
+    without a whole lap. `steering_per_s` is how much the steering changes in a second, up and down
+    added: the smoothness. `stalled` is the share of time below 1 mph.
     """
     cte = np.array([row.cross_track_m for row in drive.rows])
     steering = np.array([row.steering for row in drive.rows])
@@ -145,6 +149,8 @@ def score(drive: ScoredDrive) -> dict[str, float]:
         "autonomy": autonomy(interventions, seconds),
         "interventions": interventions,
         "m_per_intervention": drive.driven_m / interventions if interventions else math.inf,
+        "driven_m": drive.driven_m,
+        "driven_s": seconds,
         "laps": drive.driven_m / drive.length_m,
         "lap_s": float(np.mean(drive.lap_s)) if drive.lap_s else math.nan,
         "cte_mean_m": float(np.abs(cte).mean()),

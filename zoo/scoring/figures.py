@@ -5,7 +5,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from simulator.track import Track
-from zoo.plots import GREY, ORANGE
+from zoo.plots import BLUE, GREY, ORANGE
 from zoo.scoring.closed_loop import ScoredDrive
 
 
@@ -46,7 +46,7 @@ def error_over_distance(drive: ScoredDrive, title: str) -> Figure:
     lost = np.array([row.intervention for row in drive.rows])
     axis.axhspan(-drive.lane_m, drive.lane_m, color=GREY, alpha=0.12, lw=0)
     axis.axhline(0, color=GREY, lw=0.8)
-    axis.plot(driven, np.where(np.roll(lost, 1), np.nan, error), color="#2a6fbb", lw=1.2)
+    axis.plot(driven, np.where(np.roll(lost, 1), np.nan, error), color=BLUE, lw=1.2)
     axis.scatter(driven[lost], error[lost], marker="x", color=ORANGE, lw=2, label="intervention")
     if lost.any():
         axis.legend(frameon=False)
@@ -54,4 +54,46 @@ def error_over_distance(drive: ScoredDrive, title: str) -> Figure:
     axis.margins(x=0)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
+    return figure
+
+
+def degradation_curves(
+    curves: dict[str, dict[float, dict]], usual: dict[str, float], title: str
+) -> Figure:
+    """Autonomy and mean cross-track error over each perturbation's values, a panel each.
+
+    Args:
+        curves: by the panel's label and by value, the figures of a drive.
+        usual: by label, the value of an unperturbed drive, marked by a line.
+        title: above all.
+    """
+    columns = min(4, len(curves))
+    rows = -(-len(curves) // columns)
+    figure = Figure(figsize=(max(4.5, 3.4 * columns), 2.7 * rows + 0.6), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
+    worst = max(one["cte_mean_m"] for by_value in curves.values() for one in by_value.values())
+    for axis in axes[len(curves) :]:
+        axis.axis("off")
+    for number, (axis, (label, by_value)) in enumerate(zip(axes, curves.items(), strict=False)):
+        values = list(by_value)
+        share = [100 * one["autonomy"] for one in by_value.values()]
+        error = [one["cte_mean_m"] for one in by_value.values()]
+        axis.axvline(usual[label], color=GREY, ls=":", lw=1)
+        other = axis.twinx()
+        other.plot(values, error, color=ORANGE, marker=".", lw=1.2)
+        other.set_ylim(0, max(1.0, 1.1 * worst))
+        axis.plot(values, share, color=BLUE, marker="o", lw=2)
+        axis.set(xlabel=label, ylim=(-4, 104))
+        axis.set_zorder(other.get_zorder() + 1)  # autonomy is in front
+        axis.patch.set_visible(False)
+        first, last = number % columns == 0, number % columns == columns - 1
+        if first:
+            axis.set_ylabel("autonomy (%)", color=BLUE)
+        if last or number == len(curves) - 1:
+            other.set_ylabel("mean error (m)", color=ORANGE)
+        else:
+            other.tick_params(right=False, labelright=False)
+        for each in (axis, other):
+            each.spines["top"].set_visible(False)
+    figure.suptitle(title)
     return figure

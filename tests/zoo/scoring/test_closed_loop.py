@@ -1,0 +1,108 @@
+"""Scored drives. Drivers that need no eyes drive in a world that nobody looks at."""
+
+import numpy as np
+import pytest
+
+from simulator.expert import Expert
+from simulator.world import Start, World, open_world
+from tests.simulator.tracks import loop
+from zoo.driving.speed_controller import Constant
+from zoo.scoring.closed_loop import ScoredDrive, drive_closed_loop, score
+from zoo.scoring.drives import Setup, drive_setup, expert_steering_per_s, speed_controller
+from zoo.scoring.table import mean_and_spread
+
+
+@pytest.fixture
+def lake() -> World:
+    return open_world("lake", renderer="none")
+
+
+def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None]:
+    return 0.0, None
+
+
+def drive_straight_on(world: World, margin_m: float | None = None) -> ScoredDrive:
+    return drive_closed_loop(straight_on, world, speed_controller(20), 0, 1, margin_m=margin_m)
+
+
+def test_a_policy_that_never_steers_is_put_back_at_every_bend(lake: World) -> None:
+    drive = drive_straight_on(lake)
+    figures = score(drive)
+
+    lost = [number for number, row in enumerate(drive.rows) if row.intervention]
+    assert len(lost) == figures["interventions"] > 10
+    assert figures["laps"] == pytest.approx(1, abs=0.01)
+    assert figures["m_per_intervention"] == pytest.approx(drive.driven_m / len(lost))
+    for number in lost:
+        bend = lake.track.curvature_at(drive.distance_m[number] + np.linspace(-15, 0, 15)).mean()
+        error = drive.rows[number].cross_track_m
+        assert bend * error > 0, "straight on in a bend to the left is off to the right"
+    for number in lost[:-1]:
+        # The edge line, or the bridge's wall, which holds the car before it.
+        assert abs(drive.rows[number].cross_track_m) > lake.track.width / 2 - 0.31
+        assert drive.rows[number + 1].cross_track_m == pytest.approx(0, abs=0.05)
+    seconds = drive.rows[-1].time_s
+    assert figures["autonomy"] == pytest.approx(max(0, 1 - 6 * len(lost) / seconds))
+
+
+@pytest.mark.parametrize("track", ["lake", "mountain"])
+def test_the_expert_drives_all_by_itself(track: str) -> None:
+    world = open_world(track, renderer="none")
+    expert = Expert(world.track)
+    drive = drive_setup(lambda *_: (expert(world)[0], None), world, Setup(track, speed_mph=20))
+    figures = score(drive)
+    assert figures["autonomy"] == 1
+    assert figures["interventions"] == 0
+    assert figures["m_per_intervention"] == float("inf")
+    assert figures["beyond_1m"] == 0
+    assert len(drive.lap_s) == drive.laps == 1
+    assert figures["speed_mph"] == pytest.approx(20, abs=1)
+    assert figures["steering_per_s"] == expert_steering_per_s(Setup(track, speed_mph=20))
+
+
+def test_a_car_that_stands_still_is_an_intervention_every_five_seconds() -> None:
+    world = World(loop())
+    drive = drive_closed_loop(straight_on, world, Constant(0.0), 0, 0.05)
+    figures = score(drive)
+    assert figures["stalled"] == 1
+    first = next(row.time_s for row in drive.rows if row.intervention)
+    assert first == pytest.approx(5.1, abs=0.1)
+    assert figures["interventions"] == int(drive.rows[-1].time_s // 5)
+    assert figures["autonomy"] == 0
+
+
+@pytest.mark.parametrize("margin", [0.5, 1.0])
+def test_the_margin_is_where_it_was_set(lake: World, margin: float) -> None:
+    drive = drive_straight_on(lake, margin)
+    error = np.abs([row.cross_track_m for row in drive.rows])
+    lost = np.array([row.intervention for row in drive.rows])
+    assert (lost == (error > margin)).all()
+    assert error.max() < margin + 0.5, "a frame's way beyond it"
+    assert lost.sum() > score(drive_straight_on(lake))["interventions"]
+
+
+def test_the_same_seed_gives_the_same_figures_and_another_seed_others(lake: World) -> None:
+    expert = Expert(lake.track)
+    found = []
+    for seed in (3, 3, 4):
+        expert.reset(0)
+        setup = Setup("lake", seed, laps=0.2, weather="random")
+        figures = score(drive_setup(lambda *_: (expert(lake)[0], None), lake, setup))
+        found.append({key: repr(v) for key, v in figures.items() if key != "latency_ms"})
+    assert found[0] == found[1] != found[2]
+
+
+def test_a_start_of_ones_own_is_taken(lake: World) -> None:
+    start = Start(300, cte=-1.0, speed_mph=15)
+    drive = drive_closed_loop(straight_on, lake, speed_controller(15), 7, 0.01, start=start)
+    assert drive.distance_m[0] == pytest.approx(300, abs=0.1)
+    assert drive.rows[0].cross_track_m == pytest.approx(-1, abs=0.02)
+
+
+def test_metres_per_intervention_are_of_all_drives_together() -> None:
+    drives = [
+        {"driven_m": 1000.0, "interventions": 0, "m_per_intervention": None},
+        {"driven_m": 1000.0, "interventions": 4, "m_per_intervention": 250.0},
+    ]
+    assert mean_and_spread(drives)["m_per_intervention"] == (500.0, 0.0)
+    assert mean_and_spread(drives[:1])["m_per_intervention"] is None

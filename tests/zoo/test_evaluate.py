@@ -1,0 +1,103 @@
+"""`python -m zoo.evaluate`: its figures, files and what it says to a mistake."""
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from datamodules.errors import InputError
+from simulator.weather import CLEAR
+from tests.zoo.commands import only_line, run
+from zoo.evaluate import command
+from zoo.scoring.drives import Setup
+from zoo.scoring.robustness import PERTURBATIONS, sweeps
+from zoo.scoring.table import ROWS
+
+
+@pytest.fixture(scope="module")
+def checkpoint(run_folder: Path) -> str:
+    return str(run_folder / "checkpoints" / "best.ckpt")
+
+
+def drives_of(folder: Path) -> list[dict]:
+    drives = json.loads((folder / "metrics.json").read_text())["drives"]
+    return [{key: one[key] for key in one if key != "latency_ms"} for one in drives]
+
+
+def test_the_figures_do_not_depend_on_the_number_of_workers(
+    checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    options = ("laps=0.01", "seeds=2", "speed=25", "weather=random", "quality=simple")
+    command([checkpoint, *options, "workers=1", f"out={tmp_path / 'a=1'}"])
+    printed = capsys.readouterr().out
+    command([checkpoint, *options, "workers=2", f"out={tmp_path / 'b'}", "perturb=fog"])
+
+    assert drives_of(tmp_path / "a=1") == drives_of(tmp_path / "b")
+    assert [drive["seed"] for drive in drives_of(tmp_path / "b")] == [0, 1]
+    for label, _ in ROWS.values():
+        assert label.strip() in printed
+    assert "no whole lap" in printed
+    assert printed.strip().endswith("a=1")
+    for drive in ("lake-0", "lake-1"):
+        for name in ("drive.csv", "drive.json", "track.png", "error.png"):
+            assert (tmp_path / "b" / drive / name).is_file()
+    swept = json.loads((tmp_path / "b" / "metrics.json").read_text())["perturbed"]["fog"]
+    assert {one["value"] for one in swept} >= set(PERTURBATIONS["fog"].values)
+    assert len({one["cte_mean_m"] for one in swept}) > 1, "fog changes nothing"
+    with Image.open(tmp_path / "b" / "robustness.png") as picture:
+        assert min(picture.size) > 200
+
+
+@pytest.mark.parametrize("name", PERTURBATIONS)
+def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> None:
+    usual = Setup("lake", weather=CLEAR, speed_mph=17)
+    by_value = sweeps([name], usual)[name]
+    assert list(by_value) == sorted(by_value)
+    assert 3 <= len(by_value) <= 6
+    assert list(by_value.values()).count(usual) == 1
+    assert len(set(by_value.values())) == len(by_value)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("track=nowhere", "nowhere"),
+        ("track=lake,moutain", "moutain"),
+        ("seeds=0", "laps and seeds must be above 0"),
+        ("seeds=two", "seeds=two"),
+        ("speed=90", "speed=90: must be in 1..30 mph"),
+        ("margin=0.05", "margin=0.05: must be 0.2 metres or more"),
+        ("weather=hail", "weather=hail"),
+        ("frame_rate=80", "frame_rate=80"),
+        ("quality=low", "quality=low: must be full or simple"),
+        ("perturb=fgo", "perturb=fgo: did you mean fog?"),
+        ("trakc=lake", "did you mean track?"),
+    ],
+)
+def test_a_mistake_is_one_line_before_anything_drives(
+    option: str, said: str, checkpoint: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as error:
+        command([checkpoint, option, f"out={tmp_path / 'out'}"])
+    assert said in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_checkpoint_is_said_in_one_line(tmp_path: Path) -> None:
+    assert "nowhere.ckpt: no such" in only_line(
+        run(tmp_path, "nowhere.ckpt", module="zoo.evaluate")
+    )
+
+
+def test_a_folder_that_holds_something_is_kept(checkpoint: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="is not empty; name another folder with out="):
+        command([checkpoint, f"out={tmp_path}"])
+
+
+def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
+    command(["--help"])
+    printed = capsys.readouterr().out
+    for key in ("track=lake", "laps=1.0", "seeds=1", "margin=", "perturb=", "workers=0"):
+        assert key in printed

@@ -1,0 +1,130 @@
+"""`python -m zoo.replay CKPT RECORDING [margin=1 out=FOLDER]`: a score on any recording.
+
+No simulator takes part: see `zoo.scoring.replay`.
+"""
+
+import datetime
+import json
+import math
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from datamodules.errors import InputError
+from datamodules.recording import Recording, read_recordings
+from zoo.command_line import run_command
+from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
+from zoo.options import read_arguments
+
+USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"
+FRAMES = "frames"
+
+
+@dataclass
+class ReplayOptions:
+    """How a checkpoint is scored on a recording.
+
+    Args:
+        margin: metres off the recorded path that count as an intervention, up to 2.
+        frame_rate: rows a second, for image names without a time; null reads the names.
+        frames: keep what the network saw, for `python -m zoo.film`.
+        out: the folder for figures and plot; null names one by date and time.
+    """
+
+    margin: float = 1.0
+    frame_rate: float | None = None
+    frames: bool = False
+    out: str | None = None
+
+
+def replay_recording(
+    checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
+) -> dict:
+    """Replay, print the table, and write `metrics.json`, the drive and its plot; returns figures.
+
+    Raises:
+        InputError: no such checkpoint or recording, one that cannot be replayed, a wrong option.
+    """
+    import torch
+
+    from zoo.plots import save_figure
+    from zoo.policy import load_policy
+    from zoo.scoring.figures import error_over_distance
+    from zoo.scoring.replay import replay, score_replay
+    from zoo.scoring.table import drives_table, mean_and_spread
+
+    policy = load_policy(checkpoint)
+    recording = read_recordings(recording_folder)
+    torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other
+    with _Shown(recording, options, console) as shown:
+        drive = replay(policy, recording, options.margin, options.frame_rate, shown)
+    figures = score_replay(drive, recording)
+    figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
+    writer = DriveWriter(shown.folder)
+    writer.add(shown.rows)
+    writer.close()
+    about = {"checkpoint": str(checkpoint), "recording": list(recording.names)}
+    write_summary(shown.folder, about | figures)
+    metrics = about | {"margin_m": options.margin, "replay": figures}
+    (shown.folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    title = (
+        f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
+        f"{figures['interventions']} interventions"
+    )
+    save_figure(error_over_distance(drive, title), shown.folder / "error.png")
+    console.print(drives_table({"replay": mean_and_spread([figures])}))
+    console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)
+    return figures
+
+
+class _Shown:
+    """What is seen and left of a replay: a bar, the rows, and the frames if they are asked for."""
+
+    def __init__(self, recording: Recording, options: ReplayOptions, console: Console) -> None:
+        now = datetime.datetime.now()
+        out = options.out or f"outputs/replays/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
+        self.folder, self.keep = Path(out).expanduser(), options.frames
+        self.rows: list[DriveRow] = []
+        if self.folder.exists() and not (self.folder.is_dir() and not any(self.folder.iterdir())):
+            raise InputError(f"{self.folder}: is not empty; name another folder with out=")
+        self.progress = Progress(console=console, transient=True, disable=not console.is_terminal)
+        self.task = self.progress.add_task("replaying", total=len(recording))
+
+    def __enter__(self) -> "_Shown":
+        self.progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.progress.stop()
+
+    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
+        if not self.rows:  # only now: a recording that cannot be replayed leaves no folder
+            self._make_folder()
+        if self.keep:
+            name = f"{FRAMES}/{len(self.rows):06d}.jpg"
+            cv2.imwrite(str(self.folder / name), frame[..., ::-1])
+            row = replace(row, frame=name)
+        self.rows.append(row)
+        self.progress.update(self.task, advance=1)
+
+    def _make_folder(self) -> None:
+        try:
+            (self.folder / FRAMES if self.keep else self.folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written to ({error.strerror})") from None
+
+
+def command(arguments: list[str]) -> None:
+    """The command: a checkpoint's path, a recording's, then `key=value` options."""
+    paths = ["CKPT", "RECORDING"]
+    (checkpoint, recording), options = read_arguments(ReplayOptions, paths, arguments, USAGE)
+    replay_recording(checkpoint, recording, options, Console())
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.replay", command, sys.argv[1:]))

@@ -1,0 +1,188 @@
+"""Many drives of a checkpoint, several at once, each in a process of its own."""
+
+import math
+import multiprocessing
+import os
+import signal
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track as show_progress
+
+from datamodules.errors import InputError
+from simulator.expert import Expert
+from simulator.weather import CLEAR, Weather, read_weather
+from simulator.world import World, open_world
+from zoo.driving.drive_log import DriveWriter, write_summary
+from zoo.driving.speed_controller import PI
+from zoo.plots import save_figure
+from zoo.scoring.closed_loop import Policy, ScoredDrive, drive_closed_loop, score, start_of
+from zoo.scoring.figures import birds_eye, error_over_distance
+from zoo.scoring.options import EvaluateOptions
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that a drive's figures depend on, beside the policy.
+
+    Attributes:
+        track, seed, laps, speed_mph, margin_m, direction, frame_rate, delay_s, quality: as in
+            `EvaluateOptions`.
+        weather: or `random`, for one that the seed draws.
+        offset_m, heading_deg: added to the seed's start, to the right.
+    """
+
+    track: str
+    seed: int = 0
+    laps: float = 1.0
+    speed_mph: float = 15.0
+    margin_m: float | None = None
+    weather: Weather | str = CLEAR
+    direction: int = 1
+    frame_rate: float = 15.0
+    delay_s: float = 0.0
+    quality: str = "full"
+    offset_m: float = 0.0
+    heading_deg: float = 0.0
+
+    @classmethod
+    def of(cls, options: EvaluateOptions, track: str, seed: int) -> "Setup":
+        """The drive that the options ask for, on one of their tracks."""
+        return cls(
+            track,
+            seed,
+            options.laps,
+            options.speed,
+            options.margin,
+            read_weather(options.weather),
+            options.direction,
+            options.frame_rate,
+            options.delay_s,
+            options.quality,
+        )
+
+
+def speed_controller(speed_mph: float) -> PI:
+    """The course's, which every scored drive holds its speed by."""
+    return PI(speed_mph, kp=0.1, ki=0.002)
+
+
+def drive_all(
+    checkpoint: str,
+    setups: Sequence[Setup],
+    folders: Sequence[Path | None],
+    workers: int,
+    console: Console,
+) -> list[dict]:
+    """The figures of each drive, in the order of the setups, whatever the number of workers.
+
+    Raises:
+        InputError: the processes were killed, as where memory ran out.
+    """
+    processes = min(workers or os.cpu_count() or 1, len(setups))
+    found: dict[int, dict] = {}
+    # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    # On Ctrl-C this process speaks; the others end without a trace.
+    quiet = (signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(processes, context, signal.signal, quiet) as pool:
+        waiting = {
+            pool.submit(drive_once, checkpoint, setup, folder): number
+            for number, (setup, folder) in enumerate(zip(setups, folders, strict=True))
+        }
+        done = show_progress(
+            as_completed(waiting),
+            f"driving {len(setups)} x {setups[0].laps:g} laps",
+            total=len(setups),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        try:
+            for one in done:
+                found[waiting[one]] = one.result()
+        except BrokenProcessPool:
+            raise InputError(
+                f"a process that drove was ended from outside; try workers={max(1, processes // 2)}"
+            ) from None
+        except BaseException:  # a driver's error, or Ctrl-C: what has not begun need not
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [found[number] for number in range(len(setups))]
+
+
+def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, float | str | None]:
+    """One drive in this process: its figures, None for one that is not finite. The drive and its
+    plots are left in `folder`."""
+    import torch
+
+    from zoo.policy import load_policy
+
+    torch.set_num_threads(1)
+    world = open_setup(setup, "auto")
+    drive = drive_setup(load_policy(checkpoint), world, setup)
+    figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
+    if folder is not None:
+        _leave(folder, world, drive, figures)
+    world.pictures.close()
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in figures.items()
+    }
+
+
+def open_setup(setup: Setup, renderer: str) -> World:
+    return open_world(
+        setup.track, renderer, setup.quality, setup.frame_rate, setup.delay_s, setup.direction
+    )
+
+
+def drive_setup(policy: Policy, world: World, setup: Setup) -> ScoredDrive:
+    """Drive a policy as a setup says, in a world that was opened for it."""
+    start = start_of(world, setup.seed, setup.speed_mph)
+    start = replace(
+        start,
+        cte=start.cte + setup.offset_m,
+        heading_deg=start.heading_deg + setup.heading_deg,
+    )
+    return drive_closed_loop(
+        policy,
+        world,
+        speed_controller(setup.speed_mph),
+        setup.seed,
+        setup.laps,
+        setup.weather,
+        setup.margin_m,
+        start,
+    )
+
+
+def expert_steering_per_s(setup: Setup) -> float:
+    """How much the expert's steering changes in a second, on a lap at the setup's speed."""
+    return _expert_steering_per_s(replace(setup, seed=0, laps=1.0, weather=CLEAR, margin_m=None))
+
+
+@lru_cache
+def _expert_steering_per_s(setup: Setup) -> float:
+    world = open_setup(setup, "none")
+    expert = Expert(world.track)
+    drive = drive_setup(lambda _, mph: (expert(world)[0], None), world, setup)
+    return score(drive)["steering_per_s"]
+
+
+def _leave(folder: Path, world: World, drive: ScoredDrive, figures: dict) -> None:
+    writer = DriveWriter(folder)
+    writer.add(drive.rows)
+    writer.close()
+    write_summary(folder, figures)
+    title = (
+        f"{world.track.name}, seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
+        f"{figures['interventions']} interventions"
+    )
+    save_figure(birds_eye(world.track, drive, title), folder / "track.png")
+    save_figure(error_over_distance(drive, title), folder / "error.png")

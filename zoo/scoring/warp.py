@@ -1,0 +1,138 @@
+"""What a camera beside the recorded one would have seen: recorded frames, warped.
+
+As in Bojarski et al. 2016 ("End to End Learning for Self-Driving Cars"): what is below the horizon
+lies on level ground, what is above is infinitely far away. Things that stand up, such as trees and
+barriers, shear where the camera moves sideways; a turn alone is exact.
+"""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from simulator.rig import (
+    CAMERA_POSITIONS,
+    CAMERAS,
+    FOCAL_PX,
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
+    PITCH_DOWN_DEG,
+    ROLL_DEG,
+    YAW_RIGHT_DEG,
+    camera_matrix,
+)
+from simulator.scenery.bonnet import bonnet_picture
+
+BONNET_EDGE_PX = 5  # JPEG smears the bonnet's edge this far
+
+
+class Warp:
+    """The centre camera's view from another pose of the car, out of what the rig recorded.
+
+    The nearest of the cameras is warped. Where its own bonnet was in the way, or its border, the
+    next nearest fills in; the bonnet is the centre frame's own. What no camera saw is the nearest
+    one's last pixels, repeated.
+
+    >>> frames = {"center": np.full((160, 320, 3), 90, np.uint8)}
+    >>> int(Warp()(frames.__getitem__, ["center"], 0.5, 0.02).mean())
+    90
+    """
+
+    def __init__(self) -> None:
+        v, u = np.mgrid[0:FRAME_HEIGHT, 0:FRAME_WIDTH].astype(np.float32) + 0.5
+        rays = np.stack([(u - FRAME_WIDTH / 2), (FRAME_HEIGHT / 2 - v), np.full_like(u, FOCAL_PX)])
+        self._looks = camera_matrix(PITCH_DOWN_DEG, YAW_RIGHT_DEG, ROLL_DEG)
+        rays = rays.reshape(3, -1)
+        down = np.minimum(self._looks[1] @ rays, 0)
+        # A pixel's ray, and how far it points below the horizon, which no turn of the car changes.
+        self._rays = np.concatenate([rays, down[None]]).astype(np.float32)
+        covers = {camera: bonnet_picture(camera)[1] for camera in CAMERAS}
+        around = np.ones((BONNET_EDGE_PX, BONNET_EDGE_PX), np.uint8)
+        self._hidden = {
+            camera: cv2.dilate(np.uint8(cover[..., 0] > 0), around).ravel() > 0
+            for camera, cover in covers.items()
+        }
+        self._bonnet = np.flatnonzero(self._hidden["center"])
+        # Of what is infinitely far away no camera sees more than another.
+        self._is_ground = (down < 0) & ~self._hidden["center"]
+
+    def __call__(
+        self,
+        frame_of: Callable[[str], np.ndarray],
+        cameras: list[str],
+        right_m: float,
+        heading_rad: float,
+    ) -> np.ndarray:
+        """uint8 [160, 320, 3] RGB, seen from a car that stands right of the recorded one.
+
+        Args:
+            frame_of: a recorded camera's frame by its name, uint8 [160, 320, 3] RGB.
+            cameras: that were recorded; `center` is among them.
+            right_m: of the recorded car's origin.
+            heading_rad: to the right of where it pointed.
+        """
+        if right_m == heading_rad == 0:
+            return frame_of("center")
+        at = camera_place(right_m, heading_rad)
+        nearest, *others = sorted(cameras, key=lambda one: abs(CAMERA_POSITIONS[one][0] - at[0]))
+        maps = self.maps(nearest, right_m, heading_rad)
+        picture = _remap(frame_of(nearest), maps).reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)
+        flat = picture.reshape(-1, 3)
+        missing = np.flatnonzero(self._unseen(nearest, maps) & self._is_ground)
+        for camera in others:
+            if not len(missing):
+                break
+            maps = self.maps(camera, right_m, heading_rad, missing)
+            seen = ~self._unseen(camera, maps)
+            if seen.any():
+                here = tuple(one[seen] for one in maps)
+                flat[missing[seen]] = _remap(frame_of(camera), here)
+                missing = missing[~seen]
+        flat[self._bonnet] = frame_of("center").reshape(-1, 3)[self._bonnet]
+        return picture
+
+    def maps(
+        self,
+        camera: str,
+        right_m: float,
+        heading_rad: float,
+        pixels: np.ndarray | slice = slice(None),
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where in a camera's frame the pixels (flat indices) are to be found: x and y, float32.
+
+        A ray r of the moved camera meets the ground, or infinity, where the recorded camera's ray
+        R^T (T R r - t down(r) / height) does: R is how the cameras look, T the car's turn, t the
+        way between them, and down(r), negative below the horizon, is 0 above.
+        """
+        turn = camera_matrix(0, np.degrees(heading_rad), 0)
+        way = camera_place(right_m, heading_rad) - CAMERA_POSITIONS[camera]
+        turned = self._looks.T @ turn @ self._looks
+        moved = -self._looks.T @ way / CAMERA_POSITIONS[camera][1]
+        x, y, ahead = np.column_stack([turned, moved]).astype(np.float32) @ self._rays[:, pixels]
+        scale = np.float32(FOCAL_PX) / np.maximum(ahead, np.float32(1e-3))
+        x *= scale
+        y *= -scale
+        x += np.float32(FRAME_WIDTH / 2 - 0.5)
+        y += np.float32(FRAME_HEIGHT / 2 - 0.5)
+        return x, y
+
+    def _unseen(self, camera: str, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """bool [N]: pixels that the camera's bonnet hid, or that were beyond its borders."""
+        x, y = (np.rint(one).astype(np.int32) for one in maps)
+        outside = (x < 0) | (x >= FRAME_WIDTH) | (y < 0) | (y >= FRAME_HEIGHT)
+        at = np.where(outside, 0, y * FRAME_WIDTH + x)
+        return outside | self._hidden[camera][at]
+
+
+def camera_place(right_m: float, heading_rad: float) -> np.ndarray:
+    """Where the centre camera of a car in such a pose is: right, up, ahead of the recorded car."""
+    own = camera_matrix(0, np.degrees(heading_rad), 0) @ CAMERA_POSITIONS["center"]
+    return own + (right_m, 0.0, 0.0)
+
+
+def _remap(frame: np.ndarray, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """uint8 [N, 3]: the frame's colours at N places. OpenCV takes no more than 32767 in a row."""
+    wide = FRAME_WIDTH if len(maps[0]) % FRAME_WIDTH == 0 else 1
+    x, y = (one.reshape(-1, wide) for one in maps)
+    found = cv2.remap(frame, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return found.reshape(-1, 3)
