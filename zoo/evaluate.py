@@ -118,7 +118,15 @@ def command(arguments: list[str]) -> None:
             raise InputError(f"usage: {USAGE}; --help lists the options")
         print(f"usage: {USAGE}\n\n{help_text(options)}")
         return
-    evaluate(arguments[0], options.options_from(arguments[1:]), Console())
+    checkpoint, *rest = arguments
+    recordings = [one.partition("=")[2] for one in rest if one.startswith("replay=")]
+    if recordings:
+        from zoo import replay
+
+        others = [one for one in rest if not one.startswith("replay=")]
+        replay.command([checkpoint, *recordings, *others])
+        return
+    evaluate(checkpoint, options.options_from(rest), Console())
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def check_disk() -> Iterator[Finding]:
 
 
 def check_locale() -> Iterator[Finding]:
-    """The decimal sign that programs of this session use, a simulator that it starts too."""
+    """The decimal sign that programs started from here use, a simulator too."""
     try:
         locale.setlocale(locale.LC_NUMERIC, "")
     except locale.Error:

@@ -10,7 +10,8 @@ LEAST_MARGIN_M = 0.2  # the car is put back on the centre to a millimetre
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Drives a checkpoint in the embedded world and prints how well it drove.
+    """Drives a checkpoint in the embedded world and prints how well it drove. With replay=FOLDER it
+    is scored on a recording instead, see python -m zoo.replay.
 
     Args:
         track: names or files, with commas between.
