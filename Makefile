@@ -39,8 +39,10 @@ drive: $(READY)
 	@test -n "$(CKPT)" || { echo "make drive: name a checkpoint, CKPT=outputs/.../checkpoints/best.ckpt" >&2; exit 2; }
 	$(BIN)/python -m zoo.drive "$(CKPT)" $(if $(SIM),drive.sim=$(SIM)) $(ARGS)
 
-bench:
-	@echo "make bench: not built yet; python -m zoo prints samples per second of each run" >&2; exit 2
+# Telemetry a second and latency of the driver with each network; frames a second of the simulator.
+bench: $(READY)
+	$(BIN)/python benchmarks/driver.py
+	$(BIN)/python benchmarks/rendering.py
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

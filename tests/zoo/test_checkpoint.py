@@ -16,7 +16,9 @@ from datamodules.image import decode_image
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import ROOT
+from tests.zoo.driving.old_client import telemetry
 from zoo.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.driving.telemetry import read_telemetry
 from zoo.policy import load_policy
 
 
@@ -56,7 +58,7 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
 def test_training_and_driving_see_the_same_bits(
     run_folder: Path, best: Path, recorded: Written
 ) -> None:
-    """One JPEG through the view cache and the batch, and through the policy."""
+    """One JPEG through the view cache and the batch, through the driver, and the policy."""
     from omegaconf import OmegaConf
     from rich.console import Console
 
@@ -73,6 +75,8 @@ def test_training_and_driving_see_the_same_bits(
         seen = policy.view(decode_image(jpeg))
         fed = batch["images"][position].permute(1, 2, 0).numpy()
         assert np.array_equal(seen, fed)
+        driven = read_telemetry(telemetry(jpeg=jpeg)).frame
+        assert np.array_equal(policy.view(driven), fed)
 
         with torch.inference_mode():
             trained = policy.network(batch["images"][position : position + 1])

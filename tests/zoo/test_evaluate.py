@@ -101,3 +101,11 @@ def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
     printed = capsys.readouterr().out
     for key in ("track=lake", "laps=1.0", "seeds=1", "margin=", "perturb=", "workers=0"):
         assert key in printed
+
+
+def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
+    """`replay=` hands over to `zoo.replay`, with the options that are left."""
+    line = only_line(run(tmp_path, checkpoint, "replay=nowhere", module="zoo.evaluate"))
+    assert "nowhere" in line
+    line = only_line(run(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.evaluate"))
+    assert "there is no option laps" in line
