@@ -15,8 +15,9 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 	@echo "set up in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
+# Two processes, a file of tests each; ARGS="-n 4" takes more.
 test: $(READY)
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -144,6 +144,8 @@ def silence_libraries() -> None:
         ".*Detected call of `lr_scheduler.step\\(\\)` before `optimizer.step\\(\\)`.*",
         # Lightning's own use of a part of torch that is on its way out.
         ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
+        # On a cluster's login node, and in a job that means to use one process.
+        ".*The `srun` command is available on your system but is not used.*",
         # data.val_share=0 is allowed.
         ".*Total length of `list` across ranks is zero.*",
     ]

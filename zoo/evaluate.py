@@ -30,45 +30,28 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     Raises:
         InputError: no such checkpoint or track, an option that cannot be.
     """
-    from zoo.checkpoint import load_checkpoint
-    from zoo.scoring.drives import Setup, drive_all, expert_steering_per_s
+    from zoo.policy import load_policy
+    from zoo.scoring.drives import Setup, check_throttle
     from zoo.scoring.options import check_options
     from zoo.scoring.robustness import perturbations_named, sweeps
-    from zoo.scoring.table import drives_table, mean_and_spread
+    from zoo.scoring.table import drives_table
+    from zoo.scoring.tracks import score_on_tracks
 
-    load_checkpoint(checkpoint)  # what is wrong with it is said before processes start
+    # What is wrong with it is said before processes start.
+    policy = load_policy(checkpoint)
     check_options(options)
+    check_throttle(policy, options.throttle)
     names = perturbations_named(options.perturb)
-    jobs = [(track, seed) for track in options.tracks for seed in range(options.seeds)]
-    setups = [Setup.of(options, *job) for job in jobs]
-    usual = setups[0]
+    usual = Setup.of(options, options.tracks[0], 0)
     swept = sweeps(names, usual)
-    # A drive that several sweeps share, as the usual one, is driven once.
-    more = [one for by_value in swept.values() for one in by_value.values()]
-    more = [one for one in dict.fromkeys(more) if one not in setups]
     folder = _new_folder(options.out)
-    places = [folder / f"{Path(track).stem}-{seed}" for track, seed in jobs]
-    found = dict(
-        zip(
-            setups + more,
-            drive_all(
-                checkpoint, setups + more, places + [None] * len(more), options.workers, console
-            ),
-            strict=True,
-        )
-    )
-    drives = [found[one] for one in setups]
-    tracks = {}
-    for track in options.tracks:
-        own = [one for one in setups if one.track == track]
-        tracks[found[own[0]]["track"]] = mean_and_spread([found[one] for one in own]) | {
-            "expert_steering_per_s": (expert_steering_per_s(own[0]), 0.0)
-        }
-    metrics = {"checkpoint": str(checkpoint), "drives": drives, "tracks": tracks}
-    console.print(drives_table(tracks))
+    more = [one for by_value in swept.values() for one in by_value.values()]
+    scores = score_on_tracks(checkpoint, options, folder, console, more)
+    metrics = {"checkpoint": str(checkpoint), "drives": scores.drives, "tracks": scores.tracks}
+    console.print(drives_table(scores.tracks))
     if names:
         results = {
-            name: {value: found[one] for value, one in by_value.items()}
+            name: {value: scores.by_setup[one] for value, one in by_value.items()}
             for name, by_value in swept.items()
         }
         metrics["perturbed"] = {

@@ -16,6 +16,7 @@ from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
 from zoo.embedded_recording import apply_recording
 from zoo.outcome import report_outcome
+from zoo.scoring.tracks import run_options
 from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
 
@@ -39,6 +40,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         started = time.perf_counter()
         console = Console(soft_wrap=True, quiet=not is_first_process())
         apply_quick(config)
+        score = run_options(config.get("score"))
         apply_recording(config, console)
         data = build_data(config)
         data.load(console)
@@ -64,7 +66,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         if not trainer.is_global_zero:
             return float("nan")
         _take_best(module, folder)
-        return report_outcome(config, folder, module, data, trainer, console, started)
+        return report_outcome(config, score, folder, module, data, trainer, console, started)
 
 
 def _checked_last(last: Path, card: dict) -> Path:

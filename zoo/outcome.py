@@ -20,6 +20,8 @@ from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoint import read_checkpoint_file
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
+from zoo.scoring.options import EvaluateOptions
+from zoo.scoring.tracks import score_run
 from zoo.steering_module import SteeringModule
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
@@ -27,6 +29,7 @@ PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-h
 
 def report_outcome(
     config: DictConfig,
+    score: EvaluateOptions | None,
     folder: Path,
     module: SteeringModule,
     data: DrivingData,
@@ -34,7 +37,8 @@ def report_outcome(
     console: Console,
     started: float,
 ) -> float:
-    """Write `metrics.json` and plots, print the table; `module` holds the best weights.
+    """Write `metrics.json` and plots, drive as `score` says, print it all; `module` holds the best
+    weights.
 
     Returns the validation MSE, NaN without validation rows.
     """
@@ -58,13 +62,16 @@ def report_outcome(
         plots.save_figure(figure, folder / "plots" / "training_curves.png")
     samples, seconds = module.train_samples, module.train_seconds
     best = _best_epoch(folder) if curves["val/mse"] else None
-    drive = best_drive(trainer, module, data.view)
+    console.print(metrics_table(config.model.name, figures, baselines))
+    closed_loop = best_drive(trainer, module, data.view)
+    drive = score_run(score, folder, console)
     metrics = {
         "model": config.model.name,
         "parameters": sum(p.numel() for p in module.network.parameters()),
         "open_loop": figures,
         "baselines": baselines,
         "drive": drive,
+        "closed_loop": closed_loop,
         "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
         "epochs": trainer.current_epoch,
         "best_epoch": best,
@@ -83,14 +90,6 @@ def report_outcome(
         | {package: version(package) for package in PACKAGES},
     }
     (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
-    console.print(metrics_table(config.model.name, figures, baselines))
-    if drive:
-        console.print(
-            f"drove {drive['metres']:g} m of the {drive['track']}: autonomy "
-            f"{drive['autonomy']:.1%}, {drive['interventions']} interventions, cross-track error "
-            f"{drive['cte_mean']:.2f} m on average, {drive['cte_max']:.2f} m at most",
-            highlight=False,
-        )
     if seconds:
         console.print(
             f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "

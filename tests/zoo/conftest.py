@@ -20,6 +20,7 @@ def run_folder(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> P
         "data.gap_s=0.1",
         "data.batch_size=16",
         "trainer.max_epochs=2",
+        "score.laps=0.02",
         "hydra.run.dir=run",
     )
     assert result.returncode == 0, result.stderr

@@ -1,6 +1,7 @@
 """`python -m zoo.drive`, as a person starts and ends it."""
 
 import json
+import os
 import shutil
 import socket
 import time
@@ -120,7 +121,7 @@ def test_a_port_that_is_taken_names_who_holds_it(checkpoint: Path, tmp_path: Pat
         port = other.getsockname()[1]
         line = only_line(drive(tmp_path, checkpoint, f"drive.port={port}"))
     assert f"port {port} is held by" in line
-    assert "pytest" in line
+    assert f"(process {os.getpid()})" in line
     assert "add drive.port=0" in line
 
 

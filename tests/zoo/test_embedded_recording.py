@@ -13,6 +13,7 @@ SHORT = (
     "data.gap_s=0.1",
     "experiment=tiny41",
     "trainer.max_epochs=1",
+    "score=none",
 )
 
 

@@ -30,6 +30,7 @@ SMALL = (
     "data.gap_s=0.1",
     "data.batch_size=16",
     "callbacks=published",
+    "score=none",
 )
 
 
@@ -132,6 +133,7 @@ def test_a_network_learns_the_drawn_road(recorded: Written, tmp_path: Path) -> N
         "data.samples_per_epoch=1200",
         "augment=[]",
         "trainer.max_epochs=6",
+        "score=none",
         "hydra.run.dir=run",
         timeout=300,
     )
@@ -287,6 +289,7 @@ def test_the_weights_of_a_checkpoint_start_another_run(run_folder: Path, tmp_pat
         "data.block_s=0.5",
         "data.gap_s=0.1",
         "trainer.max_epochs=0",
+        "score=none",
         "hydra.run.dir=run",
     )
     assert result.returncode == 0, result.stderr

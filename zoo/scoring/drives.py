@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.progress import track as show_progress
 
@@ -19,7 +20,7 @@ from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
 from zoo.driving.drive_log import DriveWriter, write_summary
-from zoo.driving.speed_controller import PI
+from zoo.driving.speed_controller import PI, Network, SpeedController
 from zoo.plots import save_figure
 from zoo.scoring.closed_loop import Policy, ScoredDrive, drive_closed_loop, score, start_of
 from zoo.scoring.figures import birds_eye, error_over_distance
@@ -31,8 +32,8 @@ class Setup:
     """Everything that a drive's figures depend on, beside the policy.
 
     Attributes:
-        track, seed, laps, speed_mph, margin_m, direction, frame_rate, delay_s, quality: as in
-            `EvaluateOptions`.
+        track, seed, laps, speed_mph, margin_m, direction, frame_rate, delay_s, quality, throttle:
+            as in `EvaluateOptions`.
         weather: or `random`, for one that the seed draws.
         offset_m, heading_deg: added to the seed's start, to the right.
     """
@@ -49,6 +50,12 @@ class Setup:
     quality: str = "full"
     offset_m: float = 0.0
     heading_deg: float = 0.0
+    throttle: str = "hold"
+
+    @property
+    def start_mph(self) -> float:
+        """A network with a throttle of its own starts from a standstill."""
+        return 0.0 if self.throttle == "network" else self.speed_mph
 
     @classmethod
     def of(cls, options: EvaluateOptions, track: str, seed: int) -> "Setup":
@@ -64,12 +71,22 @@ class Setup:
             options.frame_rate,
             options.delay_s,
             options.quality,
+            throttle=options.throttle,
         )
 
 
 def speed_controller(speed_mph: float) -> PI:
     """The course's, which every scored drive holds its speed by."""
     return PI(speed_mph, kp=0.1, ki=0.002)
+
+
+def check_throttle(policy: Policy, throttle: str) -> None:
+    """Raises InputError where a network is to drive with its own throttle and gives none."""
+    if throttle == "network" and policy(np.zeros((160, 320, 3), np.uint8), 0.0)[1] is None:
+        raise InputError(
+            "throttle=network: this network gives no throttle; train model=nvidia_speed, or leave "
+            "throttle=hold"
+        )
 
 
 def drive_all(
@@ -85,6 +102,8 @@ def drive_all(
         InputError: the processes were killed, as where memory ran out.
     """
     processes = min(workers or os.cpu_count() or 1, len(setups))
+    if len(setups) == 1:  # another process would cost seconds
+        return [drive_once(checkpoint, setups[0], folders[0])]
     found: dict[int, dict] = {}
     # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
@@ -123,9 +142,15 @@ def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, 
 
     from zoo.policy import load_policy
 
-    torch.set_num_threads(1)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # a single picture is too little for two
     world = open_setup(setup, "auto")
-    drive = drive_setup(load_policy(checkpoint), world, setup)
+    try:
+        policy = load_policy(checkpoint)
+        check_throttle(policy, setup.throttle)
+        drive = drive_setup(policy, world, setup)
+    finally:
+        torch.set_num_threads(threads)
     figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
     if folder is not None:
         _leave(folder, world, drive, figures)
@@ -144,7 +169,10 @@ def open_setup(setup: Setup, renderer: str) -> World:
 
 def drive_setup(policy: Policy, world: World, setup: Setup) -> ScoredDrive:
     """Drive a policy as a setup says, in a world that was opened for it."""
-    start = start_of(world, setup.seed, setup.speed_mph)
+    speed: SpeedController = speed_controller(setup.speed_mph)
+    if setup.throttle == "network":
+        speed = Network()
+    start = start_of(world, setup.seed, setup.start_mph)
     start = replace(
         start,
         cte=start.cte + setup.offset_m,
@@ -153,7 +181,7 @@ def drive_setup(policy: Policy, world: World, setup: Setup) -> ScoredDrive:
     return drive_closed_loop(
         policy,
         world,
-        speed_controller(setup.speed_mph),
+        speed,
         setup.seed,
         setup.laps,
         setup.weather,
@@ -171,7 +199,7 @@ def expert_steering_per_s(setup: Setup) -> float:
 def _expert_steering_per_s(setup: Setup) -> float:
     world = open_setup(setup, "none")
     expert = Expert(world.track)
-    drive = drive_setup(lambda _, mph: (expert(world)[0], None), world, setup)
+    drive = drive_setup(lambda _, mph: expert(world), world, setup)
     return score(drive)["steering_per_s"]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datamodules.errors import InputError
 from simulator.errors import SimulatorError
 
+THROTTLES = ("hold", "network")
 LEAST_MARGIN_M = 0.2  # the car is put back on the centre to a millimetre
 
 
@@ -18,6 +19,7 @@ class EvaluateOptions:
         laps: driven in each drive.
         seeds: so many drives on each track; seed 0 starts at the track's first point.
         speed: miles per hour to hold, by the course's PI controller.
+        throttle: hold that speed, or network: its own, from a standstill (model=nvidia_speed).
         margin: metres off the centreline that count as an intervention; null for the edge line.
         weather: clear, random for a day drawn from each seed, or {fog: 0.4, wet: 1}.
         direction: 1, or -1 for the other way round.
@@ -33,6 +35,7 @@ class EvaluateOptions:
     laps: float = 1.0
     seeds: int = 1
     speed: float = 15.0
+    throttle: str = "hold"
     margin: float | None = None
     weather: str = "clear"
     direction: int = 1
@@ -64,6 +67,8 @@ def check_options(options: EvaluateOptions) -> None:
         raise InputError(f"quality={options.quality}: must be {' or '.join(QUALITIES)}")
     if not 1 <= options.speed <= 30:
         raise InputError(f"speed={options.speed:g}: must be in 1..30 mph")
+    if options.throttle not in THROTTLES:
+        raise InputError(f"throttle={options.throttle}: must be {' or '.join(THROTTLES)}")
     if options.margin is not None and not options.margin >= LEAST_MARGIN_M:
         raise InputError(
             f"margin={options.margin:g}: must be {LEAST_MARGIN_M} metres or more, or null"

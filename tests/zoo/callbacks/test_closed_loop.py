@@ -31,6 +31,7 @@ def small(recorded: Written, *overrides: str) -> list[str]:
         "trainer=cpu",
         "trainer.max_epochs=2",
         "logger=csv",
+        "score=none",
         *overrides,
     ]
 
@@ -162,11 +163,11 @@ def test_two_processes_share_one_drive_and_metrics_json_holds_the_best(
     )
     assert result.returncode == 0, result.stderr
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert metrics["drive"]["track"] == "lake"
-    assert metrics["drive"]["metres"] == 20
+    assert metrics["closed_loop"]["track"] == "lake"
+    assert metrics["closed_loop"]["metres"] == 20
     errors = logged(tmp_path / "run", "drive/cte_mean")
-    assert metrics["drive"]["cte_mean"] == pytest.approx(min(errors.values()), rel=1e-5)
+    assert metrics["closed_loop"]["cte_mean"] == pytest.approx(min(errors.values()), rel=1e-5)
     assert metrics["best_epoch"] == min(errors, key=errors.get) + 1
-    assert metrics["drive"]["in_training"]["drives"] == len(errors)
+    assert metrics["closed_loop"]["in_training"]["drives"] == len(errors)
     assert result.stdout.count("closed loop: ") == 1, "one process speaks"
     assert "PossibleUserWarning" not in result.stderr
