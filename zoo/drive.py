@@ -17,12 +17,14 @@ if TYPE_CHECKING:
     from eventlet.greenio import GreenSocket
 
     from zoo.driving.settings import DriveSettings
+    from zoo.onnx_policy import OnnxPolicy
     from zoo.policy import Policy
 
 USAGE = """usage: python -m zoo.drive CKPT [key=value...]
 
-Serves a checkpoint on port 4567 to the simulator that connects: the original one (start it and
-choose autonomous mode), or the embedded one (drive.sim=lake). Ctrl-C ends the drive.
+Serves a checkpoint, or an ONNX file of zoo.export, on port 4567 to the simulator that connects: the
+original one (start it and choose autonomous mode), or the embedded one (drive.sim=lake). Ctrl-C
+ends the drive.
 
   python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.speed.set_mph=15
   python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.record=FOLDER drive.sim=lake
@@ -128,7 +130,7 @@ def open_port(host: str, port: int) -> "GreenSocket":
         raise InputError(reason) from None
 
 
-def load_warm_policy(path: Path, threads: int) -> "Policy":
+def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
     """A checkpoint's policy that has been asked already: the first time takes longest."""
     import numpy as np
     import torch
@@ -138,18 +140,17 @@ def load_warm_policy(path: Path, threads: int) -> "Policy":
     # In each thread that loads: torch keeps the number by thread. Its own choice, one for each
     # core, took 128 ms a frame in place of 1.9 on four cores that were shared.
     torch.set_num_threads(threads)
-    policy = load_policy(path)
+    policy = load_policy(path, threads)
     for _ in range(3):
         policy(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
     return policy
 
 
-def view_line(policy: "Policy") -> str:
+def view_line(policy: "Policy | OnnxPolicy") -> str:
     """What the policy is, in one line."""
-    parameters = sum(one.numel() for one in policy.network.parameters())
     height, width, _ = policy.view.shape
-    network = type(policy.network).__name__
-    return f"{network} of {parameters:,} parameters, sees {width} x {height} {policy.view.colour}"
+    what = f"{policy.name} of {policy.parameters:,} parameters"
+    return f"{what}, sees {width} x {height} {policy.view.colour}"
 
 
 def local_name(host: str) -> str:

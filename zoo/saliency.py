@@ -19,6 +19,7 @@ from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, decode_image
 from datamodules.recording import read_recordings
 from zoo.command_line import run_command
+from zoo.onnx_policy import OnnxPolicy
 from zoo.options import read_arguments
 from zoo.policy import Policy, load_policy
 
@@ -56,11 +57,19 @@ class Saliency:
         policy: whose view and network are looked through.
         published: VisualBackProp to the letter, which costs no backward pass.
 
+    Raises:
+        InputError: the policy is an ONNX file's.
+
     >>> where = Saliency(policy)(frame, 9.0)  # doctest: +SKIP
     >>> picture = overlay(frame, where)  # doctest: +SKIP
     """
 
     def __init__(self, policy: Policy, published: bool = False) -> None:
+        if isinstance(policy, OnnxPolicy):
+            raise InputError(
+                f"{policy.path}: is ONNX, which cannot be looked through; it drives all the same, "
+                "and the checkpoint that it was made of can"
+            )
         self.view, self.published = policy.view, published
         # A copy: its hooks must neither slow the driving down nor hear of it from another thread.
         self.network = copy.deepcopy(policy.network).eval()

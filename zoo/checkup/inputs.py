@@ -19,32 +19,31 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
 
     from datamodules.errors import InputError
     from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
-    from zoo.checkpoint import load_checkpoint
-    from zoo.policy import Policy
+    from zoo.policy import load_policy
 
     what = "checkpoint"
     try:
-        checkpoint = load_checkpoint(path)
+        policy = load_policy(path)
     except InputError as error:
         yield from_error(what, error, "take one that python -m zoo wrote, or train again")
         return
-    network, view = checkpoint.network, checkpoint.view
-    parameters = sum(one.numel() for one in network.parameters())
-    name = checkpoint.config.get("model", {}).get("name") or type(network).__name__
-    yield Finding(OK, what, f"{path}: {name}, {parameters:,} parameters")
-    broken = [key for key, one in network.state_dict().items() if not torch.isfinite(one).all()]
+    view = policy.view
+    name = policy.config.get("model", {}).get("name") or policy.name
+    yield Finding(OK, what, f"{path}: {name}, {policy.parameters:,} parameters")
+    network = getattr(policy, "network", None)  # an ONNX file's, zoo.export has looked at
+    weights = network.state_dict() if network else {}
+    broken = [key for key, one in weights.items() if not torch.isfinite(one).all()]
     if broken:
         fix = "its training diverged: train again with a smaller optim.lr, or take an earlier one"
         yield Finding(FAULT, what, f"{broken[0]} and {len(broken) - 1} more hold NaN", fix)
     height, width, _ = view.shape
-    speed = " and the speed" if network.takes_speed else ""
-    answers = "steering and throttle" if network.outputs > 1 else "steering"
+    speed = " and the speed" if policy.takes_speed else ""
+    answers = "steering and throttle" if policy.outputs > 1 else "steering"
     crop = f"{view.crop[0]} rows off the top, {view.crop[1]} off the bottom"
     found = f"{width} x {height} {view.colour}{speed}; {crop}; answers with {answers}"
     yield Finding(OK, "it expects", found)
-    yield _trained_on(checkpoint, recording)
+    yield _trained_on(policy, recording)
 
-    policy = Policy(checkpoint)
     frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
     times_ms = []
     for _ in range(TRIALS):
@@ -60,12 +59,12 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
         yield Finding(OK, "it takes", found)
 
 
-def _trained_on(checkpoint: object, recording: str | None) -> Finding:
+def _trained_on(policy: object, recording: str | None) -> Finding:
     from datamodules.errors import InputError
     from datamodules.recording import read_recordings
 
-    data = checkpoint.data
-    root = checkpoint.config.get("data", {}).get("root")
+    data = policy.data
+    root = policy.config.get("data", {}).get("root")
     found = f"{root}, {data.get('rows', 0):,} rows, fingerprint {data.get('fingerprint')}"
     if recording is not None:
         try:

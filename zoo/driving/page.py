@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from pathlib import Path
 
+from datamodules.errors import InputError
 from zoo.driving.beside import beside
 from zoo.driving.driver import Driver
 from zoo.driving.gaze import Gaze, jpeg
@@ -129,6 +130,8 @@ class LivePage:
             return _picture(self.gaze.picture())
         except RequestError:
             raise
+        except InputError as error:
+            raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from None
         except Exception as error:  # any network may be driving
             line = f"this network cannot be looked through ({type(error).__name__}: {error})"
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, line) from None
@@ -188,9 +191,9 @@ class LivePage:
 
 
 def list_checkpoints(folder: Path) -> list[str]:
-    """The checkpoints of runs below a folder, the newest first."""
+    """The checkpoints of runs below a folder, and ONNX files, the newest first."""
     found = []
-    for path in folder.glob("**/checkpoints/*.ckpt"):
+    for path in (*folder.glob("**/checkpoints/*.ckpt"), *folder.glob("**/*.onnx")):
         try:
             found.append((path.stat().st_mtime, str(path)))
         except OSError:  # a run that goes on has just replaced it
