@@ -67,6 +67,11 @@ class Vgg16(nn.Module):
             first_trainable = len(layers)
         self.normalize = ImageNetNormalize()
         self.features = nn.Sequential(*layers)
+        for layer in self.features:
+            if isinstance(layer, nn.Conv2d):
+                # PyTorch's usual weights let the signal die out over thirteen layers.
+                nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
+                nn.init.zeros_(layer.bias)
         for layer in self.features[:first_trainable]:
             layer.requires_grad_(False)
         self.head = nn.Sequential(
