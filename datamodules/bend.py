@@ -12,15 +12,16 @@ import albumentations
 import cv2
 import numpy as np
 
+from datamodules.ground import (
+    CAMERA_AHEAD_M,
+    FOCAL_PX,
+    MAX_STEERING_DEG,
+    REAR_AXLE_M,
+    WHEELBASE_M,
+    depth_of,
+    metres_ahead,
+)
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
-
-# The original simulator's centre camera and car: metres, degrees, pixels of a 320 x 160 picture.
-# A test holds them equal to those of the embedded simulator's rig.
-CAMERA_HEIGHT_M, CAMERA_AHEAD_M = 1.2, 1.0  # ahead of the car's origin
-PITCH_DOWN_DEG = 9.5
-FOCAL_PX = FRAME_HEIGHT / 2 / np.tan(np.radians(30.0))
-WHEELBASE_M, REAR_AXLE_M = 2.87, 1.60  # the axle stands behind the origin
-MAX_STEERING_DEG = 25.0
 
 
 class Bend(albumentations.ImageOnlyTransform):
@@ -29,15 +30,15 @@ class Bend(albumentations.ImageOnlyTransform):
     A ground point s metres beyond the bend's begin moves sideways by curvature * s^2 / 2, and
     beyond the bend's end straight on; what stands above the horizon moves with the farthest ground.
     A bend that has begun adds the steering angle of its radius, arctan(wheelbase * curvature); one
-    that begins further ahead adds none, so that a network learns not to turn in early. It is the
-    counterpart, for bends, of the shifted and rotated views of Bojarski et al. 2016 ("End to End
-    Learning for Self-Driving Cars").
+    that begins further ahead adds less, from 3 m on none: a network learns to turn in when it is
+    there. It is the counterpart, for bends, of the shifted and rotated views of Bojarski et al.
+    2016 ("End to End Learning for Self-Driving Cars").
 
     Args:
         curvature: the largest, of either side, added to the road's own; 1/m.
         length_m: the range of the bend's length.
-        ahead_m: how far off a bend that has not begun may begin, at most.
-        begun: the share of bends that have begun.
+        ahead_m: how far ahead of the car's origin a bend may begin, at most.
+        begun: the share of bends that begin at the rear axle; the others, anywhere up to there.
         p: the probability of a sample to be changed.
 
     Attributes:
@@ -46,10 +47,10 @@ class Bend(albumentations.ImageOnlyTransform):
 
     def __init__(
         self,
-        curvature: float = 0.09,
+        curvature: float = 0.12,
         length_m: tuple[float, float] = (8.0, 30.0),
         ahead_m: float = 10.0,
-        begun: float = 0.75,
+        begun: float = 0.5,
         p: float = 0.5,
     ) -> None:
         super().__init__(p=p)
@@ -71,15 +72,15 @@ class Bend(albumentations.ImageOnlyTransform):
         aside = self.columns_aside(height, curvature, begin, length) * width / FRAME_WIDTH
         source = np.arange(width, dtype=np.float32) - aside[:, None].astype(np.float32)
         rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
-        bent = cv2.remap(img, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        bent = cv2.remap(img, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return bent.reshape(img.shape)  # OpenCV drops a last axis of one
 
     def apply_to_steering(
         self, steering: float, curvature: float, begin: float, **_: object
     ) -> float:
-        if begin > -REAR_AXLE_M + 1e-6:
-            return steering
-        added = np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
+        # A command takes a frame to come, and the car some way to turn.
+        due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
+        added = due * np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
         return float(np.clip(steering + added, -1, 1))
 
     def columns_aside(
@@ -89,20 +90,18 @@ class Bend(albumentations.ImageOnlyTransform):
         recording's 320."""
         top, bottom = self.crop
         rows = top + (np.arange(height) + 0.5) * (FRAME_HEIGHT - top - bottom) / height - 0.5
-        below = np.arctan((rows - (FRAME_HEIGHT - 1) / 2) / FOCAL_PX) + np.radians(PITCH_DOWN_DEG)
-        # As far as 60 m; what is above the horizon moves with that.
-        ahead = CAMERA_HEIGHT_M / np.tan(np.maximum(below, np.arctan(CAMERA_HEIGHT_M / 60)))
+        ahead = metres_ahead(rows)  # what is above the horizon moves with the farthest
         along = np.maximum(ahead + CAMERA_AHEAD_M - begin, 0)
         bent = np.minimum(along, length)
         metres = curvature * (bent**2 / 2 + bent * (along - bent))
-        return np.clip(FOCAL_PX * metres / ahead, -FRAME_WIDTH / 2, FRAME_WIDTH / 2)
+        return np.clip(FOCAL_PX * metres / depth_of(ahead), -FRAME_WIDTH / 2, FRAME_WIDTH / 2)
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
         """`apply`'s arguments for each of a batch of `shape`."""
         count = shape[0]
         curvature = rng.uniform(-self.curvature, self.curvature, count)
         length = rng.uniform(*self.length_m, count)
-        ahead = rng.uniform(1.0, max(self.ahead_m, 1.0), count)
+        ahead = rng.uniform(-REAR_AXLE_M, self.ahead_m, count)
         begin = np.where(rng.random(count) < self.begun, -REAR_AXLE_M, ahead)
         return [
             {"curvature": one, "begin": start, "length": metres}

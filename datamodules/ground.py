@@ -1,0 +1,36 @@
+"""Where the rows of a picture lie on flat ground, for augmentations that know about roads.
+
+The measures are those of the original simulator's centre camera and car; a test holds them equal
+to the embedded simulator's.
+"""
+
+import numpy as np
+
+from datamodules.image import FRAME_HEIGHT
+
+CAMERA_HEIGHT_M, CAMERA_AHEAD_M = 1.2, 1.0  # ahead of the car's origin
+PITCH_DOWN_DEG = 9.5
+FOCAL_PX = FRAME_HEIGHT / 2 / np.tan(np.radians(30.0))
+WHEELBASE_M, REAR_AXLE_M = 2.87, 1.60  # the axle stands behind the origin
+MAX_STEERING_DEG = 25.0
+FARTHEST_M = 60.0
+
+
+def metres_ahead(rows: np.ndarray) -> np.ndarray:
+    """How far ahead of the camera the ground is that rows of the recording's 160 show, float64, at
+    most 60 m, which is also what rows above the horizon are given."""
+    below = np.arctan((rows - (FRAME_HEIGHT - 1) / 2) / FOCAL_PX) + np.radians(PITCH_DOWN_DEG)
+    return CAMERA_HEIGHT_M / np.tan(np.maximum(below, np.arctan(CAMERA_HEIGHT_M / FARTHEST_M)))
+
+
+def row_of(ahead_m: np.ndarray) -> np.ndarray:
+    """The row of the recording's 160 in which ground so far ahead of the camera is seen."""
+    below = np.arctan(CAMERA_HEIGHT_M / ahead_m) - np.radians(PITCH_DOWN_DEG)
+    return (FRAME_HEIGHT - 1) / 2 + FOCAL_PX * np.tan(below)
+
+
+def depth_of(ahead_m: np.ndarray) -> np.ndarray:
+    """How far along the lens's axis ground so far ahead of the camera is, metres: a metre to the
+    side is `FOCAL_PX / depth` columns of the recording's 320."""
+    pitch = np.radians(PITCH_DOWN_DEG)
+    return ahead_m * np.cos(pitch) + CAMERA_HEIGHT_M * np.sin(pitch)
