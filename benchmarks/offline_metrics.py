@@ -1,0 +1,158 @@
+"""`python benchmarks/offline_metrics.py`: does an open-loop metric tell which network drives well?
+
+Reads `docs/results.csv` (`python benchmarks/results.py`), and for each split compares the order in
+which a metric of the test rows puts the networks with the order in which they drive: Spearman's
+rank correlation, with the interval that 95 of 100 resamplings of the networks fall into. Writes
+`docs/offline_metrics.md` and `docs/offline_metrics.png`.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import spearmanr
+
+from benchmarks.results import CSV
+from datamodules.errors import InputError
+from zoo.command_line import run_command
+from zoo.plots import save_figure
+
+METRICS = {
+    "test_mse": "MSE",
+    "test_mae": "MAE",
+    "test_balanced_mae": "balanced MAE",
+    "test_bias": "|bias|",
+}
+# What counts, and the sign that makes it "more is worse".
+DRIVEN = {
+    "lake_cte_mean_m": ("lake, mean error", 1),
+    "lake_interventions": ("lake, interventions", 1),
+    "mountain_autonomy": ("mountain, autonomy", -1),
+}
+COLOURS = {"lenet": "#2a6fbb", "nvidia": "#d9822b", "tiny": "#3a9a5b", "tiny63": "#8a5bb0"}
+OTHER = "#8a8a8a"
+RESAMPLINGS = 2_000
+FEWEST = 8
+
+
+def read_rows(path: Path = CSV) -> list[dict]:
+    """The runs that were driven, figures as floats.
+
+    Raises:
+        InputError: no such file.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: is not there; python benchmarks/results.py writes it")
+    with path.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["lake_autonomy"]]
+    for row in rows:
+        for key in (*METRICS, *DRIVEN):
+            row[key] = abs(float(row[key])) if key == "test_bias" else float(row[key])
+    return rows
+
+
+def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, float, float]:
+    """Spearman's, and its interval of 95 % over resampled networks; NaN where one has no order."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(RESAMPLINGS):
+        chosen = rng.integers(0, len(offline), len(offline))
+        if len(set(offline[chosen])) > 1 and len(set(driven[chosen])) > 1:
+            found.append(spearmanr(offline[chosen], driven[chosen]).statistic)
+    if len(set(driven)) < 2:
+        return float("nan"), float("nan"), float("nan")
+    low, high = np.quantile(found, [0.025, 0.975])
+    return float(spearmanr(offline, driven).statistic), float(low), float(high)
+
+
+def by_split(rows: list[dict]) -> dict[str, list[dict]]:
+    """The rows of each split that has enough of them."""
+    names = dict.fromkeys(row["split"] for row in rows)
+    found = {name: [row for row in rows if row["split"] == name] for name in names}
+    return {name: own for name, own in found.items() if len(own) >= FEWEST}
+
+
+def correlation_table(splits: dict[str, list[dict]]) -> str:
+    """Markdown: a metric and a split a line."""
+    labels = " | ".join(label for label, _ in DRIVEN.values())
+    lines = [
+        f"| metric on the test rows | split | networks | {labels} |",
+        "|---|---|---:|" + "---:|" * len(DRIVEN),
+    ]
+    for metric, label in METRICS.items():
+        for split, rows in splits.items():
+            cells = []
+            for key, (_, sign) in DRIVEN.items():
+                offline = np.array([row[metric] for row in rows])
+                driven = sign * np.array([row[key] for row in rows])
+                value, low, high = rank_correlation(offline, driven)
+                cells.append(f"{value:+.2f} ({low:+.2f} to {high:+.2f})")
+            lines.append(f"| {label} | {split} | {len(rows)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def scatter(splits: dict[str, list[dict]]) -> Figure:
+    """MSE and balanced MAE against the mean error on the lake and the autonomy on the mountain."""
+    pairs = [
+        (metric, driven)
+        for driven in ("lake_cte_mean_m", "mountain_autonomy")
+        for metric in ("test_mse", "test_balanced_mae")
+    ]
+    figure = Figure(figsize=(15, 3.6 * len(splits)), layout="constrained")
+    axes = np.atleast_2d(figure.subplots(len(splits), len(pairs)))
+    for line, (split, rows) in zip(axes, splits.items(), strict=True):
+        for axis, (metric, driven) in zip(line, pairs, strict=True):
+            for model in dict.fromkeys(row["model"] for row in rows):
+                own = [row for row in rows if row["model"] == model]
+                axis.scatter(
+                    [row[metric] for row in own],
+                    [row[driven] for row in own],
+                    color=COLOURS.get(model, OTHER),
+                    label=model,
+                    s=28,
+                    alpha=0.8,
+                    lw=0,
+                )
+            signed = DRIVEN[driven][1] * np.array([row[driven] for row in rows])
+            value, *_ = rank_correlation(np.array([row[metric] for row in rows]), signed)
+            axis.set(
+                xscale="log",
+                xlabel=f"{METRICS[metric]}, test rows, split {split}",
+                ylabel=DRIVEN[driven][0] + (" (m)" if driven.endswith("_m") else ""),
+                title=f"rank correlation {value:+.2f}",
+            )
+            axis.spines[["top", "right"]].set_visible(False)
+            axis.grid(alpha=0.2)
+    axes[0, 0].legend(frameon=False)
+    return figure
+
+
+def main(arguments: list[str]) -> None:
+    """Write the table and the plot.
+
+    Raises:
+        InputError: no results, or too few networks.
+    """
+    if arguments:
+        raise InputError("takes no arguments")
+    splits = by_split(read_rows())
+    if not splits:
+        raise InputError(f"{CSV}: has fewer than {FEWEST} driven networks of one split")
+    picture = save_figure(scatter(splits), CSV.parent / "offline_metrics.png")
+    page = CSV.parent / "offline_metrics.md"
+    page.write_text(
+        "# Does an open-loop metric tell which network drives well?\n\n"
+        "Written by `python benchmarks/offline_metrics.py` from [results.csv](results.csv). Each "
+        "line: how far the order in which a metric of the test rows puts the networks is the order "
+        "in which they drive (Spearman's rank correlation; +1: the smaller the error, the better "
+        "it drives; 0: it says nothing), and in brackets the interval that 95 of 100 resamplings "
+        "of the networks fall into.\n\n"
+        f"{correlation_table(splits)}\n\n![metrics against driving](offline_metrics.png)\n"
+    )
+    print(f"{correlation_table(splits)}\n{picture}\n{page}")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("offline_metrics", main, sys.argv[1:]))
