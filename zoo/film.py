@@ -20,6 +20,7 @@ from datamodules.recording import LOG_NAME, read_recordings, times_from_names
 from zoo.command_line import run_command
 from zoo.driving import drive_log
 from zoo.driving.summary import LONGEST_STEP_S, autonomy
+from zoo.film_drive import MOMENTS
 from zoo.film_overlay import draw_overlay
 from zoo.options import read_arguments
 
@@ -179,6 +180,11 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         )
     if not shots:
         raise InputError(f"{folder}: the drive holds no pictures; drive with drive.record=FOLDER")
+    if len(shots) <= MOMENTS < len(drive) / 10:
+        raise InputError(
+            f"{folder}: holds pictures of its worst moments alone; python -m zoo.evaluate CKPT "
+            "film=true films a drive while it is scored"
+        )
     return shots
 
 

@@ -15,11 +15,13 @@ from rich.console import Console
 from rich.table import Table
 
 from datamodules.driving import DrivingData
+from datamodules.errors import InputError
 from datamodules.split import PARTS
 from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoint import read_checkpoint_file
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
+from zoo.report import write_report
 from zoo.scoring.options import EvaluateOptions
 from zoo.scoring.tracks import score_run
 from zoo.steering_module import SteeringModule
@@ -96,7 +98,12 @@ def report_outcome(
             f"{metrics['wall_s']:.0f} s in all" + (f"; best after epoch {best}" if best else ""),
             highlight=False,
         )
-    console.print(f"{folder / 'checkpoints' / 'best.ckpt'}\n{folder / 'plots'}", highlight=False)
+    try:
+        page = str(write_report(folder))
+    except InputError as error:
+        page = f"no report: {error}"
+    for line in (folder / "checkpoints" / "best.ckpt", page):
+        console.print(str(line), highlight=False, markup=False)
     return figures.get("val", {}).get("mse", float("nan"))
 
 

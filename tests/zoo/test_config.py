@@ -54,7 +54,7 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
         ("model.dropuot=0.2", "did you mean model.dropout"),
         ("model=nvidai", "model=nvidai: no such choice; did you mean nvidia?"),
         ("experiment=pilotnt", "did you mean pilotnet"),
-        ("augment=[rain]", "there are blur, brightness"),
+        ("augment=[rain]", "there are bend, blur, brightness"),
         ("data.offset=[", "--help lists all keys"),
         ("resume=nowhere", "nowhere: is no run's folder"),
     ],

@@ -4,7 +4,7 @@ import math
 import multiprocessing
 import os
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
@@ -19,8 +19,9 @@ from datamodules.errors import InputError
 from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
-from zoo.driving.drive_log import DriveWriter, write_summary
+from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
 from zoo.driving.speed_controller import PI, Network, SpeedController
+from zoo.film_drive import KeptFrames
 from zoo.plots import save_figure
 from zoo.scoring.closed_loop import Policy, ScoredDrive, drive_closed_loop, score, start_of
 from zoo.scoring.figures import birds_eye, error_over_distance
@@ -36,6 +37,8 @@ class Setup:
             as in `EvaluateOptions`.
         weather: or `random`, for one that the seed draws.
         offset_m, heading_deg: added to the seed's start, to the right.
+        film_speed: leave a film that plays so many times as fast as driven; 0 for none. The figures
+            do not depend on it.
     """
 
     track: str
@@ -51,6 +54,7 @@ class Setup:
     offset_m: float = 0.0
     heading_deg: float = 0.0
     throttle: str = "hold"
+    film_speed: float = 0.0
 
     @property
     def start_mph(self) -> float:
@@ -72,6 +76,7 @@ class Setup:
             options.delay_s,
             options.quality,
             throttle=options.throttle,
+            film_speed=options.film_speed if options.film else 0.0,
         )
 
 
@@ -136,8 +141,8 @@ def drive_all(
 
 
 def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, float | str | None]:
-    """One drive in this process: its figures, None for one that is not finite. The drive and its
-    plots are left in `folder`."""
+    """One drive in this process: its figures, None for one that is not finite. The drive, its plots
+    and the frames of its worst moments are left in `folder`."""
     import torch
 
     from zoo.policy import load_policy
@@ -148,7 +153,9 @@ def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, 
     try:
         policy = load_policy(checkpoint)
         check_throttle(policy, setup.throttle)
-        drive = drive_setup(policy, world, setup)
+        with KeptFrames(folder, setup.frame_rate, setup.film_speed) as kept:
+            drive = drive_setup(policy, world, setup, kept)
+        kept.write(drive.rows)
     finally:
         torch.set_num_threads(threads)
     figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
@@ -167,8 +174,14 @@ def open_setup(setup: Setup, renderer: str) -> World:
     )
 
 
-def drive_setup(policy: Policy, world: World, setup: Setup) -> ScoredDrive:
-    """Drive a policy as a setup says, in a world that was opened for it."""
+def drive_setup(
+    policy: Policy,
+    world: World,
+    setup: Setup,
+    show: Callable[[np.ndarray, DriveRow], None] | None = None,
+) -> ScoredDrive:
+    """Drive a policy as a setup says, in a world that was opened for it; `show` as in
+    `drive_closed_loop`."""
     speed: SpeedController = speed_controller(setup.speed_mph)
     if setup.throttle == "network":
         speed = Network()
@@ -187,6 +200,7 @@ def drive_setup(policy: Policy, world: World, setup: Setup) -> ScoredDrive:
         setup.weather,
         setup.margin_m,
         start,
+        show,
     )
 
 

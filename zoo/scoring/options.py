@@ -26,6 +26,8 @@ class EvaluateOptions:
         frame_rate: frames per second of simulated time.
         delay_s: from a command to the wheels.
         quality: full, or simple pictures.
+        film: leaves film.mp4 in each drive's folder.
+        film_speed: times as fast as driven that it plays; 3 leaves two frames of three out.
         perturb: names with commas between, or all: sweeps each on the first track.
         out: the folder for figures and pictures; null names one by date and time.
         workers: processes; 0 takes one a core.
@@ -42,6 +44,8 @@ class EvaluateOptions:
     frame_rate: float = 15.0
     delay_s: float = 0.0
     quality: str = "full"
+    film: bool = False
+    film_speed: float = 1.0
     perturb: str | None = None
     out: str | None = None
     workers: int = 0
@@ -73,6 +77,8 @@ def check_options(options: EvaluateOptions) -> None:
         raise InputError(
             f"margin={options.margin:g}: must be {LEAST_MARGIN_M} metres or more, or null"
         )
+    if not 1 <= options.film_speed <= 100:
+        raise InputError(f"film_speed={options.film_speed:g}: must be in 1..100")
     if not options.tracks:
         raise InputError("track: names none; try track=lake,mountain")
     try:

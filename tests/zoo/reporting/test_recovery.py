@@ -1,0 +1,63 @@
+"""Which stretch of a recording is shown as a recovery."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datamodules.recording import Recording
+from tests.recordings import FPS, recording_in_memory
+from zoo.reporting.blocks import MissingError
+from zoo.reporting.recovery import STRETCH_S, find_recovery
+
+LENGTH = round(STRETCH_S * FPS)
+BEND, BACK = 60, 200  # rows where a sharp bend and a recovery begin
+
+
+def driven(pause: bool) -> Recording:
+    """A sharp bend, and a softer way back to the middle, which a pause may come before."""
+    steering = np.zeros(300)
+    steering[BEND : BEND + 20] = 0.8
+    steering[BACK : BACK + 15] = np.linspace(-0.4, 0, 15)
+    recording = recording_in_memory(steering)
+    time = recording.time_s.copy()
+    time[BACK:] += 5.0 if pause else 0.0
+    return replace(recording, time_s=time)
+
+
+def test_what_follows_a_pause_goes_before_a_sharper_bend() -> None:
+    found = find_recovery(driven(pause=True))
+    assert found.rows.tolist() == list(range(BACK, BACK + LENGTH))
+    assert "follow a pause" in found.why
+    assert "0.40" in found.why
+
+
+def test_without_a_pause_the_largest_return_is_shown_and_called_in_doubt() -> None:
+    found = find_recovery(driven(pause=False))
+    assert BEND in found.rows
+    assert BACK not in found.rows
+    assert "may be a sharp bend" in found.why
+
+
+def test_a_stretch_never_crosses_a_pause_or_another_recording() -> None:
+    steering = np.zeros(200)
+    steering[80:110] = 0.9
+    recording = recording_in_memory(steering, sizes=(100, 100))
+    rows = find_recovery(recording).rows
+    assert len(set(recording.recording[rows])) == 1
+
+
+@pytest.mark.parametrize(
+    ("rows", "steering", "said"),
+    [(20, 0.5, "No stretch of the recording lasts"), (200, 0.3, "hardly changes")],
+)
+def test_where_there_is_none_it_says_why(rows: int, steering: float, said: str) -> None:
+    with pytest.raises(MissingError, match=said):
+        find_recovery(recording_in_memory(np.full(rows, steering)))
+
+
+def test_standing_still_is_no_recovery() -> None:
+    steering = np.zeros(200)
+    steering[100:120] = 1.0
+    with pytest.raises(MissingError, match="No stretch"):
+        find_recovery(recording_in_memory(steering, speed_mph=0.0))
