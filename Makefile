@@ -40,10 +40,9 @@ drive: $(READY)
 	@test -n "$(CKPT)" || { echo "make drive: name a checkpoint, CKPT=outputs/.../checkpoints/best.ckpt" >&2; exit 2; }
 	$(BIN)/python -m zoo.drive "$(CKPT)" $(if $(SIM),drive.sim=$(SIM)) $(ARGS)
 
-# Telemetry a second and latency of the driver with each network; frames a second of the simulator.
+# How fast everything is, against what, in under five minutes: make bench [ONLY=feed,start]
 bench: $(READY)
-	$(BIN)/python benchmarks/driver.py
-	$(BIN)/python benchmarks/rendering.py
+	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from timing import Row, run_part
 
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
@@ -27,17 +28,33 @@ CONSTANT = "a constant"
 def main(seconds: float) -> None:
     """Print the table."""
     table = Table("network", "telemetry/s", "p50 ms", "p95 ms", "p99 ms")
-    context = multiprocessing.get_context("spawn")
     for name in (CONSTANT, *choices("model")):
-        ours, theirs = context.Pipe()
-        process = context.Process(target=serve, args=(name, theirs))
-        process.start()
-        rate = send_telemetry(ours.recv(), seconds)
-        ours.send("stop")
-        latency = ours.recv()["latency_ms"]
-        process.join()
+        rate, latency = drive(name, seconds)
         table.add_row(name, f"{rate:.0f}", *(f"{value:.1f}" for value in latency.values()))
     Console().print(table)
+
+
+def measure(short: bool) -> list[Row]:
+    """For `make bench`: the driver with nvidia, beside what two loops of 60 fps can ask for."""
+    rate, latency = drive("nvidia", 1.0 if short else SECONDS)
+    figures = {"telemetry/s": rate} | {f"{name} ms": value for name, value in latency.items()}
+    asked = f"two loops at {FPS} fps, answered at once"
+    return [
+        Row("the driver with nvidia, telemetry answered", asked, rate / (2 * FPS), figures=figures)
+    ]
+
+
+def drive(name: str, seconds: float) -> tuple[float, dict[str, float]]:
+    """Telemetry a second that the driver with a network answers, and its latencies in ms."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=serve, args=(name, theirs))
+    process.start()
+    rate = send_telemetry(ours.recv(), seconds)
+    ours.send("stop")
+    latency = ours.recv()["latency_ms"]
+    process.join()
+    return rate, latency
 
 
 def send_telemetry(port: int, seconds: float) -> float:
@@ -102,4 +119,5 @@ def random_policy(name: str) -> object:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)
+    as_part = any(one == "short" or one.startswith("out=") for one in sys.argv[1:])
+    run_part(measure) if as_part else main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)

@@ -5,12 +5,14 @@ physics alone, taken in turns.
 """
 
 import statistics
+import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from timing import Row, run_part
 
 from simulator.rig import CAMERAS
 from simulator.world import Start, World, open_world
@@ -35,6 +37,19 @@ def drawing(world: World, cameras: tuple[str, ...]) -> Callable[[int], object]:
             world.frame(camera)
 
     return draw
+
+
+def measure(short: bool) -> list[Row]:
+    """For `make bench`: frames a second on one core, as a multiple of the simulator's own 15."""
+    world = open_world("lake", renderer="software")
+    kinds = {"1 camera": drawing(world, ("center",)), "3 cameras": drawing(world, CAMERAS)}
+    rows = []
+    for name, draw in kinds.items():
+        rate = statistics.median(per_second(draw) for _ in range(1 if short else 3))
+        rows.append(
+            Row(f"drawing the lake, {name}", "15 frames/s", rate / 15, figures={"/s": rate})
+        )
+    return rows
 
 
 def main() -> None:
@@ -62,4 +77,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_part(measure) if len(sys.argv) > 1 else main()

@@ -11,11 +11,40 @@ from datamodules.samples import Samples
 
 @dataclass(frozen=True)
 class BatchKey:
-    """Names a batch: what is random in it is drawn from the seed and from this alone."""
+    """Names a batch, or the share of it that one of several processes takes.
+
+    What is random in a batch is drawn for the whole of it, from the seed, the epoch and the number
+    alone: shares put together are the batch that one process would have had.
+
+    Attributes:
+        samples: int64 [N], of the whole batch.
+        rank, world: which process this is, and of how many.
+    """
 
     epoch: int
     number: int
-    samples: np.ndarray  # int64 [batch_size]
+    samples: np.ndarray
+    rank: int = 0
+    world: int = 1
+
+    @property
+    def share(self) -> slice:
+        """Which of `samples` are this process's; none, in a batch with fewer than processes."""
+        return share_of(len(self.samples), self.rank, self.world)
+
+    @property
+    def own(self) -> np.ndarray:
+        """int64 [n], this process's samples."""
+        return self.samples[self.share]
+
+
+def share_of(count: int, rank: int, world: int) -> slice:
+    """The part of `count` that is one process's: as even as can be, nothing twice, nothing left.
+
+    >>> [share_of(7, rank, 3) for rank in range(3)]
+    [slice(0, 2, None), slice(2, 4, None), slice(4, 7, None)]
+    """
+    return slice(rank * count // world, (rank + 1) * count // world)
 
 
 def epoch_batches(
@@ -26,6 +55,7 @@ def epoch_batches(
     samples_per_epoch: int | None = None,
     straight_cap: float | None = 0.5,
     straight_threshold: float = 0.1,
+    weights: np.ndarray | None = None,
 ) -> list[np.ndarray]:
     """The batches of an epoch, each int64 [batch_size] (the last may be shorter).
 
@@ -34,14 +64,19 @@ def epoch_batches(
     `floor(straight_cap * its size)` samples with |steering| below the threshold: those in excess
     are drawn again from the rest, so that a batch never shrinks.
 
+    With `weights`, float64 [samples] above 0, a sample comes as many times instead of once; one of
+    2.5 comes two or three times. Draws, those for the cap too, are by weight.
+
     Raises:
         InputError: a cap that cannot be held, for want of samples that are not straight.
     """
     rng = np.random.default_rng([seed, epoch])
-    if samples_per_epoch is None:
-        order = rng.permutation(len(samples))
+    if samples_per_epoch is not None:
+        order = _draw_rows_then_cameras(samples, samples_per_epoch, rng, weights)
+    elif weights is not None:
+        order = _repeat_by_weight(weights, rng)
     else:
-        order = _draw_rows_then_cameras(samples, samples_per_epoch, rng)
+        order = rng.permutation(len(samples))
     batches = [order[start : start + batch_size] for start in range(0, len(order), batch_size)]
     if straight_cap is None:
         return batches
@@ -53,29 +88,58 @@ def epoch_batches(
             f"data.straight_cap={straight_cap} cannot be held: no sample has |steering| >= "
             f"data.straight_threshold={straight_threshold}; set data.straight_cap=null"
         )
+    chances = None if weights is None else _chances(weights[curved])
     for batch in batches:
         positions = np.flatnonzero(straight[batch])
         excess = len(positions) - int(straight_cap * len(batch))
         if excess > 0:
             replaced = rng.choice(positions, excess, replace=False)
-            batch[replaced] = rng.choice(curved, excess)
+            batch[replaced] = rng.choice(curved, excess, p=chances)
     return batches
 
 
-def _draw_rows_then_cameras(samples: Samples, count: int, rng: np.random.Generator) -> np.ndarray:
+def _draw_rows_then_cameras(
+    samples: Samples, count: int, rng: np.random.Generator, weights: np.ndarray | None = None
+) -> np.ndarray:
     """Rows with fewer cameras (or cameras with fewer rows) come as often as others."""
     _, sizes = np.unique(samples.row, return_counts=True)
     by_row = np.argsort(samples.row, kind="stable")
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    drawn = rng.integers(len(sizes), size=count)
+    if weights is None:
+        drawn = rng.integers(len(sizes), size=count)
+    else:  # all samples of a row weigh the same
+        drawn = rng.choice(len(sizes), count, p=_chances(weights[by_row[first]]))
     return by_row[first[drawn] + rng.integers(sizes[drawn])]
+
+
+def _repeat_by_weight(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Each sample its weight's number of times, in a random order: `weighted_count` in all."""
+    order = rng.permutation(len(weights))
+    # Systematic resampling. In random order, or a weight of 1/3 would pick one camera of three.
+    ends = np.cumsum(weights[order]) * (weighted_count(weights) / weights.sum())
+    ends[-1] = weighted_count(weights)  # which the sum of many fractions may miss by a hair
+    times = np.diff(np.floor(ends + rng.random()), prepend=0.0).astype(np.int64)
+    return rng.permutation(np.repeat(order, times))
+
+
+def weighted_count(weights: np.ndarray) -> int:
+    """How many samples an epoch has where each comes its weight's number of times."""
+    return max(1, round(float(weights.sum())))
+
+
+def _chances(weights: np.ndarray) -> np.ndarray:
+    return weights / weights.sum()
 
 
 class BalancedBatches:
     """A sampler of `BatchKey`s for a DataLoader with `batch_size=None`.
 
-    Several processes each take every n-th batch of the same epoch; where the number of batches does
-    not divide, the first ones come again, so that all take as many steps.
+    Several processes each take their share of every batch: an epoch has as many steps, and each
+    step the same samples, as with one process.
+
+    Args:
+        batch_size: of the processes together.
+        balance: see `epoch_batches`.
     """
 
     def __init__(
@@ -90,13 +154,14 @@ class BalancedBatches:
         self.epoch = epoch
 
     def __len__(self) -> int:
-        count = self.balance.get("samples_per_epoch") or len(self.samples)
-        return -(-count // (self.batch_size * self.world))
+        weights = self.balance.get("weights")
+        whole = len(self.samples) if weights is None else weighted_count(weights)
+        count = self.balance.get("samples_per_epoch") or whole
+        return -(-count // self.batch_size)
 
     def __iter__(self) -> Iterator[BatchKey]:
         batches = epoch_batches(
             self.samples, self.batch_size, self.epoch, self.seed, **self.balance
         )
-        for step in range(len(self)):
-            number = step * self.world + self.rank
-            yield BatchKey(self.epoch, number, batches[number % len(batches)])
+        for number, samples in enumerate(batches):
+            yield BatchKey(self.epoch, number, samples, self.rank, self.world)

@@ -1,13 +1,15 @@
 """Batches as tensors: of training samples, and of rows to evaluate on."""
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset
+from torch.utils.data import Dataset, get_worker_info
 
 from datamodules.augment import Augment
-from datamodules.balance import BatchKey
+from datamodules.balance import BalancedBatches, BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, Samples
@@ -29,29 +31,58 @@ class TrainingBatches(Dataset):
     flip: float
     seed: int
 
-    def __getitem__(self, key: BatchKey) -> Batch:
-        samples = self.samples
-        pictures = self.views.take(samples.row[key.samples], samples.camera[key.samples])
-        mirrored = self._mirrored(key)
-        pictures[mirrored] = pictures[mirrored][:, :, ::-1]
-        seed = int(self._rng(key, "augment").integers(2**31))
-        pictures, steering = self.augment(pictures, self.steering(key), seed)
-        return make_batch(
-            pictures, steering, samples.throttle[key.samples], samples.speed_mph[key.samples]
-        )
+    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
+        if isinstance(key, tuple):
+            return [self[one] for one in key]
+        samples, rng, own = self.samples, self._rng(key), key.own
+        mirrored = self._mirrored(key, rng)
+        pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)
+        steering = self._steering(key, mirrored)
+        # A process that prepares batches beside others has one core.
+        threads = 1 if get_worker_info() else torch.get_num_threads()
+        place = (key.share.start, len(key.samples))
+        self.augment.in_place(pictures, steering, int(rng.integers(2**31)), threads, place)
+        return make_batch(pictures, steering, samples.throttle[own], samples.speed_mph[own])
 
     def steering(self, key: BatchKey) -> np.ndarray:
         """The batch's steering, float32 [N], flipped but before any augmentation."""
-        steering = self.samples.steering[key.samples]
-        return np.where(self._mirrored(key), -steering, steering)
+        return self._steering(key, self._mirrored(key, self._rng(key)))
 
-    def _mirrored(self, key: BatchKey) -> np.ndarray:
-        draws = self._rng(key, "flip").random(len(key.samples))
-        return self.samples.flipped[key.samples] ^ (draws < self.flip)
+    def _steering(self, key: BatchKey, mirrored: np.ndarray) -> np.ndarray:
+        steering = self.samples.steering[key.own]
+        return np.where(mirrored, -steering, steering)
 
-    def _rng(self, key: BatchKey, purpose: str) -> np.random.Generator:
-        stream = ("flip", "augment").index(purpose)
-        return np.random.default_rng([self.seed, key.epoch, key.number, stream])
+    def _mirrored(self, key: BatchKey, rng: np.random.Generator) -> np.ndarray:
+        """bool [n]; the first draw from a fresh `_rng`, for the whole batch."""
+        drawn = rng.random(len(key.samples)) < self.flip
+        return self.samples.flipped[key.own] ^ drawn[key.share]
+
+    def _rng(self, key: BatchKey) -> np.random.Generator:
+        return np.random.default_rng([self.seed, key.epoch, key.number])
+
+
+class BatchesTogether:
+    """A sampler of tuples of up to `count` of another's keys: a DataLoader then gives lists."""
+
+    def __init__(self, keys: BalancedBatches, count: int) -> None:
+        self.keys, self.count = keys, count
+
+    def set_epoch(self, epoch: int) -> None:
+        """Called by Lightning at the start of each epoch."""
+        self.keys.set_epoch(epoch)
+
+    def __len__(self) -> int:
+        return -(-len(self.keys) // self.count)
+
+    def __iter__(self) -> Iterator[tuple[BatchKey, ...]]:
+        keys = iter(self.keys)
+        while together := tuple(itertools.islice(keys, self.count)):
+            yield together
+
+
+def as_it_is(batch: Batch | list[Batch]) -> Batch | list[Batch]:
+    """For a DataLoader, which would look through a batch for arrays to make tensors of."""
+    return batch
 
 
 @dataclass(frozen=True)

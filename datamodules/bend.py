@@ -72,7 +72,7 @@ class Bend(albumentations.ImageOnlyTransform):
         aside = self.columns_aside(height, curvature, begin, length) * width / FRAME_WIDTH
         source = np.arange(width, dtype=np.float32) - aside[:, None].astype(np.float32)
         rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
-        bent = cv2.remap(img, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        bent = cv2.remap(img, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
         return bent.reshape(img.shape)  # OpenCV drops a last axis of one
 
     def apply_to_steering(

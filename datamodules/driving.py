@@ -10,7 +10,7 @@ from torch.utils.data import DataLoader
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
-from datamodules.batches import EvaluationBatches, TrainingBatches
+from datamodules.batches import BatchesTogether, EvaluationBatches, TrainingBatches, as_it_is
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
 from datamodules.leak import Leak, measure_leak
@@ -27,6 +27,7 @@ class DrivingData(lightning.LightningDataModule):
 
     Args:
         root: the recordings' folder, or a list of them.
+        weights: how many times as often to draw each of several recordings' training samples.
         view: what the network sees (`data.crop`, `model.colour`, `model.size`).
         images: where the pictures are, if not in `IMG` beside each log.
         cameras: those to train on.
@@ -36,7 +37,7 @@ class DrivingData(lightning.LightningDataModule):
         straight_cap: the share of nearly straight samples that no batch exceeds; None for any.
         straight_threshold: |steering| below this is nearly straight.
         samples_per_epoch: draw so many; None takes every sample once.
-        batch_size: samples in a batch, per process.
+        batch_size: samples in a batch; several processes share each of them out.
         split: how rows are dealt, with val_share, test_share, block_s, gap_s and split_seed.
         augment: the transforms of `conf/augment`, by name.
         on_bad_image: `fail`, or `skip` the row.
@@ -52,6 +53,7 @@ class DrivingData(lightning.LightningDataModule):
         self,
         root: str | list[str] | None,
         view: View,
+        weights: list[float] | None = None,
         images: str | None = None,
         cameras: list[str] = CAMERAS,
         offset: float = 0.275,
@@ -76,6 +78,13 @@ class DrivingData(lightning.LightningDataModule):
         super().__init__()
         if root is None:
             raise InputError("data.root is not set: name your recording, data.root=FOLDER")
+        roots = 1 if isinstance(root, str) else len(root)
+        _check(
+            "weights",
+            weights,
+            weights is None or _are_weights(weights, roots),
+            f"null, or a list of {roots} numbers above 0, one for each recording of data.root",
+        )
         known = isinstance(cameras, list | tuple) and set(cameras) <= set(CAMERAS)
         _check("cameras", cameras, known and cameras, f"a list of {', '.join(CAMERAS)}")
         _check("offset", offset, _is_in(offset, -1, 1), "a steering in -1..1")
@@ -112,6 +121,7 @@ class DrivingData(lightning.LightningDataModule):
         _check("cache", cache, cache is None or isinstance(cache, str), "a folder, or null")
         _check("on_bad_image", on_bad_image, on_bad_image in ("fail", "skip"), "fail or skip")
         self.root, self.images, self.view = root, images, view
+        self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
         self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
         self.balance = {
@@ -128,10 +138,14 @@ class DrivingData(lightning.LightningDataModule):
             "seed": split_seed,
         }
         transforms = [transform for transform in (augment or {}).values() if transform]
+        for transform in transforms:
+            if hasattr(transform, "crop"):  # it has to know which rows it is given
+                transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
         self.recording: Recording | None = None
+        self.batches_together = 1  # more: training batches come in lists of so many
 
     def load(self, console: Console) -> None:
         """Read the recordings, decode what is not in the cache, and deal the rows."""
@@ -156,6 +170,9 @@ class DrivingData(lightning.LightningDataModule):
             self.recover_s,
             both_ways=self.flip == "both",
         )
+        if self.weights is not None:
+            number = recording.recording[self.samples.row]
+            self.balance["weights"] = self.weights[number]
         count = self.balance["samples_per_epoch"] or len(self.samples)
         if self.batch_size > count:
             raise InputError(
@@ -196,10 +213,13 @@ class DrivingData(lightning.LightningDataModule):
             sampler = self.sampler(self.trainer.global_rank, self.trainer.world_size)
             # A run that goes on takes its first batch before Lightning names the epoch.
             sampler.set_epoch(self.trainer.current_epoch)
+        if self.batches_together > 1:
+            sampler = BatchesTogether(sampler, self.batches_together)
         return DataLoader(
             self.training_batches(),
             batch_size=None,
             sampler=sampler,
+            collate_fn=as_it_is,
             num_workers=self.workers,
             persistent_workers=self.workers > 0,
         )
@@ -241,6 +261,11 @@ class _CenterPictures:
 def _check(key: str, value: object, good: bool, wanted: str) -> None:
     if not good:
         raise InputError(f"data.{key}={value} is not {wanted}")
+
+
+def _are_weights(value: object, count: int) -> bool:
+    listed = isinstance(value, list | tuple) and len(value) == count
+    return listed and all(_is_in(one, 0, 1000) and one > 0 for one in value)
 
 
 def _is_in(value: object, least: float, most: float = math.inf) -> bool:

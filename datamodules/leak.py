@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from datamodules.recording import Recording
 
@@ -48,7 +49,7 @@ def measure_leak(
     # All neighbours of a sampled row must be among those compared, so few rows, but all training.
     compared = train if len(train) <= 20_000 else np.sort(rng.choice(train, 20_000, replace=False))
     ours, theirs = _thumbnails(pictures, rows), _thumbnails(pictures, compared)
-    differences = np.array([np.abs(theirs - mine).mean(axis=1) for mine in ours])
+    differences = cdist(ours, theirs, "cityblock") / ours.shape[1]
     stranger = np.median(differences)
     likeness = float(np.median(differences.min(axis=1)) / stranger) if stranger else 0.0
     return Leak(float(np.median(known)) if len(known) else float("nan"), likeness)
@@ -57,7 +58,8 @@ def measure_leak(
 def _thumbnails(pictures: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """float32 [n, pixels] of small grey copies."""
     small = [
-        cv2.resize(pictures[row].mean(axis=2), THUMBNAIL, interpolation=cv2.INTER_AREA)
+        cv2.resize(np.float32(pictures[row]), THUMBNAIL, interpolation=cv2.INTER_AREA)
         for row in rows
     ]
-    return np.stack(small).reshape(len(rows), -1).astype(np.float32)
+    colours = np.stack(small).reshape(len(rows), THUMBNAIL[0] * THUMBNAIL[1], -1)
+    return colours.mean(axis=2)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, LogRow, read_log
+from datamodules.driving_log import CAMERAS, LogColumns, read_log_columns
 from datamodules.errors import InputError
 
 LOG_NAME = "driving_log.csv"
@@ -108,30 +108,30 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
     if not log.is_file():
         raise InputError(f"{root}: holds no {LOG_NAME}; set data.root to the folder that does")
     finder = ImageFinder(log, images)
-    rows = list(read_log(log))
+    rows = read_log_columns(log)
     paths = np.empty((len(rows), len(CAMERAS)), dtype=object)
-    missing = [[] for _ in CAMERAS]
-    for index, row in enumerate(rows):
-        for camera, written in enumerate(row.paths):
-            paths[index, camera] = finder.find(written)
-            if written and paths[index, camera] is None:
-                missing[camera].append(index)
+    missing = []
+    for camera, written in enumerate(rows.paths):
+        found = finder.find_all(written)
+        paths[:, camera] = found
+        pairs = enumerate(zip(written, found, strict=True))
+        missing.append([index for index, (name, path) in pairs if name and path is None])
     # A folder from which every picture of a side camera was left out is a centre-only recording.
     for camera in (1, 2):
         if len(missing[camera]) == len(rows):
             missing[camera] = []
     bad = _refuse_or_note(log, rows, missing, finder, on_bad_image)
-    numbers = np.array([row.numbers for row in rows])
+    numbers = rows.numbers
     recording = Recording(
         names=(str(log.parent),),
         recording=np.full(len(rows), number),
-        line=np.array([row.line for row in rows]),
+        line=rows.line,
         images=paths,
         steering=numbers[:, 0],
         throttle=numbers[:, 1],
         brake=numbers[:, 2],
         speed_mph=numbers[:, 3],
-        time_s=times_from_names([row.paths[0] for row in rows]),
+        time_s=times_from_names(rows.paths[0]),
     )
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
@@ -140,7 +140,7 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
 
 def _refuse_or_note(
     log: Path,
-    rows: list[LogRow],
+    rows: LogColumns,
     missing: list[list[int]],
     finder: "ImageFinder",
     on_bad_image: str,
@@ -149,10 +149,10 @@ def _refuse_or_note(
     bad = {}
     for camera, indices in enumerate(missing):
         for index in indices:
-            written = rows[index].paths[camera]
-            bad[index] = f"{log}, row {rows[index].line}: no image {file_name(written)}"
-    no_center = [index for index, row in enumerate(rows) if not row.paths[0]]
-    bad |= {index: f"{log}, row {rows[index].line}: names no centre image" for index in no_center}
+            written = rows.paths[camera][index]
+            bad[index] = f"{log}, row {rows.line[index]}: no image {file_name(written)}"
+    no_center = [index for index, path in enumerate(rows.paths[0]) if not path]
+    bad |= {index: f"{log}, row {rows.line[index]}: names no centre image" for index in no_center}
     if bad and on_bad_image == "fail":
         raise InputError(
             f"{bad[min(bad)]} in {finder.searched()} ({len(bad)} of {len(rows)} rows lack one); "
@@ -189,6 +189,20 @@ class ImageFinder:
                 return found
         return None
 
+    def find_all(self, written: list[str]) -> list[str | None]:
+        """`find` for each; most of a log names one folder, where a look in a table is enough."""
+        first = next(filter(None, written), "")
+        folder = first[: len(first) - len(file_name(first))]
+        self.find(first)
+        table: dict[str, str] = {}
+        for candidate in reversed(self._candidates.get(folder, [])):
+            table |= self._listing(candidate)
+        start = len(folder)
+        return [
+            (path.startswith(folder) and table.get(path[start:])) or self.find(path)
+            for path in written
+        ]
+
     def searched(self) -> str:
         """The first folder looked in, for messages."""
         return str(self.images or self.root / "IMG")
@@ -224,13 +238,35 @@ def file_name(written: str) -> str:
 
 def times_from_names(names: list[str]) -> np.ndarray:
     """Seconds since 1970 (float64 [N]) from `..._2018_07_16_17_11_43_382.jpg`; NaN without."""
-    stamps = [
-        "{}-{}-{}T{}:{}:{}.{}".format(*found.groups()) if (found := _TIME.search(name)) else "NaT"
-        for name in names
-    ]
-    try:
-        times = np.array(stamps, dtype="datetime64[ms]")
-    except ValueError:  # a name that looks like a time and is none, such as month 13
-        return np.full(len(names), np.nan)
+    times = _plain_times(names)
+    if times is None:
+        stamps = [
+            "{}-{}-{}T{}:{}:{}.{}".format(*found.groups())
+            if (found := _TIME.search(one))
+            else "NaT"
+            for one in names
+        ]
+        try:
+            times = np.array(stamps, dtype="datetime64[ms]")
+        except ValueError:  # a name that looks like a time and is none, such as month 13
+            return np.full(len(names), np.nan)
     seconds = times.astype("int64") / 1000.0
     return np.where(np.isnat(times), np.nan, seconds)
+
+
+def _plain_times(names: list[str]) -> np.ndarray | None:
+    """datetime64[ms] [N] where every name ends in a time and three letters; None otherwise."""
+    try:
+        tails = np.array([name[-27:] for name in names], "S27")
+    except UnicodeEncodeError:
+        return None
+    letters = tails.view(np.uint8).reshape(-1, 27)[:, :24].copy()
+    between, digits = [4, 7, 10, 13, 16, 19, 23], letters - ord("0")
+    digits[:, between] = 0
+    if not len(names) or (digits > 9).any() or (letters[:, between] != list(b"______.")).any():
+        return None
+    letters[:, between] = list(b"--T::.Z")
+    try:
+        return letters[:, :23].copy().view("S23").ravel().astype("datetime64[ms]")
+    except ValueError:
+        return None

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
@@ -11,6 +12,11 @@ from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
 from datamodules.view import View
 from datamodules.view_store import load_views
+
+# Views up to this size in all are put together in memory, where one call takes a batch: it is less
+# than torch itself takes. Larger ones stay mapped, so that memory does not grow with the rows.
+RESIDENT_BYTES = 64_000_000
+SMALL_BYTES = 1_000  # of a picture, below which a call for each costs more than to copy it
 
 
 @dataclass(frozen=True)
@@ -34,14 +40,35 @@ class RowViews:
         """The views of the rows in `mask`, as `Recording.keep`."""
         return RowViews(self.files, self.file[mask], self.position[mask])
 
-    def take(self, rows: np.ndarray, cameras: np.ndarray | int) -> np.ndarray:
-        """Pictures uint8 [n, H, W, C] of rows (int64 [n]) and cameras (int64 [n], or one)."""
-        files, positions = self.file[rows, cameras], self.position[rows, cameras]
+    def take(
+        self, rows: np.ndarray, cameras: np.ndarray | int, mirrored: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Pictures uint8 [n, H, W, C] of rows (int64 [n]) and cameras (int64 [n], or one); those of
+        `mirrored` (bool [n]) left to right."""
+        positions = self.position[rows, cameras]
+        turned = np.zeros(len(rows), bool) if mirrored is None else mirrored
+        if len(self.files) == 1 and self.files[0][0].nbytes < SMALL_BYTES:
+            out = self.files[0][positions]
+            out[turned] = out[turned][:, :, ::-1]
+            return out
+        files = self.file[rows, cameras].tolist()
         out = np.empty((len(rows), *self.files[0].shape[1:]), np.uint8)
-        for number in np.unique(files):
-            mask = files == number
-            out[mask] = self.files[number][positions[mask]]
+        # One by one: all at once, numpy would copy a picture four times, and be slow to mirror it.
+        for at, (file, position, turn) in enumerate(
+            zip(files, positions.tolist(), turned.tolist(), strict=True)
+        ):
+            picture = self.files[file][position]
+            if turn:
+                cv2.flip(picture, 1, out[at])
+            else:
+                out[at] = picture
         return out
+
+    def resident(self) -> "RowViews":
+        """The same with all files in one array in memory."""
+        starts = np.cumsum([0, *map(len, self.files)])[:-1]
+        position = np.where(self.file >= 0, self.position + starts[self.file], -1)
+        return RowViews([np.concatenate(self.files)], np.minimum(self.file, 0), position)
 
 
 def load_row_views(
@@ -78,6 +105,8 @@ def load_row_views(
                 )
                 file[rows, camera] = len(files)
                 position[rows, camera] = np.arange(len(rows))
-                files.append(loaded.views)
+                files.append(np.asarray(loaded.views))  # a memmap is slow to index
                 faults |= {int(rows[at]): fault for at, fault in loaded.faults.items()}
-    return RowViews(files, file, position), faults
+    views = RowViews(files, file, position)
+    small = files and sum(one.nbytes for one in files) <= RESIDENT_BYTES
+    return views.resident() if small else views, faults

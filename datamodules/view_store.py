@@ -8,22 +8,25 @@ import errno
 import hashlib
 import json
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from filelock import FileLock, Timeout
 
+from datamodules.cores import usable_cores
 from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import View
 
 # Raise it when `decode_image` or `View` changes what comes out: old files are then not read again.
 VERSION = 1
-CHUNK = 256
+CHUNK = 32  # pictures that a thread decodes, and writes, at a time
 
 Progress = Callable[[int, int], None]
 
@@ -57,14 +60,11 @@ def load_views(
     """
     if folder is None:
         views = np.empty((len(paths), *view.shape), np.uint8)
-        faults = {}
-        start = 0
-        for chunk in decode_chunks(paths, view, faults):
+
+        def keep(start: int, chunk: np.ndarray) -> None:
             views[start : start + len(chunk)] = chunk
-            start += len(chunk)
-            if progress:
-                progress(start, len(paths))
-        return ViewFile(views, faults)
+
+        return ViewFile(views, decode_all(paths, view, keep, progress))
 
     target = folder / f"{cache_key(paths, view)}.npy"
     if not (target.exists() and _faults_path(target).exists()):
@@ -94,55 +94,80 @@ def cache_key(paths: list[str], view: View) -> str:
     return digest.hexdigest()[:24]
 
 
-def decode_chunks(paths: list[str], view: View, faults: dict[int, str]) -> Iterator[np.ndarray]:
-    """Yield uint8 [n, H, W, C] in the order of `paths`, decoded by one thread per core.
+def decode_all(
+    paths: list[str],
+    view: View,
+    keep: Callable[[int, np.ndarray], None],
+    progress: Progress | None = None,
+) -> dict[int, str]:
+    """Decode on every core, and return why some could not be, by position; those are zeros.
 
-    A bad image becomes zeros and a line in `faults`.
+    Args:
+        keep: called by several threads at once, with a position and uint8 [n, H, W, C] for there.
     """
 
-    def decode(path: str) -> np.ndarray | str:
-        try:
-            with open(path, "rb") as file:  # noqa: PTH123
-                return view(decode_image(file.read()))
-        except OSError as error:
-            return f"{path}: {error.strerror}"
-        except ValueError as error:
-            return f"{path}: {error}"
+    def decode(start: int) -> tuple[int, dict[int, str]]:
+        some = paths[start : start + CHUNK]
+        chunk, faults = np.zeros((len(some), *view.shape), np.uint8), {}
+        for offset, path in enumerate(some):
+            try:
+                with open(path, "rb") as file:  # noqa: PTH123
+                    chunk[offset] = view(decode_image(file.read()))
+            except OSError as error:
+                faults[start + offset] = f"{path}: {error.strerror}"
+            except ValueError as error:
+                faults[start + offset] = f"{path}: {error}"
+        keep(start, chunk)
+        return start + len(some), faults
 
+    all_faults: dict[int, str] = {}
+    threads = usable_cores()
     # OpenCV gives up the interpreter's lock while it decodes, so threads are enough.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for start in range(0, len(paths), CHUNK):
-            chunk = np.zeros((min(CHUNK, len(paths) - start), *view.shape), np.uint8)
-            for offset, result in enumerate(pool.map(decode, paths[start : start + CHUNK])):
-                if isinstance(result, str):
-                    faults[start + offset] = result
-                else:
-                    chunk[offset] = result
-            yield chunk
+    pool = ThreadPoolExecutor(threads)
+    try:
+        starts = iter(range(0, len(paths), CHUNK))
+        # A few ahead of those that are read, not all: an error ends it, and memory is bounded.
+        ahead = deque(pool.submit(decode, start) for start in islice(starts, 2 * threads))
+        while ahead:
+            done, faults = ahead.popleft().result()
+            ahead.extend(pool.submit(decode, start) for start in islice(starts, 1))
+            all_faults |= faults
+            if progress:
+                progress(done, len(paths))
+    finally:
+        pool.shutdown(cancel_futures=True)
+    return all_faults
 
 
 def _build(target: Path, paths: list[str], view: View, progress: Progress | None) -> None:
     """Write beside the target, then rename: whoever sees the name sees the whole file."""
     part = target.with_suffix(".part")  # a killed build's is overwritten: the lock is ours
-    faults: dict[int, str] = {}
     try:
         # Written, not mapped: on a full disk a write fails with an error, a mapped page kills.
         with part.open("wb") as file:
             header = {"descr": "|u1", "fortran_order": False, "shape": (len(paths), *view.shape)}
             np.lib.format.write_array_header_1_0(file, header)
-            done = 0
-            for chunk in decode_chunks(paths, view, faults):
-                file.write(chunk.tobytes())
-                done += len(chunk)
-                if progress:
-                    progress(done, len(paths))
             file.flush()
+            first, size = file.tell(), int(np.prod(view.shape))
+
+            def keep(start: int, chunk: np.ndarray) -> None:
+                _write_at(file.fileno(), chunk, first + start * size)
+
+            faults = decode_all(paths, view, keep, progress)
             os.fsync(file.fileno())
         _faults_path(target).write_text(json.dumps(faults))
         part.replace(target)
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
+    """All of a chunk: a system that has no more room may take a part of it first."""
+    left = memoryview(chunk).cast("B")
+    while left:
+        written = os.pwrite(descriptor, left, offset)
+        left, offset = left[written:], offset + written
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.errors import InputError
 from zoo.command_line import run_command
 from zoo.config import conf_folder, quote_paths
+from zoo.process import wait_without_spinning
 from zoo.status import StoppedError
 
 # torch, lightning and albumentations take seconds to import; --help and a typo need none of them.
@@ -18,10 +19,16 @@ from zoo.status import StoppedError
 
 def zoo(arguments: list[str]) -> None:
     """`resume=FOLDER [overrides]`, or what Hydra makes of the arguments."""
+    wait_without_spinning()
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]
         resume(Path(resumed[0].removeprefix("resume=")), overrides)
+        return
+    if is_sweep(arguments):
+        from zoo.sweeping.start import sweep
+
+        sweep(arguments)
         return
 
     failures: list[Exception] = []
@@ -32,7 +39,7 @@ def zoo(arguments: list[str]) -> None:
         try:
             return run_experiment(config, Path(HydraConfig.get().runtime.output_dir))
         except InputError as error:
-            failures.append(error)  # a sweep goes on with its other jobs
+            failures.append(error)  # Hydra would print more than a line
             return float("nan")
         except StoppedError as error:
             raise KeyboardInterrupt(str(error)) from error
@@ -43,11 +50,14 @@ def zoo(arguments: list[str]) -> None:
     try:
         hydra.main(version_base="1.3", config_path=conf, config_name="config")(train)()
     except KeyboardInterrupt as error:
-        # Hydra lets nothing else end a sweep between its jobs.
         raise StoppedError(str(error) or "stopped") from None
     if failures:
-        count = f"{len(failures)} jobs failed: " if len(failures) > 1 else ""
-        raise InputError(count + "; ".join(str(failure) for failure in failures))
+        raise failures[0]
+
+
+def is_sweep(arguments: list[str]) -> bool:
+    """Whether a command asks for several runs."""
+    return any(one in ("-m", "--multirun", "hydra.mode=MULTIRUN") for one in arguments)
 
 
 def resume(folder: Path, overrides: list[str]) -> None:

@@ -21,6 +21,7 @@ from zoo.checkpoint import VIEW_KEYS, make_network
 from zoo.steering_module import SteeringModule
 
 QUICK_EPOCHS, QUICK_SAMPLES = 3, 3_200
+OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
 
 
 def apply_quick(config: DictConfig) -> None:
@@ -74,6 +75,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         raise InputError(
             f"trainer.max_epochs={config.trainer.max_epochs} is not a whole number, 0 or more"
         )
+    lightnings = {key: value for key, value in config.trainer.items() if key not in OWN_KEYS}
     callbacks = [
         _instantiate(f"callbacks.{name}", settings)
         for name, settings in (config.callbacks or {}).items()
@@ -99,7 +101,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
             loggers.append(_instantiate(f"logger.{name}", settings, **place))
     return _instantiate(
         "trainer",
-        config.trainer,
+        lightnings,
         callbacks=callbacks,
         logger=loggers,
         default_root_dir=str(folder),
@@ -146,6 +148,8 @@ def silence_libraries() -> None:
         ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
         # On a cluster's login node, and in a job that means to use one process.
         ".*The `srun` command is available on your system but is not used.*",
+        # Every process has the first one's figures.
+        ".*when logging on epoch level in distributed setting to accumulate the metric.*",
         # data.val_share=0 is allowed.
         ".*Total length of `list` across ranks is zero.*",
     ]

@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import lightning
-import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -16,13 +15,11 @@ from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
 from zoo.embedded_recording import apply_recording
 from zoo.outcome import report_outcome
+from zoo.pace import set_pace
 from zoo.scoring.tracks import run_options
 from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
-
-# A step of so small a network costs less than two threads' meeting: 52,000 samples/s with one
-# thread, 30,000 with two, and 1,200 with two on cores that another program is using.
-ONE_THREAD_BELOW = 1_000
+from zoo.together import ending_together
 
 
 def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> float:
@@ -50,8 +47,6 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
             {"fingerprint": data.recording.fingerprint(), "rows": len(data.recording)},
         )
         module = build_module(config, data, card)
-        if sum(p.numel() for p in module.network.parameters()) < ONE_THREAD_BELOW:
-            torch.set_num_threads(1)
         last = folder / "checkpoints" / "last.ckpt"
         start = _checked_last(last, card) if resume and last.is_file() else None
         if start is None and config.model.weights is not None:
@@ -62,7 +57,9 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
         _say_what_runs(console, config, module, data, trainer)
-        _fit(trainer, module, data, start, folder)
+        set_pace(config, module, data, trainer, console)
+        with ending_together(trainer, folder, _resume_command(folder)):
+            _fit(trainer, module, data, start, folder)
         if not trainer.is_global_zero:
             return float("nan")
         _take_best(module, folder)

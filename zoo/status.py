@@ -1,33 +1,50 @@
-"""`status.json`: whether a run is going on, has finished, or failed and why."""
+"""`status.json`: whether a run is going on, has finished, was pruned, or failed and why."""
 
 import json
 import os
+import socket
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 
+import psutil
+
 NAME = "status.json"
+# A run on another machine shows that it lives by touching its file, which its clock dates.
+BEAT_S, GONE_S = 20.0, 180.0
 
 
 class StoppedError(Exception):
     """A person stopped the training; the message says how to go on."""
 
 
+class PrunedError(Exception):
+    """A search gave this training up for others that promise more."""
+
+
 @contextmanager
 def run_status(folder: Path) -> Iterator[None]:
-    """`running` within, then `finished`, or `failed` with the reason; whatever the exception."""
+    """`running` within, then `finished`, `pruned`, or `failed` with the reason, whatever it is."""
     if not is_first_process():
         yield
         return
     write_status(folder, "running")
+    over = threading.Event()
+    threading.Thread(target=_beat, args=(folder / NAME, over), daemon=True).start()
+    status, reason = "finished", {}
     try:
         yield
     except BaseException as error:
-        reason = str(error) or type(error).__name__
-        write_status(folder, "failed", reason=reason.splitlines()[0])
+        said = str(error) or type(error).__name__
+        status = "pruned" if isinstance(error, PrunedError) else "failed"
+        reason = {"reason": said.splitlines()[0]}
         raise
-    write_status(folder, "finished")
+    finally:
+        over.set()
+        write_status(folder, status, **reason)
 
 
 def is_first_process() -> bool:
@@ -37,14 +54,65 @@ def is_first_process() -> bool:
 
 def write_status(folder: Path, status: str, **more: str) -> None:
     """Replace the file at once, so that a reader never sees half of it."""
-    now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    contents = {"status": status, "pid": os.getpid(), "time": now, **more}
-    part = folder / f"{NAME}.part"
+    contents = {
+        "status": status,
+        "pid": os.getpid(),
+        "host": socket.gethostname(),
+        # A process's number is given out again; with the time of its start it is one of its kind.
+        "process_started": psutil.Process().create_time(),
+        "time": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        **more,
+    }
+    part = folder / f"{NAME}.{os.getpid()}.part"
     part.write_text(json.dumps(contents, indent=2))
     part.replace(folder / NAME)
 
 
 def read_status(folder: Path) -> dict:
-    """What `write_status` wrote last; an empty dict where nothing did."""
-    path = folder / NAME
-    return json.loads(path.read_text()) if path.is_file() else {}
+    """What `write_status` wrote last; an empty dict where nothing did, or nothing that can be."""
+    try:
+        found = json.loads((folder / NAME).read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def is_alive(folder: Path) -> bool:
+    """Whether the process that runs in `folder` is there; False where none does.
+
+    On this machine the process itself is asked for. Another machine's must have touched its
+    `status.json` within three minutes, by our clock.
+    """
+    status = read_status(folder)
+    if status.get("status") != "running":
+        return False
+    if status.get("host", socket.gethostname()) != socket.gethostname():
+        return time.time() - (folder / NAME).stat().st_mtime < GONE_S
+    try:
+        process = psutil.Process(status["pid"])
+        started = process.create_time()
+        gone = process.status() == psutil.STATUS_ZOMBIE
+    except (psutil.Error, KeyError, TypeError):
+        return False
+    return not gone and abs(started - status.get("process_started", started)) < 2
+
+
+def is_beating(folder: Path) -> bool:
+    """`is_alive`, and where another machine's process might be: whether it gives a sign of life
+    within three of its beats. One that was stopped a moment ago looks alive for minutes."""
+    if not is_alive(folder) or read_status(folder).get("host") == socket.gethostname():
+        return is_alive(folder)
+    before, until = (folder / NAME).stat().st_mtime, time.monotonic() + 3 * BEAT_S
+    while time.monotonic() < until:
+        if (folder / NAME).stat().st_mtime != before:
+            return is_alive(folder)
+        time.sleep(1)
+    return False
+
+
+def _beat(path: Path, over: threading.Event) -> None:
+    while not over.wait(BEAT_S):
+        try:
+            os.utime(path)
+        except OSError:  # the folder was removed, or its disk is away for a moment
+            continue

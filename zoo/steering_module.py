@@ -6,10 +6,12 @@ from collections.abc import Callable
 import lightning
 import numpy as np
 import torch
+from rich.console import Console
 from torch import Tensor, nn
 
 from datamodules.batches import Batch
 from datamodules.errors import InputError
+from zoo.compilation import compile_step
 from zoo.open_loop import open_loop_metrics
 
 CHECK_EVERY = 20  # steps between looks at the loss: each look waits for the device
@@ -27,6 +29,13 @@ class SteeringModule(lightning.LightningModule):
         backbone_lr: the learning rate of the network's `backbone`, where it has one.
         seed: of dropout, by epoch, so that a resumed run repeats an unbroken one.
         card: plain containers that every checkpoint carries (see `zoo.checkpoint`).
+
+    A step of Lightning's may take several batches, a list of them, one optimizer step each: for a
+    small network Lightning's own work costs more than the network's.
+
+    Of several processes each has its share of a batch, perhaps a sample more or less than another,
+    or none. Their mean gradient is that of the whole batch's loss: each loss is weighted by its
+    share of what the whole is divided by.
 
     Logs `train/loss` (mean over the epoch, of the loss without l2) and, over the validation rows,
     `val/mse`, `val/mae`, `val/balanced_mae`, `val/bias` (see `zoo.open_loop`).
@@ -48,33 +57,91 @@ class SteeringModule(lightning.LightningModule):
         self.optimizer, self.schedule = optimizer, schedule
         self.l2, self.backbone_lr, self.seed, self.card = l2, backbone_lr, seed, card or {}
         # Of this process alone: a run that goes on counts anew.
-        self.train_samples, self.train_epochs, self.train_seconds = 0, 0, 0.0
+        self.train_epochs, self.train_seconds = 0, 0.0
+        self._samples_before = 0
+        self._loss_sum: Tensor | float = 0.0
+        self._loss_count: Tensor | int = 0
         self.validation: tuple[np.ndarray, np.ndarray] | None = None
+        self._compiled: Callable | None = None
+        self._compiled_size = 0
 
     def forward(self, batch: Batch) -> Tensor:
         """Float32 [N, outputs], steering first."""
-        if self.network.takes_speed:
-            return self.network(batch["images"], batch["speed"])
-        return self.network(batch["images"])
+        return predict(self.network, batch)
+
+    def compile_batches_of(self, size: int, console: Console) -> None:
+        """Compile the loss of training batches of `size`; others are few, and run as before."""
+        network, loss = self.network, self.loss  # all of it that the compiler is to look at
+
+        def batch_loss(batch: Batch) -> Tensor:
+            return loss(predict(network, batch), batch["targets"][:, : network.outputs])
+
+        self._compiled, self._compiled_size = compile_step(batch_loss, console), size
 
     def on_train_epoch_start(self) -> None:
-        self._loss_sum: Tensor | float = 0.0
-        self._loss_count = 0
+        self._samples_before = self.train_samples
+        self._loss_sum, self._loss_count = 0.0, 0
         self._clock = time.perf_counter()
 
-    def training_step(self, batch: Batch, number: int) -> Tensor:
+    def on_train_batch_start(self, batch: Batch | list[Batch], number: int) -> None:
+        self._ahead = batch[:-1] if isinstance(batch, list) else []
         if number == 0:
             # Dropout's draws depend on the epoch alone, so that a resumed run repeats them. Not
             # earlier: making a loader's iterator draws too, and a resumed run makes it before.
             torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
-        loss = self.loss(self(batch), batch["targets"][:, : self.network.outputs])
-        count = len(batch["images"])
-        self._loss_sum = self._loss_sum + loss.detach() * count
-        self._loss_count += count
-        self.train_samples += count * self.trainer.world_size
+
+    def training_step(self, batch: Batch | list[Batch], number: int) -> Tensor:
+        loss = self._counted_loss(batch[-1] if isinstance(batch, list) else batch)
         if number % CHECK_EVERY == 0:
             self._check_finite()
         return loss
+
+    def optimizer_step(self, epoch: int, number: int, optimizer: object, closure: Callable) -> None:
+        """Steps for all batches of this one but the last, and then Lightning's, for the last."""
+        if self._ahead:
+            plain = optimizer.optimizer
+            for batch in self._ahead:
+                with self.trainer.precision_plugin.train_step_context():
+                    loss = self._counted_loss(batch)
+                plain.zero_grad()
+                loss.backward()
+                plain.step()
+        super().optimizer_step(epoch, number, optimizer, closure)
+
+    def _counted_loss(self, batch: Batch) -> Tensor:
+        count = len(batch["images"])
+        if not count:  # of a batch that is smaller than there are processes
+            loss = sum(0.0 * p.sum() for p in self.network.parameters() if p.requires_grad)
+        else:
+            compiled = self._compiled and count == self._compiled_size
+            loss = (self._compiled if compiled else self._loss)(batch)
+        if self.trainer.world_size > 1:
+            return self._share_of_loss(loss, batch["targets"], count)
+        # Not summed in place: a compiled step owns the loss that it returns.
+        self._loss_sum = self._loss_sum + loss.detach() * count
+        self._loss_count += count
+        return loss
+
+    def _share_of_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
+        """This process's loss, such that the processes' mean is the loss of the whole batch; all of
+        them count that, so that all stop where it is not finite."""
+        divisor = getattr(self.loss, "divisor", None)  # of a mean: the number of samples
+        share = loss.new_tensor(count) if divisor is None else divisor(targets).to(loss)
+        # In double precision: a sum of counts is exact in it.
+        sums = torch.stack([loss.detach() * share, share, loss.new_tensor(count)]).double()
+        torch.distributed.all_reduce(sums)
+        whole, divided_by, samples = sums
+        self._loss_sum = self._loss_sum + whole / divided_by * samples
+        self._loss_count = self._loss_count + samples
+        return loss * (share * self.trainer.world_size / divided_by).to(loss)
+
+    @property
+    def train_samples(self) -> int:
+        """Samples trained on by this process and those beside it."""
+        return self._samples_before + int(self._loss_count)
+
+    def _loss(self, batch: Batch) -> Tensor:
+        return self.loss(self(batch), batch["targets"][:, : self.network.outputs])
 
     def on_train_batch_end(self, *_: object) -> None:
         # From the end of a step to the end of the next: validation and pictures do not count.
@@ -90,10 +157,10 @@ class SteeringModule(lightning.LightningModule):
     def on_train_epoch_end(self) -> None:
         self._check_finite()
         self.train_epochs += 1
-        self.log("train/loss", self.mean_loss(), sync_dist=True)
+        self.log("train/loss", float(self.mean_loss()), sync_dist=True)
 
     def mean_loss(self) -> Tensor:
-        """The mean loss of the epoch so far."""
+        """The mean loss of the epoch so far, of all processes' samples."""
         return self._loss_sum / self._loss_count
 
     def _check_finite(self) -> None:
@@ -115,7 +182,8 @@ class SteeringModule(lightning.LightningModule):
     def on_validation_epoch_end(self) -> None:
         predicted, true = torch.cat(self._predicted).numpy(), torch.cat(self._true).numpy()
         self.validation = predicted, true
-        metrics = open_loop_metrics(predicted, true)
+        # Every process has predicted all rows; what is decided by them must not differ by a hair.
+        metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
         self.log_dict(
             {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
         )
@@ -152,3 +220,10 @@ class SteeringModule(lightning.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict) -> None:
         checkpoint["drivezoo"] = self.card
+
+
+def predict(network: nn.Module, batch: Batch) -> Tensor:
+    """Float32 [N, outputs], steering first."""
+    if network.takes_speed:
+        return network(batch["images"], batch["speed"])
+    return network(batch["images"])

@@ -290,3 +290,28 @@ def test_value_that_cannot_be_names_its_key(setting):
     with pytest.raises(InputError) as caught:
         DrivingData("lake", VIEW, **setting)
     assert str(caught.value).startswith(f"data.{key}={value} is not ")
+
+
+def test_a_recording_with_weight_is_fed_as_many_times(recorded, tmp_path, console):
+    other = write_recording(tmp_path / "other", rows=60, seed=1)
+    data = DrivingData(
+        [str(recorded.folder), str(other.folder)],
+        VIEW,
+        weights=[1, 3],
+        cache=None,
+        cameras=["center"],
+        straight_cap=None,
+        batch_size=16,
+        val_share=0,
+        test_share=0,
+    )
+    data.load(console)
+    fed = np.concatenate([key.samples for key in data.sampler()])
+    number = data.recording.recording[data.samples.row[fed]]
+    assert np.bincount(number).tolist() == [120, 180]
+
+
+@pytest.mark.parametrize("weights", [[1], [1, 2, 3], [1, 0], [1, -2], [1, "two"], 4, [1, True]])
+def test_weights_are_one_for_each_recording(weights, recorded):
+    with pytest.raises(InputError, match=r"data.weights=.* is not .* list of 2 numbers above 0"):
+        DrivingData([str(recorded.folder)] * 2, VIEW, weights=weights)

@@ -43,10 +43,11 @@ class TrainingProgress(lightning.Callback):
         trainer: lightning.Trainer,
         module: lightning.LightningModule,
         outputs: object,
-        batch: dict,
+        batch: dict | list[dict],
         number: int,
     ) -> None:
-        self.done += len(batch["images"]) * trainer.world_size
+        together = batch if isinstance(batch, list) else [batch]
+        self.done += sum(len(one["images"]) for one in together) * trainer.world_size
         now = time.perf_counter()
         if self.progress is None or now < self.next_refresh:
             return

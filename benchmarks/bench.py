@@ -1,0 +1,99 @@
+"""`python benchmarks/bench.py [ONLY=feed,start] [short]`: how fast everything is, as ratios.
+
+Runs every part (a file here with a function `measure`) in a process of its own, prints one table
+and writes `outputs/bench.json`. `short` only shows that it works: its figures mean nothing.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from timing import Row, print_rows
+
+from datamodules.cores import usable_cores
+
+HERE = Path(__file__).parent
+OUT = Path("outputs/bench.json")
+PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
+
+
+def part_names() -> list[str]:
+    """The parts that there are, those that matter to a training first."""
+    names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
+    first = ("feed", "training", "tiny", "start", "cache", "growth")
+    return [name for name in first if name in names] + [one for one in names if one not in first]
+
+
+def run_one(name: str, short: bool, console: Console) -> list[Row]:
+    """A part's rows; none, and what it said, where it fails."""
+    console.print(f"{name} ...", highlight=False)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "rows.json"
+        command = [sys.executable, str(HERE / f"{name}.py"), f"out={out}"]
+        result = subprocess.run(
+            command + ["short"] * short, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        if result.returncode or not out.is_file():
+            console.print(result.stdout[-2000:], f"{name}: failed", markup=False, highlight=False)
+            return []
+        return [Row(**row) for row in json.loads(out.read_text())]
+
+
+def machine() -> dict:
+    """What the figures depend on."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.split(": ")[1] for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    return {
+        "processor": model,
+        "cores": usable_cores(),
+        "threads": os.environ.get("OMP_NUM_THREADS", "not set"),
+        "load_before": os.getloadavg(),
+        "python": platform.python_version(),
+        "versions": {package: version(package) for package in PACKAGES},
+    }
+
+
+def main(arguments: list[str]) -> int:
+    """Print the table; 1 where a part failed."""
+    console = Console()
+    names = part_names()
+    wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
+    chosen = [name for one in wanted for name in one.split(",") if name] or names
+    for name in chosen:
+        if name not in names:
+            console.print(f"bench: {name}: no such part; there are {', '.join(names)}")
+            return 1
+    began, known, rows, failed = time.perf_counter(), machine(), [], []
+    for name in chosen:
+        of_part = run_one(name, "short" in arguments, console)
+        failed += [] if of_part else [name]
+        rows += of_part
+    seconds = time.perf_counter() - began
+    print_rows(rows, console)
+    load = known["load_before"][0]
+    console.print(
+        f"{known['processor']}, {known['cores']} cores, load {load:.1f} before it began; "
+        f"torch {known['versions']['torch']}; {seconds:.0f} s; {OUT}",
+        highlight=False,
+    )
+    kept = [asdict(row) | {"met": row.met} for row in rows]
+    contents = known | {"short": "short" in arguments, "seconds": seconds, "rows": kept}
+    OUT.parent.mkdir(exist_ok=True)
+    OUT.write_text(json.dumps(contents, indent=1) + "\n")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,62 @@
+"""`python benchmarks/feed.py`: training samples a second, ours and sample by sample."""
+
+import time
+from collections.abc import Callable, Iterator
+
+from material import AUGMENT, config_for, linked_recording
+from rich.console import Console
+from sample_by_sample import SampleBySample
+from timing import Row, median_ratio, medians, run_part, take_turns
+from torch.utils.data import DataLoader
+
+from datamodules.driving import DrivingData
+from zoo.build import build_data
+from zoo.process import keep_freed_memory
+
+BATCH = 64
+
+
+def measure(short: bool) -> list[Row]:
+    """Batches of nvidia's view, flipped and changed by brightness, shadow and shift."""
+    rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 7)
+    config = config_for(linked_recording(rows), AUGMENT, f"data.batch_size={BATCH}")
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    loader = DataLoader(SampleBySample(data), batch_size=BATCH, shuffle=True)
+    keep_freed_memory()  # as a run does
+    measures = {
+        "ours/s": rate(batch_sizes(data), 8 * batches),
+        "sample by sample/s": rate(map(len, (one["images"] for one in endless(loader))), batches),
+    }
+    take_turns(measures, 1)  # pages, pools
+    found = take_turns(measures, rounds)
+    ratio = median_ratio(*found.values())
+    what = "feeding, 66 x 200, flip, brightness, shift, shadow"
+    return [Row(what, "decoded, resized, augmented one by one", ratio, 10.0, True, medians(found))]
+
+
+def batch_sizes(data: DrivingData) -> Iterator[int]:
+    """Batch after batch of ours, as a DataLoader asks for them."""
+    for batch in endless(data.train_dataloader()):
+        yield len(batch["images"])
+
+
+def endless(loader: DataLoader) -> Iterator[dict]:
+    """Epoch after epoch."""
+    while True:
+        yield from loader
+
+
+def rate(sizes: Iterator[int], batches: int) -> Callable[[], float]:
+    """A measure: samples a second over the next so many batches."""
+
+    def run() -> float:
+        began = time.perf_counter()
+        count = sum(next(sizes) for _ in range(batches))
+        return count / (time.perf_counter() - began)
+
+    return run
+
+
+if __name__ == "__main__":
+    run_part(measure)

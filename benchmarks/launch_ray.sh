@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# bash benchmarks/launch_ray.sh [RECORDING]
+# A Ray cluster of two nodes on this machine (two raylets), a sweep of four jobs on it, and where
+# each was trained. Wants pip install 'drivezoo[ray]'. PYTHON=... names the interpreter.
+set -euo pipefail
+export RAY_TMPDIR="${RAY_TMPDIR:-$(mktemp -d /tmp/ray-XXXX)}" RAY_AUTH_MODE=disabled RAY_USAGE_STATS_ENABLED=0
+python="${PYTHON:-python}"
+ray="$(dirname "$("$python" -c 'import sys; print(sys.executable)')")/ray"
+out="$(mktemp -d)"
+trap '"$ray" stop --force >/dev/null 2>&1 || true; rm -rf "$RAY_TMPDIR"; echo "left in $out"' EXIT
+
+"$ray" start --head --port=6399 --num-cpus=1 --include-dashboard=false --disable-usage-stats >/dev/null
+"$ray" start --address=127.0.0.1:6399 --num-cpus=1 >/dev/null
+"$python" -c "import ray; ray.init('127.0.0.1:6399', log_to_driver=False, logging_level='error')
+print(len([n for n in ray.nodes() if n['Alive']]), 'nodes,', ray.cluster_resources()['CPU'], 'CPUs')"
+
+"$python" -m zoo -m hydra/launcher=ray hydra.launcher.init.address=127.0.0.1:6399 \
+    experiment=tiny41 seed=1,2,3,4 trainer.max_epochs=3 score=none hydra.sweep.dir="$out" \
+    ${1:+data.root="$1"}
+grep -h '"pid"' "$out"/*/status.json | sort | uniq -c

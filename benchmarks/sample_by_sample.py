@@ -1,0 +1,38 @@
+"""The usual way to feed, as a reference: each sample decoded, resized and augmented when drawn."""
+
+from pathlib import Path
+
+import albumentations
+import cv2
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from datamodules.driving import DrivingData
+
+
+class SampleBySample(Dataset):
+    """The same samples as `DrivingData`'s, by OpenCV and albumentations, one at a time."""
+
+    def __init__(self, data: DrivingData) -> None:
+        self.samples, self.images, self.view = data.samples, data.recording.images, data.view
+        # The same transforms, as albumentations runs them.
+        transforms = [change.transform for change in data.augment.changes]
+        self.augment = albumentations.Compose(transforms)
+        self.rng = np.random.default_rng(0)
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        samples = self.samples
+        path = Path(self.images[samples.row[index], samples.camera[index]])
+        frame = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+        picture, steering = self.view(frame), float(samples.steering[index])
+        if self.rng.random() < 0.5:
+            picture, steering = np.ascontiguousarray(picture[:, ::-1]), -steering
+        changed = self.augment(image=picture, steering=steering)
+        return {
+            "images": torch.from_numpy(changed["image"]).permute(2, 0, 1).contiguous(),
+            "targets": torch.tensor([changed["steering"]], dtype=torch.float32),
+        }

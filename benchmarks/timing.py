@@ -1,0 +1,126 @@
+"""What the parts of `make bench` share: rows of its table, and fair turns for what is compared.
+
+A part is a file here with `measure(short) -> list[Row]`. It runs alone, `python benchmarks/PART.py
+[short]`, and as one of many, by `python benchmarks/bench.py`.
+"""
+
+import json
+import multiprocessing
+import os
+import statistics
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        ratio: what was measured as a multiple of its reference, the median over the rounds.
+        aim: what the ratio should reach; None where the row is for information.
+        at_least: whether more is better; otherwise less is.
+        figures: what the ratio is of, medians with their units in their names.
+    """
+
+    what: str
+    reference: str
+    ratio: float
+    aim: float | None = None
+    at_least: bool = True
+    figures: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def met(self) -> bool | None:
+        if self.aim is None:
+            return None
+        return self.ratio >= self.aim if self.at_least else self.ratio <= self.aim
+
+
+def take_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+    """Each measure once a round, so that a busy minute of the machine strikes all alike."""
+    found: dict[str, list[float]] = {name: [] for name in measures}
+    for _ in range(rounds):
+        for name, measure in measures.items():
+            found[name].append(measure())
+    return found
+
+
+def median_ratio(ours: list[float], theirs: list[float]) -> float:
+    """The median over rounds of one over the other."""
+    return statistics.median(one / other for one, other in zip(ours, theirs, strict=True))
+
+
+def medians(found: dict[str, list[float]]) -> dict[str, float]:
+    """For `Row.figures`."""
+    return {name: statistics.median(values) for name, values in found.items()}
+
+
+@contextmanager
+def contestant(
+    target: Callable[..., None], *arguments: object, environment: dict[str, str] | None = None
+) -> Iterator[Callable[[], float]]:
+    """A process of its own, for settings that a process makes once; what is yielded measures in it.
+
+    `target(pipe, *arguments)` sends None when it is ready; each time it receives True it measures
+    and sends the figure; it ends when it receives False.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    before = dict(os.environ)
+    for name, value in (environment or {}).items():
+        os.environ.pop(name, None)
+        if value:
+            os.environ[name] = value
+    process = context.Process(target=target, args=(theirs, *arguments))
+    process.start()
+    theirs.close()
+    os.environ.clear()
+    os.environ.update(before)
+    try:
+        ours.recv()
+        yield lambda: _ask(ours)
+        ours.send(False)
+        process.join(30)
+    finally:
+        process.kill()
+        process.join()
+
+
+def _ask(pipe: Connection) -> float:
+    pipe.send(True)
+    return pipe.recv()
+
+
+def print_rows(rows: list[Row], console: Console) -> None:
+    """The table, and the figures below each row."""
+    table = Table("what", "against", "ratio", "aim", "met")
+    for row in rows:
+        sign = "at least" if row.at_least else "at most"
+        aim = "" if row.aim is None else f"{sign} {row.aim:.3g}"
+        met = {None: "", True: "yes", False: "no"}[row.met]
+        figures = ", ".join(f"{name} {value:,.4g}" for name, value in row.figures.items())
+        table.add_row(
+            f"{row.what}\n[dim]{figures}[/dim]", row.reference, f"{row.ratio:.2f}", aim, met
+        )
+    console.print(table)
+
+
+def run_part(measure: Callable[[bool], list[Row]]) -> None:
+    """`__main__` of a part: `[short] [out=FILE]`."""
+    if "OMP_WAIT_POLICY" not in os.environ:  # read when torch is imported, which has happened
+        environment = os.environ | {"OMP_WAIT_POLICY": "PASSIVE"}
+        os.execve(sys.executable, [sys.executable, *sys.argv], environment)
+    rows = measure("short" in sys.argv[1:])
+    out = [one.removeprefix("out=") for one in sys.argv[1:] if one.startswith("out=")]
+    if out:
+        Path(out[0]).write_text(json.dumps([asdict(row) for row in rows]))
+    else:
+        print_rows(rows, Console())

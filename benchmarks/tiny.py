@@ -1,0 +1,77 @@
+"""`python benchmarks/tiny.py`: 30 epochs of the network of 41 parameters, whose cost is overhead.
+
+A whole fit of `python -m zoo`, with validation, checkpoints, logs and progress, against a bare loop
+that takes as many steps over the same batches, which are tensors in memory.
+"""
+
+import time
+from pathlib import Path
+
+import torch
+from material import OUT, config_for, linked_recording
+from rich.console import Console
+from timing import Row, median_ratio, medians, run_part, take_turns
+
+from datamodules.driving import DrivingData
+
+SAMPLES, BATCH, EPOCHS = 24_000, 128, 30
+
+
+def measure(short: bool) -> list[Row]:
+    """The time of a fit as a multiple of the bare loop's, and of ten seconds."""
+    epochs, rounds = (1, 1) if short else (EPOCHS, 3)
+    config = config_for(
+        linked_recording(200 if short else 3_000),
+        "experiment=tiny41",
+        f"data.samples_per_epoch={SAMPLES}",
+        f"trainer.max_epochs={epochs}",
+        "trainer.accelerator=cpu",
+    )
+    from zoo.build import build_data, build_module
+
+    torch.set_num_threads(1)
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    batches = list(data.train_dataloader())
+
+    def bare() -> float:
+        module = build_module(config, data, {})
+        network = module.network.train()
+        optimizer = module.optimizer(list(network.parameters()))
+        began = time.perf_counter()
+        for _ in range(epochs):
+            for batch in batches:
+                loss = module.loss(network(batch["images"]), batch["targets"][:, :1])
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+        return time.perf_counter() - began
+
+    found = take_turns({"zoo s": lambda: fit(config, data), "bare loop s": bare}, rounds)
+    ours, theirs = found.values()
+    what = f"tiny, 41 parameters, {epochs} epochs of {SAMPLES:,} samples"
+    seconds = medians({"zoo s": ours})
+    return [
+        Row(what, "a bare loop", median_ratio(ours, theirs), 2.0, False, medians(found)),
+        Row(what, "10 s", seconds["zoo s"] / 10, 1.0, False, seconds),
+    ]
+
+
+def fit(config: object, data: DrivingData) -> float:
+    """Seconds of the fit alone: the load is the cache's matter, the start-up another row's."""
+    from zoo.build import build_module, build_trainer
+    from zoo.pace import set_pace
+
+    folder = Path(OUT / "run")
+    folder.mkdir(parents=True, exist_ok=True)
+    module = build_module(config, data, {})
+    trainer = build_trainer(config, folder, has_validation=True)
+    trainer.callbacks = [one for one in trainer.callbacks if "pictures" not in type(one).__module__]
+    set_pace(config, module, data, trainer, Console(quiet=True))
+    began = time.perf_counter()
+    trainer.fit(module, datamodule=data)
+    return time.perf_counter() - began
+
+
+if __name__ == "__main__":
+    run_part(measure)

@@ -1,0 +1,210 @@
+"""`python benchmarks/training.py`: training nvidia from end to end, and as a bare loop.
+
+Four processes take turns: `python -m zoo` itself, epoch by epoch; the same network in a bare loop
+on tensors that are in memory, with the settings of the first; that loop as torch has it by default;
+and one fed by a DataLoader with four workers, that decodes, resizes and augments sample by sample.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import lightning
+import torch
+from material import AUGMENT, OUT, config_for, linked_recording
+from rich.console import Console
+from timing import Row, contestant, median_ratio, medians, run_part, take_turns
+
+BATCH, WORKERS = 64, 4
+DEFAULTS = {"OMP_WAIT_POLICY": ""}  # what a process has that sets nothing
+
+
+def measure(short: bool) -> list[Row]:
+    """Three rows: against the DataLoader, against the bare loop, and that against torch's."""
+    from zoo.compilation import find_compiler
+
+    batches, rounds = (2, 1) if short else (12, 5)
+    compiled = bool(find_compiler()) and not short
+    with ExitStack() as stack:
+
+        def enter(target: Callable, *arguments: object, **more: object) -> Callable[[], float]:
+            return stack.enter_context(contestant(target, *arguments, **more))
+
+        found = take_turns(
+            {
+                "zoo/s": enter(run_zoo, batches, compiled),
+                "bare loop/s": enter(run_bare, batches, True, compiled),
+                "bare by default/s": enter(run_bare, batches, False, False, environment=DEFAULTS),
+                "sample by sample/s": enter(run_samples, batches, environment=DEFAULTS),
+            },
+            rounds,
+        )
+    zoo, bare, default, samples = found.values()
+    how = "compiled" if compiled else "not compiled"
+    return [
+        Row(
+            f"training nvidia, batch {BATCH}, augmented, {how}",
+            f"DataLoader, {WORKERS} workers, sample by sample",
+            median_ratio(zoo, samples),
+            3.6,
+            figures=medians({"zoo/s": zoo, "sample by sample/s": samples}),
+        ),
+        Row(
+            "the same, a whole run after start-up",
+            "a bare loop on tensors in memory, same settings",
+            median_ratio(zoo, bare),
+            0.9,
+            figures=medians({"zoo/s": zoo, "bare loop/s": bare}),
+        ),
+        Row(
+            f"the bare loop: kept memory, channels last, fused Adam, {how}",
+            "eager, torch's defaults",
+            median_ratio(bare, default),
+            1.75,
+            figures=medians({"bare loop/s": bare, "bare by default/s": default}),
+        ),
+    ]
+
+
+class EpochByEpoch(lightning.Callback):
+    """Lets a training go on for an epoch when it is told to, and says its samples a second."""
+
+    def __init__(self, pipe: Connection, warm_up: int) -> None:
+        self.pipe, self.warm_up = pipe, warm_up
+
+    def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
+        if trainer.current_epoch == self.warm_up:
+            self.pipe.send(None)
+        if trainer.current_epoch >= self.warm_up and not self.pipe.recv():
+            os._exit(0)
+        self.samples, self.began = module.train_samples, time.perf_counter()
+
+    def on_train_batch_end(self, trainer: lightning.Trainer, module: object, *_: object) -> None:
+        self.seconds = time.perf_counter() - self.began
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:
+        if trainer.current_epoch >= self.warm_up:
+            self.pipe.send((module.train_samples - self.samples) / self.seconds)
+
+
+def run_zoo(pipe: Connection, batches: int, compiled: bool) -> None:
+    """`python -m zoo`, whose every epoch is a round; what it prints is dropped."""
+    from unittest.mock import patch
+
+    from zoo import build, experiment
+
+    config = config_for(
+        linked_recording(2_000),
+        AUGMENT,
+        "model=nvidia",
+        "callbacks=published",
+        f"data.batch_size={BATCH}",
+        f"data.samples_per_epoch={batches * BATCH}",
+        "trainer.max_epochs=10000",
+        "trainer.accelerator=cpu",
+        f"trainer.compile={str(compiled).lower()}",
+    )
+    made = build.build_trainer
+
+    def with_turns(*arguments: object, **more: object) -> lightning.Trainer:
+        trainer = made(*arguments, **more)
+        trainer.callbacks.insert(0, EpochByEpoch(pipe, warm_up=2))
+        return trainer
+
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    with patch.object(experiment, "build_trainer", with_turns):
+        experiment.run_experiment(config, OUT / "run")
+
+
+def run_bare(pipe: Connection, batches: int, tuned: bool, compiled: bool) -> None:
+    """Forward, backward, step, on batches of noise."""
+    from zoo.process import keep_freed_memory
+
+    if tuned:
+        keep_freed_memory()
+    images = [
+        torch.randint(0, 255, (BATCH, 66, 200, 3), dtype=torch.uint8).permute(0, 3, 1, 2)
+        for _ in range(4)
+    ]
+    if not tuned:
+        images = [one.contiguous() for one in images]
+    step = bare_step(tuned, compiled)
+    targets = torch.rand(BATCH, 1)
+
+    def run() -> float:
+        began = time.perf_counter()
+        for number in range(batches):
+            step(images[number % len(images)], targets)
+        return BATCH * batches / (time.perf_counter() - began)
+
+    answer(pipe, run)
+
+
+def run_samples(pipe: Connection, batches: int) -> None:
+    """The usual loop, as torch's tutorials have it."""
+    from sample_by_sample import SampleBySample
+    from torch.utils.data import DataLoader
+
+    from zoo.build import build_data
+
+    config = config_for(linked_recording(2_000), AUGMENT, "model=nvidia")
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    loader = DataLoader(SampleBySample(data), BATCH, shuffle=True, num_workers=WORKERS)
+    step, feed = bare_step(tuned=False, compiled=False), endless(loader)
+
+    def run() -> float:
+        for _ in range(2 * WORKERS):  # were prepared while others had their turn
+            step(**next(feed))
+        began = time.perf_counter()
+        for _ in range(batches):
+            step(**next(feed))
+        return BATCH * batches / (time.perf_counter() - began)
+
+    answer(pipe, run)
+
+
+def bare_step(tuned: bool, compiled: bool) -> Callable[[torch.Tensor, torch.Tensor], None]:
+    """A training step of nvidia by mean squared error and Adam."""
+    from zoo.models.pilotnet import PilotNet
+
+    torch.manual_seed(1)
+    network = PilotNet((3, 66, 200)).train()
+    if tuned:
+        network = network.to(memory_format=torch.channels_last)
+    optimizer = torch.optim.Adam(network.parameters(), fused=tuned)
+
+    def loss_of(images: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.mse_loss(network(images), targets)
+
+    compute = torch.compile(loss_of, dynamic=False) if compiled else loss_of
+
+    def step(images: torch.Tensor, targets: torch.Tensor) -> None:
+        loss = compute(images, targets)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+
+    return step
+
+
+def endless(loader: object) -> Iterator[dict]:
+    """Epoch after epoch."""
+    while True:
+        yield from loader
+
+
+def answer(pipe: Connection, run: Callable[[], float]) -> None:
+    """Be a contestant: once to warm up, then once each time it is asked."""
+    run()
+    pipe.send(None)
+    while pipe.recv():
+        pipe.send(run())
+
+
+if __name__ == "__main__":
+    Path(OUT).mkdir(parents=True, exist_ok=True)
+    run_part(measure)

@@ -1,0 +1,58 @@
+"""What Hydra finds by this package's name: our sweepers and a launcher. Hydra imports it at every
+start, so nothing heavy is imported here."""
+
+from hydra.plugins.launcher import Launcher
+from hydra.plugins.sweeper import Sweeper
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig
+
+
+class _Sweeper(Sweeper):
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
+        from hydra.core.plugins import Plugins
+
+        self.hydra_context, self.config = hydra_context, config
+        self.launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=hydra_context, task_function=task_function, config=config
+        )
+
+
+class GridSweeper(_Sweeper):
+    """All combinations, see `zoo.sweeping.grid`."""
+
+    def sweep(self, arguments: list[str]) -> None:
+        from zoo.sweeping.grid import sweep_grid
+
+        sweep_grid(arguments, self.config, self.hydra_context, self.launcher)
+
+
+class OptunaSweeper(_Sweeper):
+    """What Optuna proposes, see `zoo.sweeping.search`."""
+
+    def __init__(self, **settings: object) -> None:
+        self.settings = settings
+
+    def sweep(self, arguments: list[str]) -> None:
+        from zoo.sweeping.search import SearchSettings, sweep_search
+
+        settings = SearchSettings(**self.settings)
+        sweep_search(arguments, settings, self.config, self.hydra_context, self.launcher)
+
+
+class RayLauncher(Launcher):
+    """Each job as a task of a Ray cluster, see `zoo.sweeping.ray_cluster`."""
+
+    def __init__(self, init: DictConfig, task: DictConfig) -> None:
+        self.init, self.task = init, task
+
+    def setup(
+        self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
+    ) -> None:
+        self.hydra_context, self.task_function, self.config = hydra_context, task_function, config
+
+    def launch(self, job_overrides: list[list[str]], initial_job_idx: int) -> list:
+        from zoo.sweeping.ray_cluster import launch_on_ray
+
+        return launch_on_ray(self, job_overrides, initial_job_idx)

@@ -1,0 +1,415 @@
+"""Sweeps that finish: killed, failed, repeated, in one process or several."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from datamodules.errors import InputError
+from tests.recordings import Written
+from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.sweeps import change_status, write_run
+from zoo.__main__ import zoo
+from zoo.command_line import run_command
+from zoo.config import choices, conf_folder
+from zoo.status import GONE_S, is_alive, read_status, write_status
+from zoo.sweep import resume_sweep
+from zoo.sweeping.job import needs_processes
+from zoo.sweeping.record import (
+    add_to_record,
+    log_digest,
+    new_record,
+    read_record,
+    write_record,
+)
+from zoo.sweeping.rounds import Job, launch_all
+from zoo.sweeping.start import find_unfinished, refuse_missing
+
+SMALL = (
+    "model=tiny",
+    "data.crop=[50,0]",
+    "data.block_s=0.5",
+    "data.gap_s=0.1",
+    "data.batch_size=16",
+    "callbacks=checkpoints",
+    "+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress",
+    "logger=csv",
+    "score=none",
+)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where sweeps of this test are run."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def sweep(recorded: Written, *overrides: str) -> int:
+    """In this process: importing torch each time would cost minutes."""
+    arguments = ["-m", *SMALL, f"data.root={recorded.folder}", *overrides]
+    return run_command("zoo", zoo, arguments)
+
+
+def status(folder: Path) -> str:
+    return read_status(folder).get("status")
+
+
+@pytest.mark.slow
+def test_a_killed_sweep_goes_on_where_it_stopped(
+    recorded: Written, place: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Killed with both its processes, by joblib, and finished one by one in this process."""
+    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    overrides = ("seed=1,2,3", "trainer.max_epochs=12", "data.samples_per_epoch=1600")
+    pool = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=s")
+    folders = [place / "s" / str(number) for number in range(3)]
+    free = {name: value for name, value in environment().items() if name != "OMP_NUM_THREADS"}
+    with (place / "log.txt").open("w") as log:
+        process = subprocess.Popen(
+            command("zoo", "-m", *SMALL, f"data.root={recorded.folder}", *overrides, *pool),
+            cwd=place,
+            env=free,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    try:
+        until = time.monotonic() + 120
+        while True:
+            said = (place / "log.txt").read_text()
+            if "finished in" in said and (folders[2] / "checkpoints" / "last.ckpt").is_file():
+                break
+            assert process.poll() is None, said
+            assert time.monotonic() < until
+            time.sleep(0.05)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    before = [status(folder) for folder in folders]
+    assert "finished" in before[:2]
+    assert before[2] == "running"
+    first = before.index("finished")
+    metrics = (folders[first] / "metrics.json").read_bytes()
+    # Processes of a pool share the cores, say nothing on the screen, and keep what they said.
+    assert json.loads(metrics)["data"]["rows"] == 120
+    assert "train/loss" not in said
+    assert "train/loss" in (folders[first] / "log.txt").read_text()
+
+    assert run_command("zoo.sweep", resume_sweep, ["resume=s", "hydra/launcher=basic"]) == 0
+
+    said = capsys.readouterr().out
+    assert f"{before.count('finished')} of 3 jobs are done" in said
+    assert [status(folder) for folder in folders] == ["finished"] * 3
+    assert (folders[first] / "metrics.json").read_bytes() == metrics, "was trained twice"
+    assert (folders[2] / "metrics.1.csv").is_file(), "began anew"
+    assert "1, 2, 3" in said, "repeats are one line of the table"
+    assert (place / "s" / "ranking.html").is_file()
+
+
+def test_the_same_command_tries_again_what_failed(
+    recorded: Written, place: Path, capsys: pytest.CaptureFixture
+) -> None:
+    overrides = ("data.batch_size=100000,16", "trainer.max_epochs=1")
+    assert sweep(recorded, *overrides) == 1
+    said = capsys.readouterr()
+    assert "1 of 2 jobs failed: 0: data.batch_size=100000 is larger than the" in said.err
+    (folder,) = place.glob("outputs/sweeps/*/*")
+    assert [status(folder / name) for name in "01"] == ["failed", "finished"]
+    second = (folder / "1" / "metrics.json").read_bytes()
+    record = read_record(folder)
+    sizes = [next(one for one in job if "batch_size" in one) for job in record.jobs]
+    assert sizes == ["data.batch_size=100000", "data.batch_size=16"]
+    assert list(record.data) == [str(recorded.folder)]
+
+    assert sweep(recorded, *overrides[::-1]) == 1  # in another order it is the same command
+
+    assert "1 of 2 jobs are done, 1 failed and are tried again" in capsys.readouterr().out
+    assert list(place.glob("outputs/sweeps/*/*")) == [folder]
+    assert (folder / "1" / "metrics.json").read_bytes() == second
+
+
+def begun(folder: Path, arguments: list[str], statuses: Sequence[str], **more: object) -> Path:
+    """The folder of a sweep whose jobs have come so far."""
+    for number, one in enumerate(statuses):
+        (folder / str(number)).mkdir(parents=True)
+        write_status(folder / str(number), one)
+    jobs = [[f"seed={number}"] for number in range(len(statuses))]
+    write_record(folder, replace(new_record(arguments), jobs=jobs, **more))
+    return folder
+
+
+def test_the_newest_unfinished_sweep_of_the_same_command_is_found(
+    place: Path, console: Console
+) -> None:
+    sweeps = place / "outputs" / "sweeps" / "day"
+    begun(sweeps / "1", ["seed=1,2", "model=tiny"], ["failed", "finished"])
+    begun(sweeps / "2", ["model=tiny", "hydra/launcher=joblib", "seed=1,2"], ["running"])
+    begun(sweeps / "3", ["seed=1,2", "model=tiny"], ["finished", "pruned"])
+    begun(sweeps / "4", ["seed=1,2", "model=lenet"], ["failed"])
+    (sweeps / "5").mkdir()
+    (sweeps / "5" / "sweep.json").write_text("{")
+    found = find_unfinished(["seed=1,2", "model=tiny"], console)
+    assert found == Path("outputs/sweeps/day/2")
+    assert "going on with the sweep of" in console.file.getvalue()
+    assert find_unfinished(["seed=1,2,3", "model=tiny"], console) is None
+
+
+@pytest.mark.parametrize("change", ["the recording", "a version"])
+def test_a_sweep_of_something_that_changed_is_not_gone_on_with(
+    change: str, place: Path, console: Console, capsys: pytest.CaptureFixture
+) -> None:
+    log = place / "driving_log.csv"
+    log.write_text("one\n")
+    folder = place / "outputs" / "sweeps" / "day" / "1"
+    begun(folder, ["seed=1,2"], ["failed"], data={str(place): log_digest(str(place))})
+    assert find_unfinished(["seed=1,2"], console) is not None
+    if change == "the recording":
+        log.write_text("two\n")
+    else:
+        add_to_record(folder, versions={"torch": "0.1"})
+    assert find_unfinished(["seed=1,2"], console) is None
+    assert "a new sweep begins" in console.file.getvalue()
+    assert run_command("zoo.sweep", resume_sweep, [f"resume={folder}"]) == 1
+    assert "start a new sweep" in capsys.readouterr().err
+
+
+def test_an_error_that_is_no_ones_input_is_kept_and_ends_one_job(
+    recorded: Written, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    import zoo.experiment
+
+    real = zoo.experiment.run_experiment
+
+    def out_of_memory(config, folder, resume=False):
+        if config.seed == 1:
+            write_status(folder, "running")
+            raise RuntimeError("out of memory\nand much more")
+        return real(config, folder, resume)
+
+    monkeypatch.setattr(zoo.experiment, "run_experiment", out_of_memory)
+    assert sweep(recorded, "seed=1,2", "trainer.max_epochs=0", "hydra.sweep.dir=s") == 1
+    assert "0: out of memory; the same command" in capsys.readouterr().err
+    assert "in out_of_memory" in (place / "s" / "0" / "error.txt").read_text()
+    assert status(place / "s" / "1") == "finished"
+
+
+@pytest.mark.slow
+def test_a_job_on_two_devices_does_not_start_the_sweep_again(
+    recorded: Written, tmp_path: Path
+) -> None:
+    """Lightning runs the command once more for the second device: not the sweep's."""
+    more = (f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=1", "seed=1")
+    result = run(tmp_path, "-m", *SMALL, *more, "hydra.sweep.dir=s")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("epoch   1/1") == 1
+    assert sorted(one.name for one in (tmp_path / "s").iterdir() if one.name.isdigit()) == ["0"]
+
+
+@pytest.mark.parametrize(
+    ("trainer", "several"),
+    [
+        ({"devices": 1, "strategy": "auto"}, False),
+        ({"devices": [0], "strategy": "auto"}, False),
+        ({"devices": 2, "strategy": "auto"}, True),
+        ({"devices": "auto", "strategy": "auto"}, True),
+        ({"devices": 1, "strategy": "ddp"}, True),
+        ({"devices": 1, "strategy": "auto", "num_nodes": 2}, True),
+    ],
+)
+def test_jobs_on_several_devices_are_told(trainer: dict, several: bool) -> None:
+    assert needs_processes(OmegaConf.create({"trainer": trainer})) is several
+
+
+def test_the_process_of_a_run_is_known_by_its_number_and_start(tmp_path: Path) -> None:
+    write_status(tmp_path, "running")
+    assert is_alive(tmp_path)
+    change_status(tmp_path, process_started=read_status(tmp_path)["process_started"] - 100)
+    assert not is_alive(tmp_path), "another process was given its number"
+    write_status(tmp_path, "finished")
+    assert not is_alive(tmp_path)
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    write_status(tmp_path, "running")
+    change_status(tmp_path, pid=ended.pid)
+    assert not is_alive(tmp_path)
+
+
+def test_a_run_on_another_machine_lives_while_it_touches_its_file(tmp_path: Path) -> None:
+    write_status(tmp_path, "running")
+    change_status(tmp_path, host=f"not-{socket.gethostname()}", pid=1)
+    assert is_alive(tmp_path)
+    long_ago = time.time() - GONE_S - 1
+    os.utime(tmp_path / "status.json", (long_ago, long_ago))
+    assert not is_alive(tmp_path)
+
+
+def jobs_in(folder: Path, count: int) -> list[Job]:
+    jobs = [Job(number, (f"seed={number}",), folder / str(number)) for number in range(count)]
+    for job in jobs:
+        job.folder.mkdir()
+    return jobs
+
+
+def begin_and_die(job: Job) -> None:
+    write_status(job.folder, "running")
+    change_status(job.folder, process_started=1.0)
+
+
+def test_one_process_that_dies_fails_alone(tmp_path: Path, console: Console) -> None:
+    """A pool breaks as a whole: who was in it beside the one at fault is tried again."""
+    jobs = jobs_in(tmp_path, 4)
+    launched: list[list[int]] = []
+
+    def launch(some: Sequence[Job]) -> None:
+        launched.append([job.number for job in some])
+        for job in some[:2]:
+            if job.number == 1:
+                begin_and_die(job)
+                for other in some[:1]:
+                    begin_and_die(other)
+                raise ChildProcessError("a process of the pool ended abruptly")
+            write_status(job.folder, "finished")
+        for job in some[2:]:
+            write_status(job.folder, "finished")
+
+    launch_all(launch, jobs, console)
+    assert [status(job.folder) for job in jobs] == ["finished", "failed", "finished", "finished"]
+    assert launched == [[0, 1, 2, 3], [0], [1], [2, 3]]
+    assert "its process died without a word" in read_status(jobs[1].folder)["reason"]
+
+
+def test_a_launcher_that_starts_nothing_says_so(tmp_path: Path, console: Console) -> None:
+    def launch(some: Sequence[Job]) -> None:
+        raise FileNotFoundError("there is no sbatch here")
+
+    with pytest.raises(InputError, match=r"could not start a job: .*there is no sbatch"):
+        launch_all(launch, jobs_in(tmp_path, 2), console)
+
+
+def test_a_job_that_a_living_process_trains_is_not_started_twice(
+    tmp_path: Path, console: Console
+) -> None:
+    (job,) = jobs_in(tmp_path, 1)
+    other = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    try:
+        write_status(job.folder, "running")
+        import psutil
+
+        started = psutil.Process(other.pid).create_time()
+        change_status(job.folder, pid=other.pid, process_started=started)
+        import threading
+
+        threading.Timer(0.3, lambda: write_status(job.folder, "finished")).start()
+        launch_all(lambda some: pytest.fail("started twice"), [job], console)
+    finally:
+        other.kill()
+        other.wait()
+    assert f"waiting for process {other.pid}" in console.file.getvalue()
+    assert status(job.folder) == "finished"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (
+            ["-m", "hydra/launcher=joblb"],
+            "hydra/launcher=joblb: no such choice; did you mean jobli",
+        ),
+        (["-m", "modle=a,b"], "modle: no such key; did you mean model"),
+        (["-m", "model=tiny,nvidai"], "model=nvidai: no such choice; did you mean nvidia?"),
+        (["-m", "optim.lr=interval(1,2)"], "an interval has no end of values"),
+        (["-m", "hydra.sweep.subdir=x"], "hydra.sweep.subdir: "),
+        (["-m", "hydra.sweep.dir=/proc/none"], "/proc/none: cannot write the sweep there"),
+        (["-m", "seed=1,2", "hydra.sweep.dir=other"], "other: holds another sweep (seed=7)"),
+    ],
+)
+def test_a_mistake_gets_one_line_and_leaves_nothing(
+    arguments: list[str], words: str, place: Path, capsys: pytest.CaptureFixture
+) -> None:
+    (place / "other").mkdir()
+    write_record(place / "other", new_record(["seed=7"]))
+    assert run_command("zoo", zoo, arguments) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
+    assert [one.name for one in place.iterdir()] == ["other"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "usage: "),
+        (["resume=nowhere"], "nowhere: is no sweep's folder (there is no such folder)"),
+        (["resume=run"], "run: is no sweep's folder (holds no sweep.json)"),
+        (["resume=damaged"], "sweep.json: is damaged"),
+        (["resume=other", "seed=3"], "seed=3: a sweep goes on as it began"),
+    ],
+)
+def test_what_cannot_be_resumed_gets_one_line(
+    arguments: list[str], words: str, place: Path, capsys: pytest.CaptureFixture
+) -> None:
+    write_run(place / "run")
+    for name in ("damaged", "other"):
+        (place / name).mkdir()
+        write_record(place / name, new_record(["seed=7"]))
+    (place / "damaged" / "sweep.json").write_text('{"format": 1, "argum')
+    assert run_command("zoo.sweep", resume_sweep, arguments) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
+
+
+def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.sweeping.start._is_installed", lambda module: False)
+    for choice, extra in (("launcher=joblib", "joblib"), ("launcher=slurm", "slurm")):
+        with pytest.raises(InputError, match=rf"pip install 'drivezoo\[{extra}\]'"):
+            refuse_missing([f"hydra/{choice}"])
+
+
+def test_a_sweep_that_is_running_is_not_started_twice(
+    place: Path, capsys: pytest.CaptureFixture
+) -> None:
+    from filelock import FileLock
+
+    (place / "s").mkdir()
+    with FileLock(place / "s" / "sweep.lock"):
+        assert run_command("zoo", zoo, ["-m", "seed=1,2", "hydra.sweep.dir=s"]) == 1
+    assert "another process is running this sweep" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("group", ["launcher", "sweeper"])
+def test_every_yaml_of_hydras_own_groups_composes(group: str) -> None:
+    for name in choices(f"hydra/{group}"):
+        with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+            config = compose("config", [f"hydra/{group}={name}"], return_hydra_config=True)
+        assert config.hydra[group]["_target_"].startswith("hydra_plugins.")
+
+
+def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
+    code = (
+        "import sys; from zoo.command_line import run_command; from zoo.sweep import resume_sweep;"
+        "from zoo.leaderboard import show_leaderboard; from zoo.rerun import rerun;"
+        "run_command('a', resume_sweep, ['resume=no']); run_command('b', show_leaderboard, ['no']);"
+        "run_command('c', rerun, ['no']); sys.exit('torch' in sys.modules)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 3
+    assert only_line(run(tmp_path, "resume=no", module="zoo.sweep")).startswith("zoo.sweep: no: ")

@@ -1,0 +1,150 @@
+"""What the rounds of a correction have come to, and the file that keeps it."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from datamodules.errors import InputError
+from zoo.correcting.options import CorrectOptions
+
+NAME = "correct.json"
+MAY_CHANGE = ("rounds", "workers", "out", "enough_m")  # from one start to the next
+
+
+@dataclass(frozen=True)
+class Round:
+    """A checkpoint and how it drives.
+
+    Attributes:
+        number: 0 is the checkpoint that was given.
+        checkpoint: its path.
+        corrections: rows that it has been trained on, of this round and those before.
+        tracks: by name, mean and spread of each figure, as `zoo.evaluate` has them.
+    """
+
+    number: int
+    checkpoint: str
+    corrections: int
+    tracks: dict[str, dict]
+
+    def mean(self, key: str) -> float:
+        """A figure's mean over tracks."""
+        return sum(figures[key][0] for figures in self.tracks.values()) / len(self.tracks)
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Higher is better."""
+        return self.mean("autonomy"), -self.mean("cte_mean_m")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """All rounds so far.
+
+    Attributes:
+        identity: of the checkpoint that is corrected: its bytes' hash.
+        options, overrides: as they were given.
+        rounds: those that are finished.
+    """
+
+    identity: str
+    options: dict
+    overrides: list[str]
+    rounds: list[Round] = field(default_factory=list)
+
+    @property
+    def best(self) -> Round:
+        return max(self.rounds, key=lambda one: one.rank)
+
+    def with_round(self, finished: Round) -> "Progress":
+        return replace(self, rounds=[*self.rounds, finished])
+
+    def save(self, folder: Path) -> None:
+        """Make the folder if need be, and replace the file at once.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        part = folder / f"{NAME}.part"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps(asdict(self), indent=1, allow_nan=False) + "\n")
+            part.replace(folder / NAME)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+
+
+def open_progress(
+    folder: Path, checkpoint: str, options: CorrectOptions, overrides: list[str]
+) -> Progress:
+    """That of a folder: a new one's, or one's whose command was stopped.
+
+    Raises:
+        InputError: it holds something else, or a correction of another checkpoint or with other
+            options.
+    """
+    identity = hashlib.sha256(Path(checkpoint).read_bytes()).hexdigest()[:16]
+    given = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
+    new = Progress(identity, given, overrides)
+    if not (folder / NAME).is_file():
+        if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+            raise InputError(
+                f"{folder}: is not empty, and holds no {NAME}; name another folder with out="
+            )
+        return new
+    try:
+        before = json.loads((folder / NAME).read_text())
+        rounds = [Round(**one) for one in before["rounds"]]
+        found = Progress(before["identity"], before["options"], before["overrides"], rounds)
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{folder / NAME}: is damaged; name another folder with out=") from None
+    if found.identity != identity:
+        raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
+    other = [key for key in given if given[key] != found.options.get(key)]
+    if other:
+        raise InputError(
+            f"{folder}: was begun with {other[0]}={found.options.get(other[0])}; give the same "
+            "options to go on, or name another folder with out="
+        )
+    if found.overrides != overrides:
+        raise InputError(
+            f"{folder}: was begun with {' '.join(found.overrides) or 'no overrides'}; give the "
+            "same to go on, or name another folder with out="
+        )
+    for one in found.rounds[1:]:
+        if not Path(one.checkpoint).is_file():
+            raise InputError(f"{one.checkpoint}: is gone; name another folder with out=")
+    return found
+
+
+def rounds_table(rounds: list[Round]) -> Table:
+    """A row for each round and track."""
+    table = Table(
+        title="before and after each round",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        collapse_padding=True,
+    )
+    names = ("round", "track", "rows", "autonomy", "inter-\nventions", "mean\nerror, m", "most, m")
+    for name in names:
+        table.add_column(name, justify="left" if name == "track" else "right", no_wrap=True)
+    for one in rounds:
+        for number, (track, figures) in enumerate(one.tracks.items()):
+            cells = [
+                _cell(figures["autonomy"], "{:.1%}"),
+                _cell(figures["interventions"], "{:.1f}"),
+                _cell(figures["cte_mean_m"], "{:.2f}"),
+                f"{figures['cte_max_m'][0]:.2f}",
+            ]
+            name, count = (str(one.number), f"{one.corrections:,}") if not number else ("", "")
+            table.add_row("before" if name == "0" else name, track, count, *cells)
+    return table
+
+
+def _cell(figure: list[float], form: str) -> str:
+    mean, spread = figure
+    return form.format(mean) + (f" ± {form.format(spread)}" if spread else "")

@@ -1,0 +1,239 @@
+"""Runs side by side, the best driver first: reading, grouping by seed, ranking.
+
+Sweeps and the leaderboard share it. A run that was not driven comes after all that were.
+"""
+
+import csv
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from zoo.status import is_alive, read_status
+
+Spread = tuple[float, float]  # mean, and standard deviation over seeds
+
+# Not what a run is: its seed, where things are kept, and what a search adds.
+APART = ("seed",)
+LAST = float("inf")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run, as its folder tells it.
+
+    Attributes:
+        name: of its experiment, or its model.
+        overrides: what was typed, key by key, launcher and folders apart.
+        settings: the config as text, the seed left out: equal for repeats of a run.
+        autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
+        tracks: by track, its `autonomy`, `cte_mean_m` and `interventions`, means over its drives.
+        mph: the speed it was driven at.
+        curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
+    """
+
+    folder: Path
+    name: str
+    overrides: dict[str, str]
+    settings: str
+    seed: int | None
+    parameters: int | None
+    autonomy: float | None
+    cte_m: float | None
+    tracks: dict[str, dict[str, float]]
+    mph: float | None
+    val_mse: float | None
+    test_mse: float | None
+    wall_s: float
+    curves: dict[str, dict[int, float]] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the ranking: a run, or several that differ in their seed alone.
+
+    Attributes:
+        figures: mean and spread over the runs, by `autonomy`, `cte_m`, `val_mse`, ...; None where
+            a run has none.
+    """
+
+    runs: tuple[Run, ...]
+    figures: dict[str, Spread | None]
+
+    @property
+    def first(self) -> Run:
+        return self.runs[0]
+
+
+@dataclass(frozen=True)
+class Unranked:
+    """A run without figures: `why` is `running`, `stopped`, `failed`, `pruned`, `older`, with more
+    words in `reason`."""
+
+    folder: Path
+    why: str
+    reason: str = ""
+
+
+def read_run(folder: Path) -> Run | None:
+    """A finished run; None where its figures are missing, or are not those of this version."""
+    try:
+        metrics = json.loads((folder / "metrics.json").read_text())
+        open_loop = metrics["open_loop"]
+        tracks, mph = _driven(metrics.get("drive"))
+        shown = ("autonomy", "cte_mean_m", "interventions")
+        config, overrides, choices = _configs(folder)
+        return Run(
+            folder=folder,
+            name=choices.get("experiment") or metrics["model"],
+            overrides=overrides,
+            settings=config,
+            seed=metrics.get("seed"),
+            parameters=metrics.get("parameters"),
+            autonomy=_mean(tracks, "autonomy"),
+            cte_m=_mean(tracks, "cte_mean_m"),
+            tracks={
+                name: {key: float(one[key][0]) for key in shown if one.get(key)}
+                for name, one in tracks.items()
+            },
+            mph=mph,
+            val_mse=open_loop.get("val", {}).get("mse"),
+            test_mse=open_loop.get("test", {}).get("mse"),
+            wall_s=float(metrics.get("wall_s") or 0),
+            curves=read_curves(folder),
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
+        return None
+
+
+def why_unranked(folder: Path) -> Unranked:
+    """What has become of a run that has no figures to rank."""
+    status = read_status(folder)
+    said, reason = status.get("status"), str(status.get("reason", ""))
+    if said == "running":
+        return Unranked(folder, "running" if is_alive(folder) else "stopped")
+    if said in ("failed", "pruned"):
+        return Unranked(folder, said, reason)
+    return Unranked(folder, "older")
+
+
+def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
+    """Each folder as a run that can be ranked, or why it can't."""
+    runs, unranked = [], []
+    for folder in folders:
+        finished = read_status(folder).get("status") == "finished"
+        run = read_run(folder) if finished else None
+        if run is None:
+            unranked.append(why_unranked(folder))
+        else:
+            runs.append(run)
+    return runs, unranked
+
+
+def rank(runs: Sequence[Run]) -> list[Entry]:
+    """By autonomy, then cross-track error, then validation MSE; repeats with other seeds as one.
+
+    Where the runs were driven on different tracks, those that all share decide.
+    """
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        groups.setdefault(run.settings, []).append(run)
+    shared = shared_tracks(runs)
+    entries = [_entry(group, shared) for group in groups.values()]
+    return sorted(entries, key=_order)
+
+
+def shared_tracks(runs: Sequence[Run]) -> list[str]:
+    """Those that every run that was driven was driven on."""
+    driven = [run.tracks for run in runs if run.tracks]
+    return [name for name in (driven[0] if driven else {}) if all(name in one for one in driven)]
+
+
+def protocols(runs: Sequence[Run]) -> list[str]:
+    """How the runs were driven, in words, where that is not the same for all."""
+    said = {f"{', '.join(run.tracks)} at {run.mph:g} mph" for run in runs if run.tracks and run.mph}
+    return sorted(said) if len(said) > 1 else []
+
+
+def read_curves(folder: Path) -> dict[str, dict[int, float]]:
+    """Losses and driving by epoch (1 is the first), of all a run's `metrics*.csv`."""
+    curves: dict[str, dict[int, float]] = {}
+    names = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean")
+    earlier = sorted(folder.glob("metrics.*.csv"), key=lambda path: int(path.stem.split(".")[1]))
+    for path in [*earlier, folder / "metrics.csv"]:
+        if not path.is_file():
+            continue
+        with path.open(newline="") as file:
+            for row in csv.DictReader(file):
+                for name in names:
+                    if row.get(name):
+                        curves.setdefault(name, {})[int(row["epoch"]) + 1] = float(row[name])
+    return curves
+
+
+def _driven(drive: object) -> tuple[dict[str, dict], float | None]:
+    """Figures by track and the speed; none where the run was scored in another way, or not."""
+    if not isinstance(drive, dict) or "tracks" not in drive:
+        return {}, None
+    return {name: one for name, one in drive["tracks"].items() if one}, drive.get("speed_mph")
+
+
+def _mean(tracks: dict[str, dict], key: str) -> float | None:
+    values = [float(one[key][0]) for one in tracks.values() if one.get(key)]
+    return float(np.mean(values)) if values else None
+
+
+def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
+    runs = sorted(runs, key=lambda run: (run.seed is None, run.seed))
+    figures = {
+        key: _spread([getattr(run, key) for run in runs])
+        for key in ("val_mse", "test_mse", "wall_s")
+    }
+    for key, track_key in (("autonomy", "autonomy"), ("cte_m", "cte_mean_m")):
+        values = [_over_tracks(run, shared, track_key) for run in runs]
+        figures[key] = _spread(values)
+    for track in dict.fromkeys(name for run in runs for name in run.tracks):
+        for key in ("autonomy", "cte_mean_m", "interventions"):
+            values = [run.tracks.get(track, {}).get(key) for run in runs]
+            figures[f"{track}/{key}"] = _spread(values)
+    return Entry(tuple(runs), figures)
+
+
+def _over_tracks(run: Run, shared: Sequence[str], key: str) -> float | None:
+    values = [one[key] for name, one in run.tracks.items() if not shared or name in shared]
+    return float(np.mean(values)) if values else None
+
+
+def _spread(values: Sequence[float | None]) -> Spread | None:
+    if not values or any(value is None for value in values):
+        return None
+    return float(np.mean(values)), float(np.std(values))
+
+
+def _order(entry: Entry) -> tuple:
+    autonomy, cte, mse = (entry.figures[key] for key in ("autonomy", "cte_m", "val_mse"))
+    return (
+        -autonomy[0] if autonomy else LAST,
+        cte[0] if cte else LAST,
+        mse[0] if mse else LAST,
+        str(entry.first.folder),
+    )
+
+
+def _configs(folder: Path) -> tuple[str, dict[str, str], dict[str, str]]:
+    """The config as text without the seed; the overrides by key; the choices of groups."""
+    import yaml
+
+    config = yaml.safe_load((folder / ".hydra" / "config.yaml").read_text())
+    overrides = yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text())
+    hydra = yaml.safe_load((folder / ".hydra" / "hydra.yaml").read_text())["hydra"]
+    for key in APART:
+        config.pop(key, None)
+    # A search's own callback tells its trials apart, not what is trained.
+    if isinstance(config.get("callbacks"), dict):
+        config["callbacks"].pop("pruning", None)
+    pairs = [one.lstrip("+~").partition("=") for one in overrides]
+    typed = {key: value for key, _, value in pairs if not key.startswith(("hydra", "callbacks.pr"))}
+    return json.dumps(config, sort_keys=True), typed, hydra["runtime"]["choices"]

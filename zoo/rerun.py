@@ -1,0 +1,164 @@
+"""`python -m zoo.rerun RUN`: repeat a run from its folder alone, and compare the figures."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from datamodules.errors import InputError
+from zoo.command_line import run_command
+from zoo.options import read_arguments
+from zoo.status import StoppedError
+
+USAGE = "python -m zoo.rerun RUN [out=FOLDER]"
+# What a run comes to; how long it took is the machine's affair.
+COMPARED = (
+    "model",
+    "parameters",
+    "epochs",
+    "best_epoch",
+    "open_loop",
+    "baselines",
+    "drive",
+    "closed_loop",
+    "leak",
+    "data",
+)
+TIMED = ("latency_ms", "in_training")
+
+
+@dataclass(frozen=True)
+class RerunOptions:
+    """The options of `python -m zoo.rerun`.
+
+    Args:
+        out: the folder of the repeated run; null names one by date and time.
+    """
+
+    out: str | None = None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A figure that came out differently: where it stands in `metrics.json`, then and now."""
+
+    name: str
+    then: object
+    now: object
+
+
+def rerun(arguments: list[str]) -> None:
+    """Train once more with the config, seed and threads of a run, and compare.
+
+    Raises:
+        InputError: no finished run's folder, a recording that has changed, an `out` that is not
+            empty, or figures that differ, after they were printed.
+        StoppedError: on Ctrl-C, with the command to go on.
+    """
+    (name,), options = read_arguments(RerunOptions, ["RUN"], arguments, USAGE)
+    run = Path(name)
+    if not (run / "metrics.json").is_file() or not (run / ".hydra" / "config.yaml").is_file():
+        raise InputError(
+            f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
+        )
+    then = json.loads((run / "metrics.json").read_text())
+    stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
+    out = Path(options.out or f"outputs/reruns/{stamp}").resolve()
+    if out.exists() and any(out.iterdir()):
+        raise InputError(f"out={out}: is not empty; name another folder")
+    _prepare(run, out)
+    _train(out, place_of(run), then.get("threads"))
+    now = json.loads((out / "metrics.json").read_text())
+    _report(then, now, out)
+
+
+def differences(then: object, now: object, name: str = "") -> tuple[list[Difference], int]:
+    """The figures of two `metrics.json` that are not equal, and how many were compared.
+
+    >>> differences({"a": 1, "b": {"c": 2}}, {"a": 1, "b": {"c": 3}})
+    ([Difference(name='b.c', then=2, now=3)], 2)
+    """
+    if isinstance(then, dict) and isinstance(now, dict):
+        keys = [key for key in {**then, **now} if key not in TIMED]
+        children = [(str(key), then.get(key), now.get(key)) for key in keys]
+    elif isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        children = [(str(place), *pair) for place, pair in enumerate(zip(then, now, strict=True))]
+    else:
+        return ([] if then == now else [Difference(name, then, now)]), 1
+    found, count = [], 0
+    for key, one, other in children:
+        more, compared = differences(one, other, f"{name}.{key}" if name else key)
+        found, count = found + more, count + compared
+    return found, count
+
+
+def place_of(run: Path) -> Path:
+    """Where the run was started: relative paths of its config begin there."""
+    try:
+        hydra = OmegaConf.load(run / ".hydra" / "hydra.yaml")
+        place = Path(hydra.hydra.runtime.cwd)
+    except (OSError, AttributeError, TypeError):
+        return Path.cwd()
+    return place if place.is_dir() else Path.cwd()
+
+
+def _prepare(run: Path, out: Path) -> None:
+    """A run's folder in which nothing was trained yet; the config that a checkpoint carries is what
+    was trained with, whatever `resume=` has changed since."""
+    config = OmegaConf.load(run / ".hydra" / "config.yaml")
+    last = run / "checkpoints" / "last.ckpt"
+    if last.is_file():
+        from zoo.checkpoint import read_checkpoint_file
+
+        config = OmegaConf.create(read_checkpoint_file(last)["drivezoo"]["config"])
+    if OmegaConf.select(config, "callbacks.pruning"):
+        del config.callbacks["pruning"]  # its study is over
+    try:
+        shutil.copytree(run / ".hydra", out / ".hydra")
+        OmegaConf.save(config, out / ".hydra" / "config.yaml")
+    except OSError as error:
+        raise InputError(f"out={out}: cannot write there ({error.strerror})") from None
+
+
+def _train(out: Path, place: Path, threads: int | None) -> None:
+    """As `python -m zoo resume=` does in a folder without a checkpoint, with as many threads: sums
+    come out differently with others."""
+    root = str(Path(__file__).resolve().parents[1])
+    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    if threads:
+        environment["OMP_NUM_THREADS"] = str(threads)
+    command = [sys.executable, "-m", "zoo", f"resume={out}"]
+    status = subprocess.run(command, cwd=place, env=environment, check=False).returncode
+    if status == 130:
+        raise StoppedError("stopped; what was trained is kept (see above)")
+    if status:
+        raise InputError(f"{out}: the repeated run failed (see above)")
+
+
+def _report(then: dict, now: dict, out: Path) -> None:
+    for package, number in then.get("versions", {}).items():
+        other = now["versions"].get(package)
+        if other != number:
+            print(f"version of {package}: {number} then, {other} now")
+    if then.get("threads") != now.get("threads"):
+        print(f"threads: {then.get('threads')} then, {now.get('threads')} now")
+    # Older runs do not have every figure of today's.
+    kept = [key for key in COMPARED if key in then]
+    found, count = differences({key: then[key] for key in kept}, {key: now[key] for key in kept})
+    for one in found:
+        print(f"{one.name}: {one.then} then, {one.now} now")
+    print(out)
+    if found:
+        raise InputError(f"{len(found)} of {count} figures differ")
+    print(f"equal: all {count} figures, to the digit")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.rerun", rerun, sys.argv[1:]))

@@ -1,0 +1,87 @@
+"""Jobs as tasks of a Ray cluster.
+
+Hydra's own plugin for Ray is not used: its last release (1.2.2) wants cloudpickle below 3, which
+joblib no longer accepts, and boto3 for Amazon's cloud.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.singleton import Singleton
+from hydra.core.utils import JobReturn, run_job, setup_globals
+from hydra.types import HydraContext, TaskFunction
+from omegaconf import DictConfig, OmegaConf, open_dict
+
+from datamodules.errors import InputError
+
+if TYPE_CHECKING:
+    from hydra_plugins.drivezoo import RayLauncher
+
+
+def launch_on_ray(
+    launcher: "RayLauncher", jobs: Sequence[Sequence[str]], first: int
+) -> list[JobReturn]:
+    """Run every job as a task, wherever the cluster has the resources, and wait for all.
+
+    Raises:
+        InputError: no cluster at the address.
+        ray.exceptions.RayError: a task's process died; the others have ended by then.
+    """
+    import ray
+
+    setup_globals()
+    init = OmegaConf.to_container(launcher.init, resolve=True)
+    started = not ray.is_initialized()
+    if started:
+        try:
+            ray.init(**{"logging_level": "warning", "configure_logging": True, **init})
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise InputError(f"hydra.launcher.init: {error}") from None
+    try:
+        # A job writes down how far it is: one whose node died is taken up again by `launch_all`.
+        settings = {"max_retries": 0, **OmegaConf.to_container(launcher.task, resolve=True)}
+        task = ray.remote(**settings)(_run)
+        tasks = []
+        for number, overrides in enumerate(jobs, first):
+            config = launcher.hydra_context.config_loader.load_sweep_config(
+                launcher.config, list(overrides)
+            )
+            with open_dict(config):
+                config.hydra.job.id = config.hydra.job.num = number
+            place = (str(Path.cwd()), sys.path)
+            state = Singleton.get_state()
+            tasks.append(
+                task.remote(launcher.hydra_context, launcher.task_function, config, state, place)
+            )
+        ray.wait(tasks, num_returns=len(tasks))
+        return ray.get(tasks)
+    finally:
+        if started:
+            ray.shutdown()
+
+
+def _run(
+    context: HydraContext,
+    function: TaskFunction,
+    config: DictConfig,
+    state: dict[Any, Any],
+    place: tuple[str, list[str]],
+) -> JobReturn:
+    """In a process of the cluster: as if the job had been started where the sweep was."""
+    folder, paths = place
+    os.chdir(folder)
+    sys.path[:] = [*paths, *(one for one in sys.path if one not in paths)]
+    setup_globals()
+    Singleton.set_state(state)
+    HydraConfig.instance().set_config(config)
+    return run_job(
+        hydra_context=context,
+        task_function=function,
+        config=config,
+        job_dir_key="hydra.sweep.dir",
+        job_subdir_key="hydra.sweep.subdir",
+    )
