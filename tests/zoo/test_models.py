@@ -16,6 +16,7 @@ PARAMETERS = {
     "nvidia_speed": 252_330,
     "tiny": 41,
     "tiny63": 63,
+    "linear": 15,
     "vgg": 15_370_305,
 }
 
