@@ -7,10 +7,14 @@ export RAY_TMPDIR="${RAY_TMPDIR:-$(mktemp -d /tmp/ray-XXXX)}" RAY_AUTH_MODE=disa
 python="${PYTHON:-python}"
 ray="$(dirname "$("$python" -c 'import sys; print(sys.executable)')")/ray"
 out="$(mktemp -d)"
-trap '"$ray" stop --force >/dev/null 2>&1 || true; rm -rf "$RAY_TMPDIR"; echo "left in $out"' EXIT
+nodes=()
+trap 'kill "${nodes[@]}" 2>/dev/null; wait; rm -rf "$RAY_TMPDIR"; echo "left in $out"' EXIT
 
-"$ray" start --head --port=6399 --num-cpus=1 --include-dashboard=false --disable-usage-stats >/dev/null
-"$ray" start --address=127.0.0.1:6399 --num-cpus=1 >/dev/null
+"$ray" start --head --port=6399 --num-cpus=1 --include-dashboard=false --disable-usage-stats --block \
+    >/dev/null 2>&1 & nodes+=($!)
+until "$ray" health-check --address 127.0.0.1:6399 2>/dev/null; do sleep 1; done
+"$ray" start --address=127.0.0.1:6399 --num-cpus=1 --block >/dev/null 2>&1 & nodes+=($!)
+sleep 5
 "$python" -c "import ray; ray.init('127.0.0.1:6399', log_to_driver=False, logging_level='error')
 print(len([n for n in ray.nodes() if n['Alive']]), 'nodes,', ray.cluster_resources()['CPU'], 'CPUs')"
 

@@ -50,7 +50,7 @@ class Recipe:
 
     @property
     def name(self) -> str:
-        return f"{self.model}-{self.setting.replace(', ', '_').replace(' ', '_')}"
+        return f"{self.model}-{self.setting.replace(',', '').replace(' ', '_')}"
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,8 @@ class ResultOptions:
 def recipes() -> list[Recipe]:
     """The rows of the table, then variations of cheap networks: worse and better ones, which tell
     whether a metric can tell them apart."""
+    short = ("data.samples_per_epoch=1600", "trainer.max_epochs=3", "optim.lr=0.0003")
+    larger = ("model.size=[2,16]", "data.crop=[55,40]", "data.offset=0.35")
     best = ("data.samples_per_epoch=6400", "trainer.max_epochs=6", "schedule=cosine")
     rows = [
         Recipe(model, setting, overrides, seeds)
@@ -84,12 +86,9 @@ def recipes() -> list[Recipe]:
             ("commaai", "published, quick", ("experiment=commaai", "quick=true"), 3),
             ("tiny", "published", ("experiment=tiny41",), 3),
             ("tiny63", "published", ("experiment=tiny63",), 3),
-            (
-                "vgg",
-                "from scratch, quick",
-                ("experiment=vgg", "quick=true", "model.weights=null"),
-                1,
-            ),
+            ("vgg", "without ImageNet", ("experiment=vgg", "model.weights=null", *short), 1),
+            ("linear", "ours, 15 numbers", ("experiment=linear15",), 3),
+            ("linear", "ours, 33 numbers", ("experiment=linear15", *larger), 3),
         )
     ]
     bases = {

@@ -43,13 +43,12 @@ def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Ite
         if not trainer.is_global_zero:
             if isinstance(error, InputError | StoppedError):
                 _write_note(folder, trainer, error)
-            elif not is_lost_connection(error):
+            elif not (is_lost_connection(error) or isinstance(error, PrunedError)):
                 raise  # nothing that a user did: with its trace
             sys.exit(0)
-        if not isinstance(error, InputError | StoppedError | PrunedError):
-            reason = watch.reason(wait_s=3.0)
-            if reason:
-                raise InputError(reason) from error
+        reason = watch.reason(wait_s=3.0) if is_lost_connection(error) else None
+        if reason:
+            raise InputError(reason) from error
         raise
     finally:
         watch.end()

@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +23,8 @@ from zoo.sweeping.record import read_record, varying
 
 DONE = ("finished", "pruned")
 SERIAL = "basic"
+LOOK_S, ORPHAN = 2.0, "end as orphan"
+_training = threading.Lock()
 
 
 def run_job(config: DictConfig) -> float:
@@ -44,7 +48,7 @@ def run_job(config: DictConfig) -> float:
     else:
         _be_one_of_many(config)
     try:
-        with contextlib.nullcontext() if serial else _said_in(folder / "log.txt"):
+        with _training, contextlib.nullcontext() if serial else _said_in(folder / "log.txt"):
             if needs_processes(config):
                 return _train_beside(folder, list(hydra.overrides.task))
             return _train(config, folder)
@@ -80,9 +84,22 @@ def _be_one_of_many(config: DictConfig) -> None:
     """What differs in a process that others started, beside more of its kind."""
     # joblib's processes start others in a way of their own, which those do not know in their turn.
     multiprocessing.set_start_method(multiprocessing.get_all_start_methods()[0], force=True)
+    if not any(one.name == ORPHAN for one in threading.enumerate()):
+        watch = threading.Thread(target=_end_as_orphan, args=(os.getppid(),), name=ORPHAN)
+        watch.daemon = True
+        watch.start()
     if config.get("score") and not config.score.get("workers"):
         with open_dict(config.score):
             config.score.workers = 1  # not one a core: the other jobs' drives are there, too
+
+
+def _end_as_orphan(parent: int) -> None:
+    """A pool's process would outlive a sweep that was killed, and wait for work for good: it ends
+    once its job is done."""
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    with _training:
+        os._exit(0)
 
 
 def _claim(folder: Path) -> bool:
