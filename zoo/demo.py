@@ -1,4 +1,5 @@
-"""`python -m zoo.demo`: the main job from nothing: record, train, drive over the socket, score.
+"""`python -m zoo.demo`: the main job from nothing: record, train, score, report, and drive over the
+socket.
 
 Runs the commands that a person would type, and prints each before it runs.
 """
@@ -31,9 +32,14 @@ def demo(arguments: list[str]) -> None:
     console = Console(soft_wrap=True)
     run = Path("outputs") / f"{datetime.datetime.now():%Y-%m-%d/%H-%M-%S}-demo"
     best = str(run / "checkpoints" / "best.ckpt")
-    drive, scores = run / "drive", run / "evaluation"
+    drive = run / "drive"
     stages = {
-        "record (once) and train": ["zoo", "model=nvidia", "quick=true", f"hydra.run.dir={run}"],
+        "record (once), train, score by driving, report": [
+            "zoo",
+            "model=nvidia",
+            "quick=true",
+            f"hydra.run.dir={run}",
+        ],
         "drive a lap over the socket": [
             "zoo.drive",
             best,
@@ -44,14 +50,6 @@ def demo(arguments: list[str]) -> None:
             f"drive.record={drive}",
         ],
         "film it": ["zoo.film", str(drive), f"out={run / 'lap.mp4'}", "fps=30"],
-        "score it by driving": [
-            "zoo.evaluate",
-            best,
-            "track=lake",
-            "seeds=2",
-            f"speed={SPEED_MPH}",
-            f"out={scores}",
-        ],
     }
     # On a busy machine threads that spin while they wait for one another take it all down.
     environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
@@ -65,10 +63,10 @@ def demo(arguments: list[str]) -> None:
     console.print(table)
     for name, path in {
         "checkpoint": best,
-        "film of a lap": run / "lap.mp4",
-        "scores": scores / "metrics.json",
-        "where it drove": scores / "lake-0" / "track.png",
-        "training plots": run / "plots",
+        "film of the lap": run / "lap.mp4",
+        "report": run / "report" / "index.html",
+        "scores": run / "metrics.json",
+        "where it drove": run / "drives" / "lake-0" / "track.png",
         "the drive, as a recording": drive,
     }.items():
         console.print(f"{name}: {path}", highlight=False, markup=False)
