@@ -37,11 +37,35 @@ def main(seconds: float) -> None:
 def measure(short: bool) -> list[Row]:
     """For `make bench`: the driver with nvidia, beside what two loops of 60 fps can ask for."""
     rate, latency = drive("nvidia", 1.0 if short else SECONDS)
+    forward = forward_ms("nvidia", 20 if short else 500)
     figures = {"telemetry/s": rate} | {f"{name} ms": value for name, value in latency.items()}
     asked = f"two loops at {FPS} fps, answered at once"
     return [
-        Row("the driver with nvidia, telemetry answered", asked, rate / (2 * FPS), figures=figures)
+        Row("the driver with nvidia, telemetry answered", asked, rate / (2 * FPS), figures=figures),
+        Row(
+            "frame received to reply sent, nvidia, median",
+            "the forward pass alone",
+            latency["p50"] / forward,
+            1.5,
+            False,
+            {"driver ms": latency["p50"], "forward ms": forward},
+        ),
     ]
+
+
+def forward_ms(name: str, repeats: int) -> float:
+    """The median time of a network's forward pass of one picture, on one thread."""
+    import torch
+
+    policy, times = random_policy(name), []
+    height, width, channels = policy.view.shape
+    picture = torch.zeros(1, channels, height, width, dtype=torch.uint8)
+    with torch.inference_mode():
+        for _ in range(repeats):
+            began = time.perf_counter()
+            policy.network(picture)
+            times.append(1000 * (time.perf_counter() - began))
+    return float(np.median(times))
 
 
 def drive(name: str, seconds: float) -> tuple[float, dict[str, float]]:

@@ -1,0 +1,109 @@
+"""`python benchmarks/scored_lap.py`: what scoring costs beside the pictures and the network.
+
+A scored drive of the lake with PilotNet (random weights: it is put back often, which costs no more)
+against rendering the same pictures alone and running the network on them alone; and four such
+drives on four cores against one on one.
+"""
+
+import tempfile
+import time
+from pathlib import Path
+
+import torch
+from driver import random_policy
+from rich.console import Console
+from timing import Row, median_ratio, medians, run_part, take_turns
+
+from datamodules.cores import usable_cores
+from simulator.world import Start
+from zoo.checkpoint import PREFIX, make_card
+from zoo.scoring.closed_loop import ScoredDrive
+from zoo.scoring.drives import Setup, drive_all, drive_once, drive_setup, open_setup
+
+LAPS, SHORT_LAPS = 0.3, 0.02
+MANY = 4
+
+
+def measure(short: bool) -> list[Row]:
+    """The two ratios."""
+    torch.set_num_threads(1)
+    laps, rounds = (SHORT_LAPS, 1) if short else (LAPS, 5)
+    setup = Setup("lake", laps=laps, speed_mph=20.0)
+    policy, world = random_policy("nvidia"), open_setup(setup, "auto")
+    frames: list = []
+
+    def scored() -> float:
+        began = time.perf_counter()
+        found.append(drive_setup(policy, world, setup))
+        return time.perf_counter() - began
+
+    def rendered() -> float:
+        drive, seconds = found[-1], 0.0
+        frames.clear()
+        for distance, row in zip(drive.distance_m, drive.rows, strict=True):
+            world.put_back(Start(distance, cte=row.cross_track_m, speed_mph=row.speed_mph))
+            began = time.perf_counter()
+            frames.append(world.frame())
+            seconds += time.perf_counter() - began
+        return seconds
+
+    def predicted() -> float:
+        began = time.perf_counter()
+        for frame in frames:
+            policy(frame, 20.0)
+        return time.perf_counter() - began
+
+    found: list[ScoredDrive] = []
+    turns = take_turns(
+        {"scored s": scored, "rendering s": rendered, "network s": predicted}, rounds
+    )
+    world.pictures.close()
+    sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
+    what = f"{laps:g} scored laps of the lake, nvidia, one core"
+    rows = [
+        Row(
+            what,
+            "rendering alone + network alone",
+            median_ratio(turns["scored s"], sums),
+            1.2,
+            False,
+            medians(turns),
+        )
+    ]
+    return rows if usable_cores() < MANY else rows + [_many(short)]
+
+
+def _many(short: bool) -> Row:
+    """Four laps at once, the start of their processes among their time, against one."""
+    laps, rounds = (SHORT_LAPS, 1) if short else (1.0, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        checkpoint = _random_checkpoint(Path(folder))
+        setups = [Setup("lake", seed, laps, 20.0) for seed in range(MANY)]
+
+        def one() -> float:
+            began = time.perf_counter()
+            drive_once(checkpoint, setups[0], None)
+            return time.perf_counter() - began
+
+        def many() -> float:
+            began = time.perf_counter()
+            drive_all(checkpoint, setups, [None] * MANY, MANY, Console(quiet=True))
+            return time.perf_counter() - began
+
+        turns = take_turns({"four s": many, "one s": one}, rounds)
+    ours, theirs = turns.values()
+    what = f"four drives of {laps:g} laps on four cores"
+    return Row(what, "one on one core", median_ratio(ours, theirs), 1.3, False, medians(turns))
+
+
+def _random_checkpoint(folder: Path) -> str:
+    policy = random_policy("nvidia")
+    weights = {f"{PREFIX}{key}": value for key, value in policy.network.state_dict().items()}
+    card = make_card(policy.config, policy.view, {"fingerprint": "none", "rows": 0})
+    path = folder / "random.ckpt"
+    torch.save({"state_dict": weights, "drivezoo": card}, path)
+    return str(path)
+
+
+if __name__ == "__main__":
+    run_part(measure)
