@@ -7,6 +7,7 @@ and writes `outputs/bench.json`. `short` only shows that it works: its figures m
 import json
 import os
 import platform
+import signal
 import subprocess
 import sys
 import tempfile
@@ -16,12 +17,13 @@ from importlib.metadata import version
 from pathlib import Path
 
 from rich.console import Console
-from timing import Row, print_rows
+from timing import Row, make_console, print_rows
 
 from datamodules.cores import usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
+LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
@@ -38,11 +40,20 @@ def run_one(name: str, short: bool, console: Console) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "rows.json"
         command = [sys.executable, str(HERE / f"{name}.py"), f"out={out}"]
-        result = subprocess.run(
-            command + ["short"] * short, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        )
-        if result.returncode or not out.is_file():
-            console.print(result.stdout[-2000:], f"{name}: failed", markup=False, highlight=False)
+        log = Path(folder) / "log.txt"
+        with log.open("w") as said:
+            process = subprocess.Popen(
+                command + ["short"] * short, stdout=said, stderr=said, start_new_session=True
+            )
+            try:
+                process.wait(LONGEST_S)
+            except BaseException as error:
+                os.killpg(process.pid, signal.SIGKILL)  # and the processes that it started
+                if not isinstance(error, subprocess.TimeoutExpired):
+                    raise
+        if process.poll() or not out.is_file():
+            told = f"{name}: failed, or took more than {LONGEST_S} s"
+            console.print(log.read_text()[-2000:], told, markup=False, highlight=False)
             return []
         return [Row(**row) for row in json.loads(out.read_text())]
 
@@ -67,7 +78,7 @@ def machine() -> dict:
 
 def main(arguments: list[str]) -> int:
     """Print the table; 1 where a part failed."""
-    console = Console()
+    console = make_console()
     names = part_names()
     wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
     chosen = [name for one in wanted for name in one.split(",") if name] or names

@@ -15,7 +15,7 @@ from pathlib import Path
 from material import OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
-from timing import Row, contestant, run_part
+from timing import Row, contestant, let_threads_sleep, run_part
 
 MEMORY = "memory beside the page cache, MB"
 LOG_ROWS = 1_000_000
@@ -135,6 +135,7 @@ def read_log_of(rows: int) -> float:
 
 def main(sizes: list[int]) -> None:
     """A table of the sizes asked for, a column each."""
+    let_threads_sleep()
     table = Table("seconds", *(f"{rows:,} rows" for rows in sizes))
     columns = [stages_of(rows) for rows in sizes]
     for stage in columns[0]:

@@ -75,6 +75,13 @@ def recipes() -> list[Recipe]:
     whether a metric can tell them apart."""
     short = ("data.samples_per_epoch=1600", "trainer.max_epochs=3", "optim.lr=0.0003")
     larger = ("model.size=[2,16]", "data.crop=[55,40]", "data.offset=0.35")
+    cropped = (
+        "data.crop=[50,20]",
+        "augment=[brightness,bend]",
+        "data.samples_per_epoch=4800",
+        "trainer.max_epochs=4",
+        "schedule=cosine",
+    )
     best = ("data.samples_per_epoch=6400", "trainer.max_epochs=6", "schedule=cosine")
     rows = [
         Recipe(model, setting, overrides, seeds)
@@ -84,6 +91,7 @@ def recipes() -> list[Recipe]:
             ("nvidia", "published, quick", ("experiment=pilotnet", "quick=true"), 3),
             ("nvidia", "with bends", ("model=nvidia", *best, "augment=[brightness,bend]"), 3),
             ("commaai", "published, quick", ("experiment=commaai", "quick=true"), 3),
+            ("commaai", "with bends, cropped", ("model=commaai", *cropped), 3),
             ("tiny", "published", ("experiment=tiny41",), 3),
             ("tiny63", "published", ("experiment=tiny63",), 3),
             ("vgg", "without ImageNet", ("experiment=vgg", "model.weights=null", *short), 1),

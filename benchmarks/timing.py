@@ -64,9 +64,7 @@ def medians(found: dict[str, list[float]]) -> dict[str, float]:
 
 
 @contextmanager
-def contestant(
-    target: Callable[..., None], *arguments: object, environment: dict[str, str] | None = None
-) -> Iterator[Callable[[], float]]:
+def contestant(target: Callable[..., None], *arguments: object) -> Iterator[Callable[[], float]]:
     """A process of its own, for settings that a process makes once; what is yielded measures in it.
 
     `target(pipe, *arguments)` sends None when it is ready; each time it receives True it measures
@@ -74,16 +72,9 @@ def contestant(
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    before = dict(os.environ)
-    for name, value in (environment or {}).items():
-        os.environ.pop(name, None)
-        if value:
-            os.environ[name] = value
     process = context.Process(target=target, args=(theirs, *arguments))
     process.start()
     theirs.close()
-    os.environ.clear()
-    os.environ.update(before)
     try:
         ours.recv()
         yield lambda: _ask(ours)
@@ -97,6 +88,12 @@ def contestant(
 def _ask(pipe: Connection) -> float:
     pipe.send(True)
     return pipe.recv()
+
+
+def make_console() -> Console:
+    """Wide enough for the table, where nobody says how wide it is."""
+    console = Console()
+    return console if console.is_terminal else Console(width=120)
 
 
 def print_rows(rows: list[Row], console: Console) -> None:
@@ -113,14 +110,19 @@ def print_rows(rows: list[Row], console: Console) -> None:
     console.print(table)
 
 
-def run_part(measure: Callable[[bool], list[Row]]) -> None:
-    """`__main__` of a part: `[short] [out=FILE]`."""
-    if "OMP_WAIT_POLICY" not in os.environ:  # read when torch is imported, which has happened
+def let_threads_sleep() -> None:
+    """Start this program anew, where its threads would spin: torch, once imported, asks no more."""
+    if "OMP_WAIT_POLICY" not in os.environ:
         environment = os.environ | {"OMP_WAIT_POLICY": "PASSIVE"}
         os.execve(sys.executable, [sys.executable, *sys.argv], environment)
+
+
+def run_part(measure: Callable[[bool], list[Row]]) -> None:
+    """`__main__` of a part: `[short] [out=FILE]`."""
+    let_threads_sleep()
     rows = measure("short" in sys.argv[1:])
     out = [one.removeprefix("out=") for one in sys.argv[1:] if one.startswith("out=")]
     if out:
         Path(out[0]).write_text(json.dumps([asdict(row) for row in rows]))
     else:
-        print_rows(rows, Console())
+        print_rows(rows, make_console())

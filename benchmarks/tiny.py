@@ -19,7 +19,7 @@ SAMPLES, BATCH, EPOCHS = 24_000, 128, 30
 
 def measure(short: bool) -> list[Row]:
     """The time of a fit as a multiple of the bare loop's, and of ten seconds."""
-    epochs, rounds = (1, 1) if short else (EPOCHS, 3)
+    epochs, rounds = (1, 1) if short else (EPOCHS, 2)
     config = config_for(
         linked_recording(200 if short else 3_000),
         "experiment=tiny41",

@@ -150,7 +150,7 @@ class Augment:
     def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
         if colour == "hsv_s":
             transforms = [one for one in transforms if not getattr(one, "lighting", False)]
-        self.colour = colour
+        self.transforms, self.colour = transforms, colour
         self.changes = [_change_of(one) for one in transforms]
 
     def __call__(

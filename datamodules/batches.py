@@ -34,31 +34,27 @@ class TrainingBatches(Dataset):
     def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
         if isinstance(key, tuple):
             return [self[one] for one in key]
-        samples, rng, own = self.samples, self._rng(key), key.own
-        mirrored = self._mirrored(key, rng)
+        samples, own = self.samples, key.own
+        mirrored, steering, seed = self.draw(key)
         pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)
-        steering = self._steering(key, mirrored)
         # A process that prepares batches beside others has one core.
         threads = 1 if get_worker_info() else torch.get_num_threads()
         place = (key.share.start, len(key.samples))
-        self.augment.in_place(pictures, steering, int(rng.integers(2**31)), threads, place)
+        self.augment.in_place(pictures, steering, seed, threads, place)
         return make_batch(pictures, steering, samples.throttle[own], samples.speed_mph[own])
 
     def steering(self, key: BatchKey) -> np.ndarray:
-        """The batch's steering, float32 [N], flipped but before any augmentation."""
-        return self._steering(key, self._mirrored(key, self._rng(key)))
+        """The batch's steering, float32 [n], flipped but before any augmentation."""
+        return self.draw(key)[1]
 
-    def _steering(self, key: BatchKey, mirrored: np.ndarray) -> np.ndarray:
-        steering = self.samples.steering[key.own]
-        return np.where(mirrored, -steering, steering)
-
-    def _mirrored(self, key: BatchKey, rng: np.random.Generator) -> np.ndarray:
-        """bool [n]; the first draw from a fresh `_rng`, for the whole batch."""
+    def draw(self, key: BatchKey) -> tuple[np.ndarray, np.ndarray, int]:
+        """What is mirrored, bool [n], the steering with that, float32 [n], and the seed of the
+        augmentation: drawn for the whole batch, of which `n` samples are this process's."""
+        rng = np.random.default_rng([self.seed, key.epoch, key.number])
         drawn = rng.random(len(key.samples)) < self.flip
-        return self.samples.flipped[key.own] ^ drawn[key.share]
-
-    def _rng(self, key: BatchKey) -> np.random.Generator:
-        return np.random.default_rng([self.seed, key.epoch, key.number])
+        mirrored = self.samples.flipped[key.own] ^ drawn[key.share]
+        steering = self.samples.steering[key.own]
+        return mirrored, np.where(mirrored, -steering, steering), int(rng.integers(2**31))
 
 
 class BatchesTogether:
@@ -113,9 +109,13 @@ def make_batch(
     pictures: np.ndarray, steering: np.ndarray, throttle: np.ndarray, speed_mph: np.ndarray
 ) -> Batch:
     """Arrays as the tensors of a `Batch`; the pictures uint8 [N, H, W, C]."""
-    targets = np.stack([steering, throttle], axis=1).astype(np.float32)
     return {
         "images": torch.from_numpy(pictures).permute(0, 3, 1, 2),
         "speed": torch.from_numpy(speed_mph.astype(np.float32)),
-        "targets": torch.from_numpy(targets),
+        "targets": torch.from_numpy(make_targets(steering, throttle)),
     }
+
+
+def make_targets(steering: np.ndarray, throttle: np.ndarray) -> np.ndarray:
+    """Float32 [N, 2], steering first."""
+    return np.stack([steering, throttle], axis=1).astype(np.float32)

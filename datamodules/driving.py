@@ -5,12 +5,15 @@ from pathlib import Path
 
 import lightning
 import numpy as np
+import torch
 from rich.console import Console
 from torch.utils.data import DataLoader
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
 from datamodules.batches import BatchesTogether, EvaluationBatches, TrainingBatches, as_it_is
+from datamodules.device_augment import DeviceAugment, without_equivalent
+from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
 from datamodules.leak import Leak, measure_leak
@@ -20,6 +23,8 @@ from datamodules.row_views import RowViews, load_row_views
 from datamodules.samples import CENTER, make_samples
 from datamodules.split import PARTS, Split, split_rows
 from datamodules.view import View
+
+AUGMENT_ON = ("auto", "cpu", "device")
 
 
 class DrivingData(lightning.LightningDataModule):
@@ -40,6 +45,8 @@ class DrivingData(lightning.LightningDataModule):
         batch_size: samples in a batch; several processes share each of them out.
         split: how rows are dealt, with val_share, test_share, block_s, gap_s and split_seed.
         augment: the transforms of `conf/augment`, by name.
+        augment_on: `cpu`, or `device`: what trains keeps the views, where they fit, and mirrors and
+            augments them; `auto` is `device` where that is no CPU and can do all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
         cache: the folder for decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
@@ -70,6 +77,7 @@ class DrivingData(lightning.LightningDataModule):
         gap_s: float = 1.0,
         split_seed: int = 0,
         augment: dict | None = None,
+        augment_on: str = "auto",
         on_bad_image: str = "fail",
         cache: str | None = "outputs/cache",
         workers: int = 0,
@@ -118,6 +126,7 @@ class DrivingData(lightning.LightningDataModule):
             ("gap_s", gap_s),
         ):
             _check(key, value, _is_in(value, 0), "a number, 0 or more")
+        _check("augment_on", augment_on, augment_on in AUGMENT_ON, ", ".join(AUGMENT_ON))
         _check("cache", cache, cache is None or isinstance(cache, str), "a folder, or null")
         _check("on_bad_image", on_bad_image, on_bad_image in ("fail", "skip"), "fail or skip")
         self.root, self.images, self.view = root, images, view
@@ -142,6 +151,8 @@ class DrivingData(lightning.LightningDataModule):
             if hasattr(transform, "crop"):  # it has to know which rows it is given
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
+        self.augment_on = augment_on
+        self.device: torch.device | None = None  # where training batches are made; None: on the CPU
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
         self.recording: Recording | None = None
@@ -207,6 +218,23 @@ class DrivingData(lightning.LightningDataModule):
         chance = 0.0 if self.flip == "both" else self.flip
         return TrainingBatches(self.views, self.samples, self.augment, chance, self.seed)
 
+    def make_batches_on(self, device: torch.device, console: Console) -> None:
+        """Make training batches on the device that trains, or on the CPU, as `augment_on` says.
+
+        Raises:
+            InputError: `augment_on=device` with a transform that only the CPU can do.
+        """
+        if self.augment_on == "cpu" or (self.augment_on == "auto" and device.type == "cpu"):
+            return
+        missing = without_equivalent(self.augment.transforms)
+        if missing and self.augment_on == "auto":
+            console.print(
+                f"augmented on the CPU, which alone can do {', '.join(missing)}", highlight=False
+            )
+            return
+        DeviceAugment(self.augment.transforms, self.augment.colour)
+        self.device = device
+
     def train_dataloader(self) -> DataLoader:
         sampler = self.sampler()
         if self.trainer is not None:
@@ -215,13 +243,16 @@ class DrivingData(lightning.LightningDataModule):
             sampler.set_epoch(self.trainer.current_epoch)
         if self.batches_together > 1:
             sampler = BatchesTogether(sampler, self.batches_together)
+        batches, workers = self.training_batches(), self.workers
+        if self.device is not None:
+            batches, workers = DeviceBatches(batches, self.device), 0
         return DataLoader(
-            self.training_batches(),
+            batches,
             batch_size=None,
             sampler=sampler,
             collate_fn=as_it_is,
-            num_workers=self.workers,
-            persistent_workers=self.workers > 0,
+            num_workers=workers,
+            persistent_workers=workers > 0,
         )
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:

@@ -57,9 +57,6 @@ def measure_leak(
 
 def _thumbnails(pictures: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """float32 [n, pixels] of small grey copies."""
-    small = [
-        cv2.resize(np.float32(pictures[row]), THUMBNAIL, interpolation=cv2.INTER_AREA)
-        for row in rows
-    ]
+    small = [cv2.resize(pictures[row], THUMBNAIL, interpolation=cv2.INTER_AREA) for row in rows]
     colours = np.stack(small).reshape(len(rows), THUMBNAIL[0] * THUMBNAIL[1], -1)
-    return colours.mean(axis=2)
+    return colours.mean(axis=2, dtype=np.float32)

@@ -13,9 +13,9 @@ from datamodules.recording import Recording
 from datamodules.view import View
 from datamodules.view_store import load_views
 
-# Views up to this size in all are put together in memory, where one call takes a batch: it is less
-# than torch itself takes. Larger ones stay mapped, so that memory does not grow with the rows.
-RESIDENT_BYTES = 64_000_000
+# Views up to this size in all are put together in memory, where one call takes a batch. Larger ones
+# stay mapped, so that memory does not grow with the rows.
+RESIDENT_BYTES = 16_000_000
 SMALL_BYTES = 1_000  # of a picture, below which a call for each costs more than to copy it
 
 

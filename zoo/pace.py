@@ -45,11 +45,10 @@ def set_pace(
     torch.set_num_threads(_threads(parameters, trainer.world_size))
     # What the pictures come in; weights in another layout would be turned round at every step.
     module.network.to(memory_format=torch.channels_last)
+    data.make_batches_on(device, console)
     if _may_step_together(trainer) and (device.type != "cpu" or parameters < TINY_PARAMETERS):
         data.batches_together = TOGETHER
-    samples = len(data.sampler()) * data.batch_size * trainer.max_epochs
-    setting = config.trainer.get("compile", False)
-    if resolve_compile(setting, device, parameters, samples, console):
+    if resolve_compile(config.trainer.get("compile", False), device, console):
         share = share_of(data.batch_size, trainer.global_rank, trainer.world_size)
         module.compile_batches_of(share.stop - share.start, console)
 

@@ -37,19 +37,15 @@ def straight_and_curved(draw) -> np.ndarray:
     steering=straight_and_curved(),
     cap=st.one_of(st.floats(0, 1), st.sampled_from([0.0, 0.1, 0.29, 0.3, 0.5, 0.7, 1.0])),
     batch_size=st.integers(1, 130),
-    world=st.integers(1, 3),
     count=st.one_of(st.none(), st.integers(1, 500)),
     epoch=st.integers(0, 3),
 )
-def test_no_batch_of_any_process_exceeds_the_cap(steering, cap, batch_size, world, count, epoch):
+def test_no_batch_exceeds_the_cap(steering, cap, batch_size, count, epoch):
     samples = samples_of(steering)
-    for rank in range(world):
-        batches = BalancedBatches(
-            samples, batch_size, 1, rank, world, samples_per_epoch=count, straight_cap=cap
-        )
-        batches.set_epoch(epoch)
-        for key in batches:
-            assert straight_of(samples, key.samples) <= math.floor(cap * len(key.samples))
+    batches = BalancedBatches(samples, batch_size, 1, samples_per_epoch=count, straight_cap=cap)
+    batches.set_epoch(epoch)
+    for key in batches:
+        assert straight_of(samples, key.samples) <= math.floor(cap * len(key.samples))
 
 
 @given(steering=straight_and_curved(), batch_size=st.integers(1, 130))
@@ -141,31 +137,118 @@ def test_keys_are_numbered_within_their_epoch():
     assert [(key.epoch, key.number) for key in listed] == [(2, 0), (2, 1), (2, 2), (2, 3)]
 
 
-def test_processes_share_an_epoch_without_repeats():
-    samples = samples_of(np.zeros(240))
-    ranks = [keys(samples, rank=rank, world=3, **FREE) for rank in range(3)]
-    assert [len(listed) for listed in ranks] == [8, 8, 8]
-    together = order(key for listed in ranks for key in listed)
-    assert sorted(together) == list(range(240))
-    numbers = sorted(key.number for listed in ranks for key in listed)
-    assert numbers == list(range(24))
+@st.composite
+def balances(draw) -> tuple[Samples, dict]:
+    """Samples, and how they are drawn: capped or not, weighted or not, each once or so many."""
+    samples = samples_of(draw(straight_and_curved()))
+    rng = np.random.default_rng(draw(st.integers(0, 1000)))
+    balance = {
+        "straight_cap": draw(st.sampled_from([None, 0.0, 0.3, 1.0])),
+        "samples_per_epoch": draw(st.one_of(st.none(), st.integers(1, 400))),
+    }
+    if draw(st.booleans()):
+        balance["weights"] = rng.uniform(0.1, 5, len(samples))
+    return samples, balance
 
 
-def test_processes_take_as_many_steps_where_batches_do_not_divide():
-    samples = samples_of(np.zeros(95))  # ten batches
-    ranks = [keys(samples, rank=rank, world=4, **FREE) for rank in range(4)]
-    assert [len(listed) for listed in ranks] == [3, 3, 3, 3]
-    assert set(order(key for listed in ranks for key in listed)) == set(range(95))
+@given(
+    drawn=balances(),
+    world=st.integers(1, 4),
+    batch_size=st.integers(1, 130),
+    epoch=st.integers(0, 3),
+)
+def test_the_shares_of_processes_are_the_batches_of_one(drawn, world, batch_size, epoch):
+    """Nothing twice, nothing left out, in the same order, step by step."""
+    samples, balance = drawn
+    alone = BalancedBatches(samples, batch_size, 1, **balance)
+    ranks = [
+        BalancedBatches(samples, batch_size, 1, rank, world, **balance) for rank in range(world)
+    ]
+    for one in (alone, *ranks):
+        one.set_epoch(epoch)
+        assert len(one) == len(list(one))
+    steps = 0
+    for whole, *shares in zip(alone, *ranks, strict=True):
+        assert np.concatenate([key.own for key in shares]).tolist() == whole.own.tolist()
+        sizes = [len(key.own) for key in shares]
+        assert max(sizes) - min(sizes) <= 1
+        assert {(key.epoch, key.number) for key in shares} == {(epoch, whole.number)}
+        steps += 1
+    assert steps == len(alone)
 
 
-def test_one_process_and_several_draw_the_same_batches():
-    samples = samples_of(np.zeros(240))
-    alone = {key.number: key.samples.tolist() for key in keys(samples, **FREE)}
-    for rank in range(3):
-        for key in keys(samples, rank=rank, world=3, **FREE):
-            assert key.samples.tolist() == alone[key.number]
+@given(world=st.integers(1, 4), batch_size=st.integers(1, 50), rows=st.integers(1, 200))
+def test_processes_together_take_each_sample_once(world, batch_size, rows):
+    samples = samples_of(np.zeros(rows))
+    taken = [
+        key.own
+        for rank in range(world)
+        for key in BalancedBatches(samples, batch_size, 1, rank, world, **FREE)
+    ]
+    assert sorted(np.concatenate(taken)) == list(range(rows))
+
+
+@pytest.mark.parametrize("world", [1, 2, 3, 4])
+def test_processes_together_take_each_sample_as_often_as_it_weighs(world):
+    weights = np.repeat([1.0, 3.0], [50, 20])
+    samples = samples_of(np.zeros(70))
+    own = [
+        key.own
+        for rank in range(world)
+        for key in BalancedBatches(samples, 16, 1, rank, world, weights=weights, **FREE)
+    ]
+    assert times(own, 70).tolist() == weights.tolist()
 
 
 def test_a_cap_without_a_curved_sample_cannot_be_held():
     with pytest.raises(InputError, match=r"straight_cap=0\.5 cannot be held.*straight_cap=null"):
         epoch_batches(samples_of(np.zeros(50)), 10, 0, 1)
+
+
+def times(batches: list[np.ndarray], count: int) -> np.ndarray:
+    return np.bincount(np.concatenate(batches), minlength=count)
+
+
+def test_a_whole_weight_is_how_often_a_sample_comes():
+    weights = np.repeat([1.0, 4.0], [60, 40])
+    batches = epoch_batches(samples_of(np.zeros(100)), 16, 0, 1, weights=weights, **FREE)
+    assert times(batches, 100).tolist() == weights.tolist()
+    assert len(BalancedBatches(samples_of(np.zeros(100)), 16, 1, weights=weights)) == len(batches)
+
+
+@given(
+    weights=st.lists(st.floats(0.05, 7), min_size=1, max_size=60).map(np.array),
+    batch_size=st.integers(1, 20),
+    epoch=st.integers(0, 3),
+)
+def test_a_sample_comes_its_weight_rounded_up_or_down(weights, batch_size, epoch):
+    samples = samples_of(np.zeros(len(weights)))
+    batches = epoch_batches(samples, batch_size, epoch, 1, weights=weights, **FREE)
+    found = times(batches, len(weights))
+    assert found.sum() == max(1, round(weights.sum()))
+    scaled = weights * (found.sum() / weights.sum())
+    assert (found >= np.floor(scaled - 1e-6)).all()
+    assert (found <= np.ceil(scaled + 1e-6)).all()
+    assert len(BalancedBatches(samples, batch_size, 1, weights=weights)) == len(batches)
+
+
+def test_a_fraction_does_not_pick_one_camera_of_three():
+    recording = recording_in_memory(np.zeros(300))
+    samples = make_samples(recording, np.arange(300), ["center", "left", "right"], 0.25)
+    drawn = np.concatenate(epoch_batches(samples, 50, 0, 1, weights=np.full(900, 1 / 3), **FREE))
+    assert np.bincount(samples.camera[drawn]) == pytest.approx([100] * 3, abs=30)
+
+
+def test_draws_are_by_weight():
+    samples = samples_of(np.zeros(10), ("center", "left"))
+    weights = np.where(samples.row < 5, 1.0, 3.0)
+    (batch,) = epoch_batches(samples, 8000, 0, 1, samples_per_epoch=8000, weights=weights, **FREE)
+    assert (samples.row[batch] >= 5).mean() == pytest.approx(0.75, abs=0.02)
+
+
+def test_what_replaces_straight_samples_is_drawn_by_weight():
+    samples = samples_of(np.repeat([0.0, 0.5, -0.5], [900, 50, 50]))
+    weights = np.repeat([1.0, 1.0, 9.0], [900, 50, 50])
+    batches = epoch_batches(samples, 100, 0, 1, straight_cap=0.0, weights=weights)
+    heavy = (samples.steering[np.concatenate(batches)] < 0).mean()
+    assert heavy == pytest.approx(0.9, abs=0.03)

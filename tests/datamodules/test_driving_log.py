@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from datamodules.driving_log import LogRow, read_log
+from datamodules.driving_log import ROWS_AT_ONCE, LogRow, read_log, read_log_columns
 from datamodules.errors import InputError
 from tests.recordings import format_number
 
@@ -19,13 +19,21 @@ HEADER = "center,left,right,steering,throttle,brake,speed"
 def read_text(folder: Path, text: str | bytes) -> list[LogRow]:
     log = folder / "driving_log.csv"
     log.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return list(read_log(log))
+    rows = list(read_log(log))
+    columns = read_log_columns(log)
+    paths = list(zip(*columns.paths, strict=True))
+    numbers = map(tuple, columns.numbers.tolist())
+    assert rows == list(map(LogRow, columns.line.tolist(), paths, numbers)), "both readers agree"
+    return rows
 
 
 def refusal(folder: Path, text: str) -> str:
     with pytest.raises(InputError) as caught:
         read_text(folder, text)
     message = str(caught.value)
+    with pytest.raises(InputError) as again:
+        read_log_columns(folder / "driving_log.csv")
+    assert str(again.value) == message, "both readers agree"
     assert "\n" not in message
     return message
 
@@ -220,3 +228,13 @@ def test_field_that_csv_cannot_read_names_the_row(tmp_path):
     endless = '"' + "x" * 200_000
     message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{endless}\n")
     assert "row 2: not a CSV row" in message
+
+
+@pytest.mark.parametrize("blank", [None, ROWS_AT_ONCE + 5])
+def test_a_log_of_several_chunks(tmp_path, blank):
+    lines = [f"{PATHS},{row % 100 / 100},0,0,{row % 30}" for row in range(2 * ROWS_AT_ONCE + 10)]
+    if blank:
+        lines.insert(blank, "")
+    rows = read_text(tmp_path, HEADER + "\n" + "\n".join(lines))
+    assert len(rows) == 2 * ROWS_AT_ONCE + 10
+    assert rows[-1].line == len(lines) + 1

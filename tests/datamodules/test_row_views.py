@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules import row_views
 from datamodules.image import decode_image
 from datamodules.recording import read_recordings
 from datamodules.row_views import load_row_views
@@ -89,3 +90,22 @@ def test_one_more_recording_leaves_the_others_views_alone(two, tmp_path, console
     after = {path: path.stat().st_mtime_ns for path in cache.glob("*.npy")}
     assert len(after) == 4
     assert before.items() <= after.items()
+
+
+@pytest.mark.parametrize("resident", [True, False])
+@pytest.mark.parametrize("size", [(33, 100), (6, 20)], ids=["large", "small"])
+def test_mirrored_pictures(two, tmp_path, console, monkeypatch, size, resident):
+    if not resident:
+        monkeypatch.setattr(row_views, "RESIDENT_BYTES", 0)
+    view = View((60, 25), "rgb", size)
+    recording = read_recordings(roots(two))
+    views, _ = load_row_views(recording, CAMERAS, view, tmp_path / "cache", console)
+    assert (len(views.files) == 1) == resident
+    rows, cameras = np.array([13, 2, 2, 7]), np.array([0, 1, 1, 2])
+    plain = views.take(rows, cameras)
+    turned = views.take(rows, cameras, np.array([True, False, True, False]))
+    np.testing.assert_array_equal(turned[[0, 2]], plain[[0, 2]][:, :, ::-1])
+    np.testing.assert_array_equal(turned[[1, 3]], plain[[1, 3]])
+    for picture, row, camera in zip(plain, rows, cameras, strict=True):
+        whole = decode_image(Path(recording.images[row, camera]).read_bytes())
+        np.testing.assert_array_equal(picture, view(whole))

@@ -3,7 +3,7 @@
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zoo.models.layers import Normalize, activation_layer, feature_shape
+from zoo.models.layers import Dropout, Normalize, activation_layer, feature_shape
 
 
 class SameConv2d(nn.Conv2d):
@@ -49,10 +49,10 @@ class CommaAi(nn.Module):
             SameConv2d(c2, c3, 5, 2),
         )
         self.head = nn.Sequential(
-            nn.Dropout(dropout[0]),
+            Dropout(dropout[0]),
             activation_layer(activation),
             nn.Linear(feature_shape(self.features, shape, "CommaAi").numel(), f1),
-            nn.Dropout(dropout[1]),
+            Dropout(dropout[1]),
             activation_layer(activation),
             nn.Linear(f1, 1),
         )

@@ -6,7 +6,7 @@ With ELU and a dropout that rises from layer to layer, as in a well-known soluti
 import torch
 from torch import Tensor, nn
 
-from zoo.models.layers import Normalize, activation_layer, feature_shape
+from zoo.models.layers import Dropout, Normalize, activation_layer, feature_shape
 
 CONVOLUTIONS = [(24, 5, 2), (36, 5, 2), (48, 5, 2), (64, 3, 1), (64, 3, 1)]
 DENSE = [100, 50, 10]
@@ -38,7 +38,7 @@ class PilotNet(nn.Module):
         for (out, kernel, stride), rate in zip(CONVOLUTIONS, rates, strict=False):
             out = max(1, round(out * width))
             layers += [nn.Conv2d(channels, out, kernel, stride), activation_layer(activation)]
-            layers += [nn.Dropout(rate)]
+            layers += [Dropout(rate)]
             channels = out
         self.takes_speed = speed
         self.outputs = 2 if speed else 1
@@ -48,7 +48,7 @@ class PilotNet(nn.Module):
         layers = []
         for out, rate in zip(DENSE, rates[len(CONVOLUTIONS) :], strict=True):
             out = max(1, round(out * width))
-            layers += [nn.Linear(units, out), activation_layer(activation), nn.Dropout(rate)]
+            layers += [nn.Linear(units, out), activation_layer(activation), Dropout(rate)]
             units = out
         self.head = nn.Sequential(*layers, nn.Linear(units, self.outputs))
 

@@ -1,0 +1,188 @@
+"""Augmentations as torch operations on a whole batch, on the device that trains.
+
+Each has the draws of the one in `augment.py` or `bend.py` that it stands for, to the number, and
+does with them what OpenCV does, but for rounding: a picture is rounded once, after all
+changes. Draws are made by numpy, so that they are the same on every device, and steering is
+corrected there.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import albumentations
+import numpy as np
+import torch
+from torch import Tensor
+
+from datamodules.augment import Brightness, Shadow, Shift
+from datamodules.bend import Bend
+from datamodules.device_pictures import darkened, lit, moved, rgb_of_yuv, yuv_of_rgb
+from datamodules.errors import InputError
+from datamodules.ground import MAX_STEERING_DEG, WHEELBASE_M
+from datamodules.image import FRAME_WIDTH
+
+Draw = Callable[[tuple[int, int, int, int], np.random.Generator], np.ndarray]
+
+
+@dataclass(frozen=True)
+class DeviceChange:
+    """One augmentation of a batch.
+
+    Attributes:
+        p: the chance of a picture to be changed.
+        draw: of a shape (n, height, width, channels) and a generator: float [n, K].
+        change: of pictures float32 [n, C, H, W], 0..255, and float32 [n, K]: changed ones.
+        steer: of steering float32 [n] and float [n, K]: corrected; None where it stays.
+    """
+
+    p: float
+    draw: Draw
+    change: Callable[[Tensor, Tensor], Tensor]
+    steer: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+
+class DeviceAugment:
+    """What `Augment` does, on a device.
+
+    Raises:
+        InputError: a transform that has no equivalent here.
+    """
+
+    def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
+        missing = without_equivalent(transforms)
+        if missing:
+            raise InputError(
+                f"data.augment_on=device: {', '.join(missing)} has no equivalent there; leave it "
+                "out of augment=[...], or set data.augment_on=cpu"
+            )
+        self.colour = colour
+        self.changes = [EQUIVALENTS[type(one)](one) for one in transforms]
+
+    def __call__(
+        self,
+        pictures: Tensor,
+        steering: np.ndarray,
+        seed: int,
+        place: tuple[int, int] | None = None,
+    ) -> tuple[Tensor, np.ndarray]:
+        """uint8 [n, H, W, C] and float32 [n] -> the same, changed as `seed` decides; `place` as in
+        `Augment.in_place`."""
+        if not self.changes or not len(pictures):
+            return pictures, steering
+        changed = pictures.permute(0, 3, 1, 2).float()
+        if self.colour == "yuv":
+            changed = rgb_of_yuv(changed)
+        place = place or (0, len(pictures))
+        streams = np.random.SeedSequence(seed).spawn(len(self.changes))
+        for one, stream in zip(self.changes, streams, strict=True):
+            rng = np.random.default_rng(stream)
+            changed, steering = _apply(one, changed, steering, rng, place)
+        if self.colour == "yuv":
+            changed = yuv_of_rgb(changed)
+        rounded = changed.round().clamp(0, 255).to(torch.uint8, memory_format=torch.channels_last)
+        return rounded.permute(0, 2, 3, 1), steering
+
+
+def without_equivalent(transforms: list[albumentations.BasicTransform]) -> list[str]:
+    """The names of those that only the CPU can do."""
+    return [type(one).__name__ for one in transforms if type(one) not in EQUIVALENTS]
+
+
+def _apply(
+    one: DeviceChange,
+    pictures: Tensor,
+    steering: np.ndarray,
+    rng: np.random.Generator,
+    place: tuple[int, int],
+) -> tuple[Tensor, np.ndarray]:
+    first, whole = place
+    chosen = np.flatnonzero(rng.random(whole) < one.p)
+    count, channels, height, width = pictures.shape
+    drawn = one.draw((len(chosen), height, width, channels), rng)
+    ours = slice(*np.searchsorted(chosen, [first, first + count]))
+    chosen, drawn = chosen[ours] - first, drawn[ours]
+    if not len(chosen):
+        return pictures, steering
+    values = torch.from_numpy(drawn.astype(np.float32)).to(pictures.device, non_blocking=True)
+    if len(chosen) == count:
+        pictures = one.change(pictures, values)
+    else:
+        at = torch.from_numpy(chosen).to(pictures.device, non_blocking=True)
+        pictures = pictures.index_copy(0, at, one.change(pictures[at], values))
+    if one.steer is not None:
+        steering = steering.copy()
+        steering[chosen] = one.steer(steering[chosen], drawn)
+    return pictures, steering
+
+
+def _brightness(transform: Brightness) -> DeviceChange:
+    def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
+        return rng.uniform(*transform.scale, shape[0])[:, None]
+
+    return DeviceChange(transform.p, draw, lambda pictures, drawn: lit(pictures, drawn[:, 0]))
+
+
+def _shadow(transform: Shadow) -> DeviceChange:
+    corners = transform.shadow_dimension
+
+    def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
+        """For each shadow its corners, column and row, and its intensity: 0 where there is none."""
+        drawn = transform.draw_batch(shape, rng)
+        most = transform.num_shadows_limit[1]
+        values = np.zeros((shape[0], most, 2 * corners + 1))
+        for at, one in enumerate(drawn):
+            count = len(one["intensities"])
+            values[at, :count, :-1] = one["vertices_list"].reshape(count, -1)
+            values[at, :count, -1] = one["intensities"]
+        return values.reshape(shape[0], -1)
+
+    def change(pictures: Tensor, drawn: Tensor) -> Tensor:
+        for shadow in drawn.unflatten(1, (-1, 2 * corners + 1)).unbind(1):
+            outline = shadow[:, :-1].unflatten(1, (corners, 2))
+            pictures = darkened(pictures, outline, shadow[:, -1])
+        return pictures
+
+    return DeviceChange(transform.p, draw, change)
+
+
+def _shift(transform: Shift) -> DeviceChange:
+    def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
+        right = rng.uniform(-transform.pixels, transform.pixels, shape[0])
+        return np.stack([right, rng.uniform(-transform.rows, transform.rows, shape[0])], 1)
+
+    def change(pictures: Tensor, drawn: Tensor) -> Tensor:
+        return moved(pictures, drawn[:, :1] * (pictures.shape[3] / FRAME_WIDTH), drawn[:, 1])
+
+    def steer(steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        return np.clip(steering + drawn[:, 0] * transform.steering_per_pixel, -1, 1)
+
+    return DeviceChange(transform.p, draw, change, steer)
+
+
+def _bend(transform: Bend) -> DeviceChange:
+    def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
+        """What it adds to the steering, and how far each row moves, in the view's columns."""
+        drawn = transform.draw_batch(shape, rng)
+        names = ("curvature", "begin", "length")
+        values = np.array([[one[name] for name in names] for one in drawn]).reshape(-1, 3)
+        curvature, begin, length = values.T[:, :, None]
+        aside = transform.columns_aside(shape[1], curvature, begin, length)
+        due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
+        added = due * np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
+        return np.concatenate([added, aside * shape[2] / FRAME_WIDTH], 1)
+
+    def change(pictures: Tensor, drawn: Tensor) -> Tensor:
+        return moved(pictures, drawn[:, 1:], torch.zeros_like(drawn[:, 0]), beyond="reflection")
+
+    def steer(steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        return np.clip(steering + drawn[:, 0], -1, 1)
+
+    return DeviceChange(transform.p, draw, change, steer)
+
+
+EQUIVALENTS: dict[type, Callable[[albumentations.BasicTransform], DeviceChange]] = {
+    Brightness: _brightness,
+    Shadow: _shadow,
+    Shift: _shift,
+    Bend: _bend,
+}

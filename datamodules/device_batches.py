@@ -1,0 +1,93 @@
+"""Training batches that are made on the device that trains."""
+
+import numpy as np
+import psutil
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from datamodules.balance import BatchKey
+from datamodules.batches import Batch, TrainingBatches, make_targets
+from datamodules.device_augment import DeviceAugment
+from datamodules.row_views import RowViews
+
+RESIDENT_SHARE = 0.5  # of the memory that is free when training begins
+CHUNK = 4096  # pictures copied to the device at a time
+
+
+class DeviceBatches(Dataset):
+    """A batch by its key, as `TrainingBatches`, whose draws it has: pictures are picked, mirrored
+    and augmented on the device.
+
+    All views stay there where they fit; else those of a batch are copied there, unchanged.
+
+    Args:
+        room: bytes that the views may take; None for half of what is free.
+
+    Raises:
+        InputError: a transform that has no equivalent on a device.
+    """
+
+    def __init__(
+        self, batches: TrainingBatches, device: torch.device, room: int | None = None
+    ) -> None:
+        self.batches, self.device = batches, device
+        self.augment = DeviceAugment(batches.augment.transforms, batches.augment.colour)
+        views = batches.views
+        room = RESIDENT_SHARE * _free_bytes(device) if room is None else room
+        self.resident: Tensor | None = None
+        if sum(one.nbytes for one in views.files) <= room:
+            self.resident = _copied(views, device)
+            self.starts = np.cumsum([0, *map(len, views.files)])[:-1]
+
+    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
+        if isinstance(key, tuple):
+            return [self[one] for one in key]
+        samples, own = self.batches.samples, key.own
+        mirrored, steering, seed = self.batches.draw(key)
+        pictures = self._pictures(samples.row[own], samples.camera[own])
+        if mirrored.any():
+            flips = self._copy(mirrored)[:, None, None, None]
+            pictures = torch.where(flips, pictures.flip(2), pictures)
+        place = (key.share.start, len(key.samples))
+        pictures, steering = self.augment(pictures, steering, seed, place)
+        labels = self._copy(
+            np.column_stack([make_targets(steering, samples.throttle[own]), samples.speed_mph[own]])
+        )
+        return {
+            "images": pictures.permute(0, 3, 1, 2),
+            "speed": labels[:, 2],
+            "targets": labels[:, :2],
+        }
+
+    def _pictures(self, rows: np.ndarray, cameras: np.ndarray) -> Tensor:
+        """uint8 [n, H, W, C], on the device."""
+        views = self.batches.views
+        if self.resident is None:
+            return self._copy(views.take(rows, cameras))
+        at = self.starts[views.file[rows, cameras]] + views.position[rows, cameras]
+        return self.resident.index_select(0, self._copy(at))
+
+    def _copy(self, array: np.ndarray) -> Tensor:
+        tensor = torch.from_numpy(array)
+        if self.device.type == "cuda":  # without waiting for what the device is at
+            tensor = tensor.pin_memory()
+        return tensor.to(self.device, non_blocking=True)
+
+
+def _copied(views: RowViews, device: torch.device) -> Tensor:
+    """All files of views in one tensor, uint8 [N, H, W, C], on a device."""
+    shape = (sum(map(len, views.files)), *views.files[0].shape[1:])
+    copied, done = torch.empty(shape, dtype=torch.uint8, device=device), 0
+    for file in views.files:
+        for start in range(0, len(file), CHUNK):
+            chunk = np.array(file[start : start + CHUNK])  # a file that is mapped is read-only
+            copied[done : done + len(chunk)].copy_(torch.from_numpy(chunk))
+            done += len(chunk)
+    return copied
+
+
+def _free_bytes(device: torch.device) -> int:
+    if device.type == "cuda":
+        return torch.cuda.mem_get_info(device)[0]
+    return psutil.virtual_memory().available

@@ -1,0 +1,93 @@
+"""What can be done to a batch of pictures with torch, on any device.
+
+Pictures are float32 [n, C, H, W], 0..255; what is called a change gives new ones.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+# OpenCV's, of 8-bit pictures: rows for Y, U and V of R, G and B; U and V are 128 where it is grey.
+_YUV = ((0.299, 0.587, 0.114), (-0.147108, -0.288804, 0.435912), (0.614777, -0.514799, -0.099978))
+_RGB = ((1.0, 0.0, 1.140), (1.0, -0.395, -0.581), (1.0, 2.032, 0.0))
+
+
+def lit(pictures: Tensor, factor: Tensor) -> Tensor:
+    """Brighter or darker by a factor each, float32 [n]; no further than to where the brightest
+    channel is white, so that hue and saturation stay."""
+    brightest = pictures.amax(1, keepdim=True).clamp(min=1.0)
+    return pictures * torch.minimum(factor[:, None, None, None], 255.0 / brightest)
+
+
+def darkened(pictures: Tensor, corners: Tensor, intensity: Tensor) -> Tensor:
+    """Darker by a share each, float32 [n], within a polygon each, float32 [n, K, 2]."""
+    mask = polygons(corners, *pictures.shape[2:])[:, None]
+    return torch.where(mask, pictures * (1 - intensity)[:, None, None, None], pictures)
+
+
+def polygons(corners: Tensor, height: int, width: int) -> Tensor:
+    """bool [n, H, W]: where polygons are, float32 [n, K, 2] in whole columns and rows.
+
+    As OpenCV fills them: what an odd number of edges lies beside is inside, and so is the outline.
+    """
+    rows = torch.arange(height, device=corners.device)[None, :, None]
+    columns = torch.arange(width, device=corners.device)[None, None, :]
+    inside = torch.zeros(len(corners), height, width, dtype=torch.bool, device=corners.device)
+    outline = inside.clone()
+    count = corners.shape[1]
+    for number in range(count):
+        x1, y1 = corners[:, number, :, None, None].unbind(1)
+        x2, y2 = corners[:, (number + 1) % count, :, None, None].unbind(1)
+        across, down = x2 - x1, y2 - y1
+        column = x1 + (rows - y1) * across / torch.where(down == 0, 1.0, down)
+        row = y1 + (columns - x1) * down / torch.where(across == 0, 1.0, across)
+        inside ^= ((y1 > rows) != (y2 > rows)) & (columns < column)
+        beside = (rows - y1) * (rows - y2) <= 0
+        above = (columns - x1) * (columns - x2) <= 0
+        steep = down.abs() > across.abs()
+        outline |= steep & beside & ((columns - column).abs() <= 0.5)
+        outline |= ~steep & above & ((rows - row).abs() <= 0.5)
+    return inside | outline
+
+
+def moved(pictures: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -> Tensor:
+    """Each row moved to the right by so many columns, float32 [n, H] or [n, 1], and all of a
+    picture down by so many rows, float32 [n].
+
+    Args:
+        beyond: what comes from where the picture ends: its `border` over and over, as OpenCV's
+            BORDER_REPLICATE, or its `reflection`, as BORDER_REFLECT_101.
+    """
+    count, _, height, width = pictures.shape
+    columns = torch.arange(width, device=pictures.device, dtype=torch.float32)
+    rows = torch.arange(height, device=pictures.device, dtype=torch.float32)
+    x = columns[None, None, :] - right[:, :, None]
+    y = rows[None, :, None] - down[:, None, None]
+    grid = torch.stack(
+        [
+            (2 * x / max(width - 1, 1) - 1).expand(count, height, width),
+            (2 * y / max(height - 1, 1) - 1).expand(count, height, width),
+        ],
+        -1,
+    )
+    return F.grid_sample(pictures, grid, "bilinear", padding_mode=beyond, align_corners=True)
+
+
+def rgb_of_yuv(pictures: Tensor) -> Tensor:
+    """As OpenCV turns 8-bit YUV into RGB, without its rounding."""
+    grey = pictures.new_tensor([0.0, 128.0, 128.0])[:, None, None]
+    return _mixed(pictures - grey, _RGB).clamp(0, 255)
+
+
+def yuv_of_rgb(pictures: Tensor) -> Tensor:
+    """As OpenCV turns 8-bit RGB into YUV, without its rounding."""
+    grey = pictures.new_tensor([0.0, 128.0, 128.0])[:, None, None]
+    return _mixed(pictures.clamp(0, 255), _YUV) + grey
+
+
+def _mixed(pictures: Tensor, matrix: tuple[tuple[float, ...], ...]) -> Tensor:
+    # Sums of products rather than a product of matrices, which a GPU would do in TF32.
+    channels = pictures.unbind(1)
+    return torch.stack(
+        [sum(w * channel for w, channel in zip(row, channels, strict=True)) for row in matrix], 1
+    )

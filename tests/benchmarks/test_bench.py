@@ -1,0 +1,54 @@
+"""`make bench` works; how fast anything is, a test does not judge."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / "bench.py"), *arguments],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_the_short_version_measures_what_it_says(tmp_path: Path) -> None:
+    parts = ("feed", "cache", "tiny")
+    result = bench(tmp_path, "short", f"ONLY={','.join(parts)}")
+    assert result.returncode == 0, result.stdout + result.stderr
+    found = json.loads((tmp_path / "outputs" / "bench.json").read_text())
+    assert found["short"] is True
+    assert found["cores"] >= 1
+    assert found["versions"]["torch"]
+    assert len(found["rows"]) == 1 + 1 + 2
+    for row in found["rows"]:
+        assert row["ratio"] > 0
+        assert row["what"] in result.stdout.replace("\n", " ") or len(row["what"]) > 40
+        assert row["figures"]
+        reached = row["ratio"] >= row["aim"] if row["at_least"] else row["ratio"] <= row["aim"]
+        assert row["met"] == reached
+
+
+def test_a_part_that_there_is_none_of_is_named(tmp_path: Path) -> None:
+    result = bench(tmp_path, "ONLY=fed")
+    assert result.returncode == 1
+    assert result.stdout.startswith("bench: fed: no such part; there are feed, training, tiny,")
+
+
+def test_every_part_can_run_alone() -> None:
+    for path in (ROOT / "benchmarks").glob("*.py"):
+        text = path.read_text()
+        if "\ndef measure(" in text:
+            assert "run_part(measure)" in text, path.name

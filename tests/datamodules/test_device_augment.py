@@ -1,0 +1,202 @@
+"""Augmentations on the device that trains, which is a CPU here: what the others do, in batches."""
+
+import io
+
+import albumentations
+import cv2
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+
+from datamodules.augment import Augment, Brightness, Shadow, Shift
+from datamodules.balance import BatchKey
+from datamodules.bend import Bend
+from datamodules.device_augment import EQUIVALENTS, DeviceAugment
+from datamodules.device_batches import DeviceBatches
+from datamodules.device_pictures import polygons
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from datamodules.view import View
+from tests.recordings import write_recording
+
+CPU = torch.device("cpu")
+VIEWS = {"rgb": (66, 200), "yuv": (66, 200), "gray": (32, 64), "hsv_s": (11, 32)}
+TRANSFORMS = {
+    Brightness: {"p": 0.8},
+    Shadow: {"p": 0.8, "num_shadows_limit": (1, 2)},
+    Shift: {"rows": 4.0, "p": 0.8},
+    Bend: {"p": 0.8},
+}
+
+
+def make(kind: type) -> albumentations.BasicTransform:
+    transform = kind(**TRANSFORMS[kind])
+    if hasattr(transform, "crop"):
+        transform.crop = (40, 20)
+    return transform
+
+
+@pytest.fixture(scope="module")
+def frames(recorded) -> list[np.ndarray]:
+    return [decode_image(recorded.image(row).read_bytes()) for row in range(0, 120, 2)]
+
+
+def views(frames: list[np.ndarray], colour: str, times: int = 1) -> np.ndarray:
+    view = View((40, 20), colour, VIEWS[colour])
+    return np.tile(np.stack([view(frame) for frame in frames]), (times, 1, 1, 1))
+
+
+def on_device(augment: DeviceAugment, pictures: np.ndarray, steering: np.ndarray, seed: int):
+    changed, steering = augment(torch.from_numpy(pictures), steering, seed)
+    assert changed.dtype == torch.uint8
+    assert changed.is_contiguous()
+    return changed.numpy(), steering
+
+
+def test_all_of_ours_have_an_equivalent() -> None:
+    assert set(TRANSFORMS) == set(EQUIVALENTS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "colour"),
+    [
+        pytest.param(kind, colour, id=f"{kind.__name__}-{colour}")
+        for kind in TRANSFORMS
+        for colour in VIEWS
+        if colour != "hsv_s" or not getattr(kind, "lighting", False)  # which it does not see
+    ],
+)
+def test_with_the_same_seed_it_is_the_same_picture_but_for_rounding(kind, colour, frames) -> None:
+    pictures = views(frames, colour)
+    steering = np.linspace(-1, 1, len(pictures), dtype=np.float32)
+    one, steered = Augment([make(kind)], colour)(pictures, steering, seed=3)
+    other, steered_there = on_device(
+        DeviceAugment([make(kind)], colour), pictures, steering, seed=3
+    )
+    difference = np.abs(one.astype(int) - other)
+    assert difference.mean() < 0.4
+    assert (difference > 6).mean() < 0.002, "but for an edge of a shadow here and there"
+    np.testing.assert_allclose(steered_there, steered, atol=1e-6)
+    unchanged = (one == pictures).all((1, 2, 3))
+    if colour != "yuv":  # which OpenCV cannot turn to RGB and back without a loss
+        np.testing.assert_array_equal((other == pictures).all((1, 2, 3))[unchanged], True)
+
+
+@pytest.mark.parametrize("colour", ["rgb", "gray"])
+def test_with_other_seeds_it_has_the_same_distribution(colour, frames) -> None:
+    """Means and quantiles over 600 pictures, of all augmentations in a row."""
+    pictures = views(frames, colour, times=10)
+    steering = np.zeros(len(pictures), np.float32)
+    kinds = [make(kind) for kind in TRANSFORMS]
+    one, steered = Augment(kinds, colour)(pictures, steering, seed=1)
+    other, steered_there = on_device(DeviceAugment(kinds, colour), pictures, steering, seed=2)
+    assert not np.array_equal(steered, steered_there)
+    quantiles = [0.05, 0.25, 0.5, 0.75, 0.95]
+    changes = [
+        np.abs(after.astype(np.float32) - pictures).mean((1, 2, 3)) for after in (one, other)
+    ]
+    brightness = [after.mean((1, 2, 3)) for after in (one, other)]
+    for here, there, spread in (
+        (*changes, float(changes[0].std())),
+        (*brightness, float(brightness[0].std())),
+        (steered, steered_there, float(steered.std())),
+    ):
+        # Four standard errors of a mean of so many; a quantile's is up to twice as large.
+        assert there.mean() == pytest.approx(here.mean(), abs=4 * 1.4 * spread / 600**0.5)
+        np.testing.assert_allclose(
+            np.quantile(there, quantiles), np.quantile(here, quantiles), atol=0.25 * spread
+        )
+        assert there.std() == pytest.approx(here.std(), rel=0.1)
+
+
+@pytest.mark.parametrize("size", [(66, 200), (11, 32)])
+def test_polygons_are_filled_as_opencv_fills_them(size) -> None:
+    """All but a pixel in two hundred, at the outline."""
+    height, width = size
+    corners = np.random.default_rng(0).integers(0, (width, height), (200, 5, 2))
+    masks = np.zeros((200, height, width), np.uint8)
+    for mask, outline in zip(masks, corners, strict=True):
+        cv2.fillPoly(mask, [outline.astype(np.int32)], 1)
+    found = polygons(torch.from_numpy(corners).float(), height, width).numpy()
+    assert (found != masks).mean() < 0.005
+    assert found.mean() == pytest.approx(masks.mean(), rel=0.03)
+
+
+@pytest.mark.parametrize("world", [2, 3])
+def test_shares_are_changed_as_within_the_whole(world, frames) -> None:
+    pictures, steering = torch.from_numpy(views(frames, "rgb")), np.zeros(60, np.float32)
+    augment = DeviceAugment([make(kind) for kind in TRANSFORMS], "rgb")
+    whole, steered = augment(pictures, steering, 5)
+    for rank in range(world):
+        share = BatchKey(0, 0, np.arange(60), rank, world).share
+        changed, corrected = augment(pictures[share], steering[share], 5, (share.start, 60))
+        assert (changed.int() - whole[share].int()).abs().max() <= 1
+        assert corrected.tolist() == steered[share].tolist()
+
+
+@pytest.fixture(scope="module")
+def data(recorded, tmp_path_factory) -> DrivingData:
+    """Two recordings, so that views are in several files."""
+    folder = tmp_path_factory.mktemp("device")
+    other = write_recording(folder / "other", rows=40, seed=2, cameras=("center", "left"))
+    roots = [str(recorded.folder), str(other.folder)]
+    view = View((40, 20), "rgb", (66, 200))
+    data = DrivingData(roots, view, batch_size=16, block_s=0.5, gap_s=0.1, cache=str(folder / "c"))
+    data.load(Console(quiet=True))
+    return data
+
+
+@pytest.mark.parametrize("room", [None, 0], ids=["resident", "copied"])
+def test_without_augmentation_its_batches_are_the_cpus(data, room) -> None:
+    ours = data.training_batches()
+    theirs = DeviceBatches(ours, CPU, room)
+    assert (theirs.resident is None) == (room == 0)
+    for rank, key in enumerate(data.sampler()):
+        key = BatchKey(key.epoch, key.number, key.samples, rank % 3, 3)
+        one, other = ours[key], theirs[key]
+        assert one.keys() == other.keys()
+        for name, tensor in one.items():
+            assert torch.equal(tensor, other[name]), name
+            assert tensor.dtype == other[name].dtype
+    assert other["images"].is_contiguous(memory_format=torch.channels_last)
+    together = theirs[tuple(data.sampler())[:2]]
+    assert [len(one["images"]) for one in together] == [16, 16]
+
+
+def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
+    size = sum(file.nbytes for file in data.views.files)
+    assert DeviceBatches(data.training_batches(), CPU, size).resident is not None
+    assert DeviceBatches(data.training_batches(), CPU, size - 1).resident is None
+
+
+@pytest.mark.parametrize(
+    ("setting", "device", "augment", "made_on"),
+    [
+        ("auto", "cpu", [Brightness()], None),
+        ("auto", "meta", [Brightness()], "meta"),
+        ("auto", "meta", [Brightness(), albumentations.GaussNoise()], None),
+        ("device", "cpu", [Brightness()], "cpu"),
+        ("cpu", "meta", [Brightness()], None),
+    ],
+)
+def test_where_batches_are_made(data, monkeypatch, setting, device, augment, made_on) -> None:
+    console = Console(file=io.StringIO(), width=200)
+    monkeypatch.setattr(data, "device", None)
+    monkeypatch.setattr(data, "augment_on", setting)
+    monkeypatch.setattr(data, "augment", Augment(augment, "rgb"))
+    data.make_batches_on(torch.device(device), console)
+    assert data.device == (torch.device(made_on) if made_on else None)
+    said = "augmented on the CPU, which alone can do GaussNoise\n" if len(augment) > 1 else ""
+    assert console.file.getvalue() == said
+
+
+def test_what_only_the_cpu_can_do_is_refused_on_a_device() -> None:
+    with pytest.raises(InputError, match=r"GaussNoise has no equivalent there; leave it out"):
+        DeviceAugment([Shift(), albumentations.GaussNoise()], "rgb")
+
+
+def test_another_place_to_augment_on_is_refused(recorded) -> None:
+    with pytest.raises(InputError, match=r"data\.augment_on=gpu is not auto, cpu, device"):
+        DrivingData(str(recorded.folder), View((40, 20), "gray", None), augment_on="gpu")

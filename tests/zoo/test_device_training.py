@@ -1,0 +1,81 @@
+"""Training on batches that are made on the device that trains; here that is a CPU."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from datamodules.errors import InputError
+from tests.recordings import Written
+from zoo.build import build_data, build_module, build_trainer
+from zoo.config import compose_config
+from zoo.pace import TOGETHER, set_pace
+
+ALL = "augment=[brightness,shadow,shift,bend]"
+
+
+@pytest.fixture(autouse=True)
+def threads() -> None:
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+def train(
+    recorded: Written, folder: Path, *overrides: str, together: int = 1
+) -> tuple[dict[str, torch.Tensor], float]:
+    """The weights and the mean loss after an epoch."""
+    base = (
+        f"data.root={recorded.folder}",
+        f"data.cache={folder / 'cache'}",
+        "data.block_s=0.5",
+        "data.gap_s=0.1",
+        "data.batch_size=32",
+        "model=lenet",
+        "trainer=cpu",
+        "trainer.max_epochs=1",
+        *overrides,
+    )
+    config = OmegaConf.create(compose_config(list(base)))
+    config.callbacks = config.logger = {}
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    module = build_module(config, data, {})
+    folder.mkdir(exist_ok=True)
+    trainer = build_trainer(config, folder, has_validation=True)
+    set_pace(config, module, data, trainer, Console(quiet=True))
+    data.batches_together = together
+    trainer.fit(module, datamodule=data)
+    return module.state_dict(), float(module.mean_loss())
+
+
+def test_without_augmentation_it_learns_the_same_to_the_bit(
+    recorded: Written, tmp_path: Path
+) -> None:
+    """Mirrored and balanced alike; and several batches at a time, as on a GPU."""
+    plain, _ = train(recorded, tmp_path, "augment=[]", "data.augment_on=cpu")
+    for together in (1, TOGETHER):
+        there, _ = train(
+            recorded, tmp_path, "augment=[]", "data.augment_on=device", together=together
+        )
+        assert all(torch.equal(there[name], tensor) for name, tensor in plain.items())
+
+
+@pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
+def test_with_augmentation_it_learns_as_on_the_cpu(
+    precision: str, recorded: Written, tmp_path: Path
+) -> None:
+    _, here = train(recorded, tmp_path, ALL, "data.augment_on=cpu")
+    _, there = train(
+        recorded, tmp_path, ALL, "data.augment_on=device", f"trainer.precision={precision}"
+    )
+    assert there == pytest.approx(here, rel=0.02)
+
+
+def test_what_only_the_cpu_can_do_is_said_before_training(
+    recorded: Written, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"data\.augment_on=device: GaussianBlur has no equiv"):
+        train(recorded, tmp_path, "augment=[blur]", "data.augment_on=device")

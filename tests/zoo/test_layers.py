@@ -1,0 +1,59 @@
+"""Dropout that draws quickly: still dropout."""
+
+import pytest
+import torch
+
+from zoo.models.layers import Dropout
+
+SHAPE = (8, 24, 31, 98)
+
+
+@pytest.fixture(autouse=True)
+def seeded() -> None:
+    torch.manual_seed(3)
+
+
+@pytest.mark.parametrize("layout", [torch.contiguous_format, torch.channels_last])
+@pytest.mark.parametrize("rate", [0.1, 0.5, 0.9])
+def test_drops_at_its_rate_and_scales_the_rest(rate: float, layout: torch.memory_format) -> None:
+    ones = torch.ones(SHAPE).to(memory_format=layout).requires_grad_(True)
+    out = Dropout(rate).train()(ones)
+    assert (out == 0).float().mean().item() == pytest.approx(rate, abs=0.005)
+    kept = out[out != 0]
+    torch.testing.assert_close(kept, torch.full_like(kept, 1 / (1 - rate)), rtol=1e-3, atol=0)
+    assert out.is_contiguous(memory_format=layout)
+    out.sum().backward()
+    assert torch.equal(ones.grad, out.detach()), "what is dropped learns nothing"
+
+
+def test_places_are_drawn_independently() -> None:
+    """Neighbours in memory come from one word: they are dropped together by chance alone."""
+    dropped = (Dropout(0.3).train()(torch.ones(4, 100_000)) == 0).float().flatten()
+    for apart in (1, 2, 3, 4, 5):
+        both = (dropped[:-apart] * dropped[apart:]).mean().item()
+        assert both == pytest.approx(0.09, abs=0.004)
+
+
+def test_repeats_with_the_seed_and_not_otherwise() -> None:
+    layer, ones = Dropout(0.5).train(), torch.ones(SHAPE)
+    torch.manual_seed(5)
+    one, other = layer(ones), layer(ones)
+    torch.manual_seed(5)
+    assert torch.equal(layer(ones), one)
+    assert not torch.equal(one, other)
+
+
+@pytest.mark.parametrize(("rate", "value"), [(0.0, 1.0), (1.0, 0.0)])
+def test_none_and_all(rate: float, value: float) -> None:
+    assert (Dropout(rate).train()(torch.ones(SHAPE)) == value).all()
+
+
+def test_leaves_an_evaluation_alone() -> None:
+    ones = torch.ones(SHAPE)
+    assert Dropout(0.5).eval()(ones) is ones
+
+
+def test_in_half_precision() -> None:
+    out = Dropout(0.5).train()(torch.ones(SHAPE, dtype=torch.bfloat16))
+    assert out.dtype == torch.bfloat16
+    assert out.unique().tolist() == [0.0, 2.0]

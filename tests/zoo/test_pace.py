@@ -1,0 +1,94 @@
+"""A training's pace, which must not change what is learnt."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from tests.recordings import Written
+from zoo.build import build_data, build_module, build_trainer
+from zoo.compilation import find_compiler
+from zoo.config import compose_config
+from zoo.pace import TOGETHER, set_pace
+
+
+@pytest.fixture(autouse=True)
+def threads() -> None:
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+def train(
+    recorded: Written, folder: Path, *overrides: str, together: int | None = None
+) -> tuple[dict[str, torch.Tensor], int]:
+    """The weights after two epochs, and how many batches came at a time."""
+    base = (
+        f"data.root={recorded.folder}",
+        f"data.cache={folder / 'cache'}",
+        "data.block_s=0.5",
+        "data.gap_s=0.1",
+        "data.batch_size=16",
+        "trainer.max_epochs=2",
+        "trainer.accelerator=cpu",
+        "augment=[brightness,shift]",
+        *overrides,
+    )
+    config = OmegaConf.create(compose_config(list(base)))
+    config.callbacks = config.logger = {}
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    module = build_module(config, data, {})
+    folder.mkdir(exist_ok=True)
+    trainer = build_trainer(config, folder, has_validation=True)
+    set_pace(config, module, data, trainer, Console(quiet=True))
+    if together:
+        data.batches_together = together
+    trainer.fit(module, datamodule=data)
+    assert module.train_samples == 2 * len(data.samples)
+    return module.state_dict(), data.batches_together
+
+
+def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
+    return one.keys() == other.keys() and all(torch.equal(one[key], other[key]) for key in one)
+
+
+@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+def test_batches_that_come_together_are_a_step_each(
+    schedule: str, recorded: Written, tmp_path: Path
+) -> None:
+    overrides = ("model=tiny", "data.crop=[50,0]", f"schedule={schedule}")
+    together, count = train(recorded, tmp_path / "a", *overrides)
+    alone, _ = train(recorded, tmp_path / "b", *overrides, together=1)
+    assert count == TOGETHER
+    assert same(together, alone)
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["trainer.gradient_clip_val=1.0", "trainer.accumulate_grad_batches=2", "model=nvidia"],
+)
+def test_what_lightning_does_by_the_step_keeps_steps_apart(
+    override: str, recorded: Written, tmp_path: Path
+) -> None:
+    model = () if override.startswith("model=") else ("model=tiny", "data.crop=[50,0]")
+    _, count = train(recorded, tmp_path / "a", *model, override, "data.samples_per_epoch=null")
+    assert count == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not find_compiler(), reason="no C++ compiler")
+def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
+    recorded: Written, tmp_path: Path
+) -> None:
+    # Without dropout, whose draws a compiled step makes otherwise.
+    overrides = ("model=tiny", "data.crop=[50,0]", "model.dropout=0.0")
+    plain, _ = train(recorded, tmp_path / "a", *overrides, "trainer.compile=false")
+    compiled, _ = train(recorded, tmp_path / "b", *overrides, "trainer.compile=true")
+    again, _ = train(recorded, tmp_path / "c", *overrides, "trainer.compile=true")
+    assert same(compiled, again)
+    assert plain.keys() == compiled.keys(), "a checkpoint of either loads anywhere"
+    for name, tensor in plain.items():
+        torch.testing.assert_close(compiled[name], tensor, rtol=0.02, atol=2e-4)
