@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from scipy.stats import spearmanr
 
 from benchmarks.results import CSV
@@ -31,7 +32,10 @@ DRIVEN = {
     "lake_interventions": ("lake, interventions", 1),
     "mountain_autonomy": ("mountain, autonomy", -1),
 }
-COLOURS = {"lenet": "#2a6fbb", "nvidia": "#d9822b", "tiny": "#3a9a5b", "tiny63": "#8a5bb0"}
+COLOURS = {"lenet": "#2a6fbb", "nvidia": "#d9822b", "tiny": "#3a9a5b", "tiny63": "#8a5bb0"} | {
+    "commaai": "#c0392b",
+    "linear": "#222222",
+}
 OTHER = "#8a8a8a"
 RESAMPLINGS = 2_000
 FEWEST = 8
@@ -50,7 +54,8 @@ def read_rows(path: Path = CSV) -> list[dict]:
     for row in rows:
         for key in (*METRICS, *DRIVEN):
             row[key] = abs(float(row[key])) if key == "test_bias" else float(row[key])
-    return rows
+    # Where the first epoch was the best, a longer training is the same network again.
+    return list({tuple(row[key] for key in METRICS): row for row in rows}.values())
 
 
 def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, float, float]:
@@ -123,9 +128,13 @@ def scatter(splits: dict[str, list[dict]]) -> Figure:
                 ylabel=DRIVEN[driven][0] + (" (m)" if driven.endswith("_m") else ""),
                 title=f"rank correlation {value:+.2f}",
             )
+            axis.xaxis.set_minor_formatter(NullFormatter())
             axis.spines[["top", "right"]].set_visible(False)
             axis.grid(alpha=0.2)
-    axes[0, 0].legend(frameon=False)
+    marks = {}
+    for axis in axes.flat:
+        marks |= dict(zip(*reversed(axis.get_legend_handles_labels()), strict=True))
+    figure.legend(marks.values(), marks.keys(), loc="outside upper center", ncols=len(marks))
     return figure
 
 
@@ -149,7 +158,8 @@ def main(arguments: list[str]) -> None:
         "in which they drive (Spearman's rank correlation; +1: the smaller the error, the better "
         "it drives; 0: it says nothing), and in brackets the interval that 95 of 100 resamplings "
         "of the networks fall into.\n\n"
-        f"{correlation_table(splits)}\n\n![metrics against driving](offline_metrics.png)\n"
+        f"{correlation_table(splits)}\n\n"
+        "![metrics against driving](offline_metrics.png)\n"
     )
     print(f"{correlation_table(splits)}\n{picture}\n{page}")
 

@@ -219,6 +219,8 @@ def markdown_table(rows: list[dict]) -> str:
 
 
 def _duration(seconds: float) -> str:
+    if not seconds:  # a run that was stopped and resumed when all was trained
+        return "-"
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 

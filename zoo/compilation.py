@@ -1,8 +1,8 @@
 """Compile a training step (`trainer.compile`), or go on without.
 
-`auto` does not: on a CPU, where dropout does not wait for its draws (see `zoo.models.layers`), the
-compiled step of PilotNet was as fast as the plain one and half a minute late; where torch draws
-within the compiled loops it was slower, by a third on one core.
+`auto` does not: on a CPU the compiled step of PilotNet was slower than the plain one with torch's
+dropout, by a third on one core, since torch draws within the compiled loops, and 2 to 5 % faster
+without any dropout, half a minute late. With the dropout of `zoo.models.layers` it was not timed.
 """
 
 import os
