@@ -20,7 +20,7 @@ def after(seconds: float, hands: Hands, control: HandControl | None = None) -> H
 @pytest.mark.parametrize(
     ("keys", "way"),
     [({"arrow_left"}, -1), ({"a"}, -1), ({"arrow_right"}, 1), ({"d"}, 1), ({"a", "d"}, 0)],
-    ids=str,
+    ids=lambda value: "+".join(sorted(value)) if isinstance(value, set) else str(value),
 )
 def test_steering_builds_up_while_a_key_is_held(keys, way):
     assert after(0.2, Hands(keys)).steering == pytest.approx(0.5 * way)
