@@ -1,7 +1,8 @@
-"""`python benchmarks/bench.py [ONLY=feed,start] [short]`: how fast everything is, as ratios.
+"""`python benchmarks/bench.py [ONLY=feed,start] [short] [readme]`: how fast all is, as ratios.
 
 Runs every part (a file here with a function `measure`) in a process of its own, prints one table
 and writes `outputs/bench.json`. `short` only shows that it works: its figures mean nothing.
+`readme` writes the table into the README, too, between its two markers.
 """
 
 import json
@@ -23,6 +24,7 @@ from datamodules.cores import usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
+README, BEGIN, END = Path("README.md"), "<!-- bench -->", "<!-- end of bench -->"
 LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
@@ -103,7 +105,28 @@ def main(arguments: list[str]) -> int:
     contents = known | {"short": "short" in arguments, "seconds": seconds, "rows": kept}
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
+    if "readme" in arguments:
+        write_readme(contents)
     return 1 if failed else 0
+
+
+def write_readme(contents: dict) -> None:
+    """The table of `bench.json` between the README's markers."""
+    lines = ["| what | against | ratio | aim | met |", "|---|---|---:|---:|---|"]
+    for row in contents["rows"]:
+        sign = "at least" if row["at_least"] else "at most"
+        aim = "" if row["aim"] is None else f"{sign} {row['aim']:.3g}"
+        met = {None: "", True: "yes", False: "no"}[row["met"]]
+        cells = (row["what"], row["reference"], f"{row['ratio']:.2f}", aim, met)
+        lines.append(f"| {' | '.join(cells)} |")
+    load, torch = contents["load_before"][0], contents["versions"]["torch"]
+    machine = (
+        f"{contents['processor']}, {contents['cores']} cores, load {load:.1f} before it began; "
+        f"torch {torch}; {contents['seconds']:.0f} s."
+    )
+    before, _, rest = README.read_text().partition(BEGIN)
+    table = "\n".join(lines)
+    README.write_text(f"{before}{BEGIN}\n{table}\n\n{machine}\n{END}{rest.partition(END)[2]}")
 
 
 if __name__ == "__main__":

@@ -26,10 +26,17 @@ def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 @pytest.mark.slow
 def test_the_short_version_measures_what_it_says(tmp_path: Path) -> None:
     parts = ("feed", "cache", "tiny")
-    result = bench(tmp_path, "short", f"ONLY={','.join(parts)}")
+    (tmp_path / "README.md").write_text(
+        "before\n<!-- bench -->\nold\n<!-- end of bench -->\nafter\n"
+    )
+    result = bench(tmp_path, "short", "readme", f"ONLY={','.join(parts)}")
     assert result.returncode == 0, result.stdout + result.stderr
     found = json.loads((tmp_path / "outputs" / "bench.json").read_text())
     assert found["short"] is True
+    text = (tmp_path / "README.md").read_text()
+    assert "| feeding, " in text
+    assert "old" not in text
+    assert text.endswith("<!-- end of bench -->\nafter\n")
     assert found["cores"] >= 1
     assert found["versions"]["torch"]
     assert len(found["rows"]) == 1 + 1 + 2
