@@ -21,7 +21,7 @@ from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.config import choices, compose_config
 
-FPS, SECONDS = 60, 8.0
+FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 4.0
 CONSTANT = "a constant"
 
 
@@ -35,22 +35,20 @@ def main(seconds: float) -> None:
 
 
 def measure(short: bool) -> list[Row]:
-    """For `make bench`: the driver with nvidia, beside what two loops of 60 fps can ask for."""
-    rate, latency = drive("nvidia", 1.0 if short else SECONDS)
-    forward = forward_ms("nvidia", 20 if short else 500)
-    figures = {"telemetry/s": rate} | {f"{name} ms": value for name, value in latency.items()}
+    """For `make bench`: the driver with every network, beside what two loops of 60 fps can ask for,
+    and beside nvidia's forward pass."""
     asked = f"two loops at {FPS} fps, answered at once"
-    return [
-        Row("the driver with nvidia, telemetry answered", asked, rate / (2 * FPS), figures=figures),
-        Row(
-            "frame received to reply sent, nvidia, median",
-            "the forward pass alone",
-            latency["p50"] / forward,
-            1.5,
-            False,
-            {"driver ms": latency["p50"], "forward ms": forward},
-        ),
-    ]
+    rows, latencies = [], {}
+    for name in ("nvidia",) if short else (CONSTANT, *choices("model")):
+        rate, latencies[name] = drive(name, 1.0 if short else BENCH_SECONDS)
+        figures = {"telemetry/s": rate}
+        figures |= {f"{key} ms": value for key, value in latencies[name].items()}
+        what = f"the driver with {name}, telemetry answered"
+        rows.append(Row(what, asked, rate / (2 * FPS), figures=figures))
+    forward, median = forward_ms("nvidia", 20 if short else 500), latencies["nvidia"]["p50"]
+    beside = {"driver ms": median, "forward ms": forward}
+    what = "frame received to reply sent, nvidia, median"
+    return [*rows, Row(what, "the forward pass alone", median / forward, 1.5, False, beside)]
 
 
 def forward_ms(name: str, repeats: int) -> float:
