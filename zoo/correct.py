@@ -16,6 +16,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.options import shown_help
 from zoo.status import StoppedError
 
 if TYPE_CHECKING:
@@ -218,12 +219,7 @@ def command(arguments: list[str]) -> None:
     """The command: a checkpoint's path, then `key=value` options, see `CorrectOptions`."""
     from zoo.correcting import options
 
-    if not arguments or {"-h", "--help"} & set(arguments):
-        from simulator.__main__ import help_text
-
-        if not arguments:
-            raise InputError(f"usage: {USAGE}; --help lists the options")
-        print(f"usage: {USAGE}\n\n{help_text(options)}")
+    if shown_help(arguments, USAGE, options):
         return
     path, *rest = arguments
     given, overrides = options.read_options(rest)

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.options import shown_help
 
 if TYPE_CHECKING:
     from zoo.scoring.drives import Setup
@@ -94,12 +95,7 @@ def command(arguments: list[str]) -> None:
     """The command: a checkpoint's path, then `key=value` options, see `EvaluateOptions`."""
     from zoo.scoring import options
 
-    if not arguments or {"-h", "--help"} & set(arguments):
-        from simulator.__main__ import help_text
-
-        if not arguments:
-            raise InputError(f"usage: {USAGE}; --help lists the options")
-        print(f"usage: {USAGE}\n\n{help_text(options)}")
+    if shown_help(arguments, USAGE, options):
         return
     checkpoint, *rest = arguments
     recordings = [one.partition("=")[2] for one in rest if one.startswith("replay=")]

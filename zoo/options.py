@@ -1,6 +1,7 @@
 """Arguments of commands that take paths first and `key=value` options after them."""
 
 from collections.abc import Sequence
+from types import ModuleType
 from typing import TypeVar
 
 from datamodules.errors import InputError
@@ -32,3 +33,19 @@ def read_arguments(
         return list(arguments[: len(paths)]), read_options(kind, arguments[len(paths) :])
     except SimulatorError as error:
         raise InputError(f"{error} (usage: {usage})") from None
+
+
+def shown_help(arguments: Sequence[str], usage: str, options: ModuleType) -> bool:
+    """Whether help was asked for, which is then printed: the usage and the options of a module.
+
+    Raises:
+        InputError: there are no arguments at all.
+    """
+    from simulator.__main__ import help_text
+
+    if not arguments:
+        raise InputError(f"usage: {usage}; --help lists the options")
+    if not {"-h", "--help"} & set(arguments):
+        return False
+    print(f"usage: {usage}\n\n{help_text(options)}")
+    return True

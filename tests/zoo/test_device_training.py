@@ -4,14 +4,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from omegaconf import OmegaConf
-from rich.console import Console
 
 from datamodules.errors import InputError
 from tests.recordings import Written
-from zoo.build import build_data, build_module, build_trainer
-from zoo.config import compose_config
-from zoo.pace import TOGETHER, set_pace
+from tests.zoo.trainings import train_here
+from zoo.pace import TOGETHER
 
 ALL = "augment=[brightness,shadow,shift,bend]"
 
@@ -27,27 +24,16 @@ def train(
     recorded: Written, folder: Path, *overrides: str, together: int = 1
 ) -> tuple[dict[str, torch.Tensor], float]:
     """The weights and the mean loss after an epoch."""
-    base = (
-        f"data.root={recorded.folder}",
-        f"data.cache={folder / 'cache'}",
-        "data.block_s=0.5",
-        "data.gap_s=0.1",
+    module, _ = train_here(
+        recorded,
+        folder,
         "data.batch_size=32",
         "model=lenet",
         "trainer=cpu",
         "trainer.max_epochs=1",
         *overrides,
+        together=together,
     )
-    config = OmegaConf.create(compose_config(list(base)))
-    config.callbacks = config.logger = {}
-    data = build_data(config)
-    data.load(Console(quiet=True))
-    module = build_module(config, data, {})
-    folder.mkdir(exist_ok=True)
-    trainer = build_trainer(config, folder, has_validation=True)
-    set_pace(config, module, data, trainer, Console(quiet=True))
-    data.batches_together = together
-    trainer.fit(module, datamodule=data)
     return module.state_dict(), float(module.mean_loss())
 
 

@@ -4,14 +4,11 @@ from pathlib import Path
 
 import pytest
 import torch
-from omegaconf import OmegaConf
-from rich.console import Console
 
 from tests.recordings import Written
-from zoo.build import build_data, build_module, build_trainer
+from tests.zoo.trainings import train_here
 from zoo.compilation import find_compiler
-from zoo.config import compose_config
-from zoo.pace import TOGETHER, set_pace
+from zoo.pace import TOGETHER
 
 
 @pytest.fixture(autouse=True)
@@ -25,28 +22,16 @@ def train(
     recorded: Written, folder: Path, *overrides: str, together: int | None = None
 ) -> tuple[dict[str, torch.Tensor], int]:
     """The weights after two epochs, and how many batches came at a time."""
-    base = (
-        f"data.root={recorded.folder}",
-        f"data.cache={folder / 'cache'}",
-        "data.block_s=0.5",
-        "data.gap_s=0.1",
+    module, data = train_here(
+        recorded,
+        folder,
         "data.batch_size=16",
         "trainer.max_epochs=2",
         "trainer.accelerator=cpu",
         "augment=[brightness,shift]",
         *overrides,
+        together=together,
     )
-    config = OmegaConf.create(compose_config(list(base)))
-    config.callbacks = config.logger = {}
-    data = build_data(config)
-    data.load(Console(quiet=True))
-    module = build_module(config, data, {})
-    folder.mkdir(exist_ok=True)
-    trainer = build_trainer(config, folder, has_validation=True)
-    set_pace(config, module, data, trainer, Console(quiet=True))
-    if together:
-        data.batches_together = together
-    trainer.fit(module, datamodule=data)
     assert module.train_samples == 2 * len(data.samples)
     return module.state_dict(), data.batches_together
 

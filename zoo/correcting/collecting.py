@@ -7,7 +7,7 @@ import shutil
 import signal
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -127,16 +127,8 @@ def collect(
     jobs = []
     for track in options.scored.tracks:
         for seed in range(first, first + options.drives):
-            setup = Setup(
-                track,
-                seed,
-                options.laps,
-                options.speed,
-                options.margin,
-                read_weather(options.weather),
-                options.direction,
-                throttle=options.throttle,
-            )
+            setup = Setup.of(options.scored, track, seed)
+            setup = replace(setup, weather=read_weather(options.weather))
             digest = hashlib.sha256(f"{identity} {track} {seed}".encode()).digest()
             begin_s = int.from_bytes(digest[:8], "big") % YEARS_S
             place = parts / f"{len(jobs):03d}"
