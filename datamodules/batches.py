@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -88,9 +88,18 @@ class EvaluationBatches(Dataset):
     views: RowViews
     recording: Recording
     rows: np.ndarray
+    least: int = 0  # batches, of which one is then empty
+
+    def share(self, rank: int, world: int) -> "EvaluationBatches":
+        """The rows of one process of several, theirs in order of rank being all, in order.
+
+        Who has none has an empty batch: a loop that is left out in one process only would leave the
+        others waiting.
+        """
+        return replace(self, rows=np.array_split(self.rows, world)[rank], least=1)
 
     def __len__(self) -> int:
-        return -(-len(self.rows) // EVALUATION_BATCH)
+        return max(self.least, -(-len(self.rows) // EVALUATION_BATCH))
 
     def __getitem__(self, number: int) -> Batch:
         if number >= len(self):

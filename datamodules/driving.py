@@ -260,13 +260,16 @@ class DrivingData(lightning.LightningDataModule):
         return EvaluationBatches(self.views, self.recording, getattr(self.split, part))
 
     def val_dataloader(self) -> DataLoader | list:
-        return self._evaluation_loader("val")
+        """This process's share of the rows; `SteeringModule` puts what it predicts together."""
+        batches = self.evaluation_batches("val")
+        if not len(batches):
+            return []
+        if self.trainer is not None:
+            batches = batches.share(self.trainer.global_rank, self.trainer.world_size)
+        return DataLoader(batches, batch_size=None, shuffle=False)
 
     def test_dataloader(self) -> DataLoader | list:
-        return self._evaluation_loader("test")
-
-    def _evaluation_loader(self, part: str) -> DataLoader | list:
-        batches = self.evaluation_batches(part)
+        batches = self.evaluation_batches("test")
         return DataLoader(batches, batch_size=None, shuffle=False) if len(batches) else []
 
     def leaks(self) -> dict[str, Leak]:

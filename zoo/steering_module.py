@@ -176,17 +176,31 @@ class SteeringModule(lightning.LightningModule):
         self._true: list[Tensor] = []
 
     def validation_step(self, batch: Batch, _: int) -> None:
+        if not len(batch["targets"]):  # of fewer rows than there are processes
+            return
         self._predicted.append(self(batch)[:, 0].float().cpu())
         self._true.append(batch["targets"][:, 0].cpu())
 
     def on_validation_epoch_end(self) -> None:
-        predicted, true = torch.cat(self._predicted).numpy(), torch.cat(self._true).numpy()
-        self.validation = predicted, true
-        # Every process has predicted all rows; what is decided by them must not differ by a hair.
+        nothing = torch.zeros(0)
+        own = [torch.cat([nothing, *one]).numpy() for one in (self._predicted, self._true)]
+        self.validation = predicted, true = self._all_rows(own)
+        # Processes on other machines may sum in another order; what is decided by these figures
+        # must not differ by a hair.
         metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
         self.log_dict(
             {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
         )
+
+    def _all_rows(self, own: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """What all processes have predicted, and what is true, float32 [N], in order of rows: each
+        has a run of them, the first process the first."""
+        shares = [own]
+        if self.trainer.world_size > 1:
+            shares = [None] * self.trainer.world_size
+            torch.distributed.all_gather_object(shares, own)
+        predicted, true = (np.concatenate(column) for column in zip(*shares, strict=True))
+        return predicted, true
 
     def configure_optimizers(self) -> dict:
         optimizer = self.optimizer(self._parameter_groups())

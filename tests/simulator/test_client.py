@@ -62,9 +62,9 @@ def test_it_never_sends_the_connect_packet(talked) -> None:
 def test_it_announces_itself_twice_and_then_answers_once_each(talked) -> None:
     """Two loops: telemetry is two more than the replies that were obeyed."""
     driver, client, _ = talked
-    # The last may be on its way when the client has driven enough.
-    assert client.counts["telemetry"] - len(driver.telemetry) in (0, 1)
     assert client.counts["telemetry"] == client.counts["steer"] + 2
+    # The last of both loops may be on their way when the client has driven enough, and hangs up.
+    assert client.counts["telemetry"] - len(driver.telemetry) in (0, 1, 2)
 
 
 def test_a_picture_travels_in_many_fragments(talked) -> None:
