@@ -16,6 +16,7 @@ from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
+from datamodules.features import FeatureBatches
 from datamodules.leak import Leak, measure_leak
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
@@ -156,6 +157,7 @@ class DrivingData(lightning.LightningDataModule):
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
         self.recording: Recording | None = None
+        self.features: RowViews | None = None  # fed in place of pictures (`datamodules.features`)
         self.batches_together = 1  # more: training batches come in lists of so many
 
     def load(self, console: Console) -> None:
@@ -244,7 +246,9 @@ class DrivingData(lightning.LightningDataModule):
         if self.batches_together > 1:
             sampler = BatchesTogether(sampler, self.batches_together)
         batches, workers = self.training_batches(), self.workers
-        if self.device is not None:
+        if self.features is not None:
+            batches = FeatureBatches(batches, self.features)
+        elif self.device is not None:
             batches, workers = DeviceBatches(batches, self.device), 0
         return DataLoader(
             batches,
@@ -257,7 +261,8 @@ class DrivingData(lightning.LightningDataModule):
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:
         """All rows of `train`, `val` or `test`, in order."""
-        return EvaluationBatches(self.views, self.recording, getattr(self.split, part))
+        views = self.views if self.features is None else self.features
+        return EvaluationBatches(views, self.recording, getattr(self.split, part))
 
     def val_dataloader(self) -> DataLoader | list:
         """This process's share of the rows; `SteeringModule` puts what it predicts together."""

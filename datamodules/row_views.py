@@ -27,7 +27,7 @@ class RowViews:
     decodes nothing again.
 
     Attributes:
-        files: uint8 [n, H, W, C], in memory or mapped.
+        files: uint8 [n, H, W, C], in memory or mapped; float16 of features, not of pictures.
         file: int64 [N, 3], which of the files holds a row's picture of a camera.
         position: int64 [N, 3], where in that file.
     """
@@ -52,7 +52,7 @@ class RowViews:
             out[turned] = out[turned][:, :, ::-1]
             return out
         files = self.file[rows, cameras].tolist()
-        out = np.empty((len(rows), *self.files[0].shape[1:]), np.uint8)
+        out = np.empty((len(rows), *self.files[0].shape[1:]), self.files[0].dtype)
         # One by one: all at once, numpy would copy a picture four times, and be slow to mirror it.
         for at, (file, position, turn) in enumerate(
             zip(files, positions.tolist(), turned.tolist(), strict=True)

@@ -1,7 +1,8 @@
 """Views of recordings, decoded once per image and view, ever.
 
 One `.npy` file per recording, camera and view, named by the fingerprint of all three, memory-mapped
-by whoever reads it. A file appears under its name only when it is whole.
+by whoever reads it. A file appears under its name only when it is whole. `datamodules.features` are
+kept likewise.
 """
 
 import errno
@@ -29,6 +30,8 @@ VERSION = 1
 CHUNK = 32  # pictures that a thread decodes, and writes, at a time
 
 Progress = Callable[[int, int], None]
+# Takes rows of an array from where they start, from several threads at once.
+Keep = Callable[[int, np.ndarray], None]
 
 
 @dataclass(frozen=True)
@@ -66,19 +69,52 @@ def load_views(
 
         return ViewFile(views, decode_all(paths, view, keep, progress))
 
-    target = folder / f"{cache_key(paths, view)}.npy"
-    if not (target.exists() and _faults_path(target).exists()):
+    return load_file(
+        folder / f"{cache_key(paths, view)}.npy",
+        (len(paths), *view.shape),
+        np.uint8,
+        lambda keep: decode_all(paths, view, keep, progress),
+        on_wait,
+        "view cache",
+    )
+
+
+def load_file(
+    target: Path,
+    shape: tuple[int, ...],
+    dtype: type,
+    fill: Callable[[Keep], dict[int, str]],
+    on_wait: Callable[[], None] | None,
+    what: str,
+) -> ViewFile:
+    """The array of `shape` in `target`, mapped; made there by `fill` if it is not whole yet.
+
+    Args:
+        fill: hands every row to the function that it gets, and returns the faults.
+        on_wait: called once if another process is building this file.
+        what: it is, for an error's words.
+
+    Raises:
+        InputError: the disk is full or cannot be written to.
+    """
+    if not is_stored(target):
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            target.parent.mkdir(parents=True, exist_ok=True)
             with _lock(target, on_wait):
-                if not (target.exists() and _faults_path(target).exists()):
-                    _build(target, paths, view, progress)
+                if not is_stored(target):
+                    _build(target, shape, np.dtype(dtype), fill)
         except OSError as error:
-            raise _cache_error(error, folder, len(paths) * int(np.prod(view.shape))) from error
+            size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+            raise _cache_error(error, target.parent, size, what) from error
     views = np.load(target, mmap_mode="r")
     notes = json.loads(_faults_path(target).read_text())
     faults = {int(position): fault for position, fault in notes.items()}
     return ViewFile(views, faults)
+
+
+def is_stored(target: Path) -> bool:
+    """Whether a file of the cache is there, and whole."""
+    return target.exists() and _faults_path(target).exists()
 
 
 def cache_key(paths: list[str], view: View) -> str:
@@ -97,7 +133,7 @@ def cache_key(paths: list[str], view: View) -> str:
 def decode_all(
     paths: list[str],
     view: View,
-    keep: Callable[[int, np.ndarray], None],
+    keep: Keep,
     progress: Progress | None = None,
 ) -> dict[int, str]:
     """Decode on every core, and return why some could not be, by position; those are zeros.
@@ -139,21 +175,26 @@ def decode_all(
     return all_faults
 
 
-def _build(target: Path, paths: list[str], view: View, progress: Progress | None) -> None:
+def _build(
+    target: Path,
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    fill: Callable[[Keep], dict[int, str]],
+) -> None:
     """Write beside the target, then rename: whoever sees the name sees the whole file."""
     part = target.with_suffix(".part")  # a killed build's is overwritten: the lock is ours
     try:
         # Written, not mapped: on a full disk a write fails with an error, a mapped page kills.
         with part.open("wb") as file:
-            header = {"descr": "|u1", "fortran_order": False, "shape": (len(paths), *view.shape)}
+            header = {"descr": dtype.str, "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, header)
             file.flush()
-            first, size = file.tell(), int(np.prod(view.shape))
+            first, size = file.tell(), int(np.prod(shape[1:])) * dtype.itemsize
 
             def keep(start: int, chunk: np.ndarray) -> None:
                 _write_at(file.fileno(), chunk, first + start * size)
 
-            faults = decode_all(paths, view, keep, progress)
+            faults = fill(keep)
             os.fsync(file.fileno())
         _faults_path(target).write_text(json.dumps(faults))
         part.replace(target)
@@ -190,13 +231,13 @@ def _faults_path(target: Path) -> Path:
     return target.with_suffix(".json")
 
 
-def _cache_error(error: OSError, folder: Path, size: int) -> InputError:
+def _cache_error(error: OSError, folder: Path, size: int, what: str) -> InputError:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return InputError(
-            f"{folder}: no space left for the view cache ({size / 1e6:.0f} MB a camera); "
+            f"{folder}: no space left for the {what} ({size / 1e6:.0f} MB a camera); "
             "free some, set data.cache=FOLDER on another disk, or null to keep it in memory"
         )
     return InputError(
-        f"{folder}: cannot write the view cache ({error.strerror}); "
+        f"{folder}: cannot write the {what} ({error.strerror}); "
         "set data.cache=FOLDER to a folder that can be written, or null to keep it in memory"
     )

@@ -14,7 +14,8 @@ from datamodules.view import View
 FORMAT = 1
 PREFIX = "network."  # how the LightningModule calls the network in its state
 VIEW_KEYS = ("colour", "size")
-BORDER_KEYS = (*VIEW_KEYS, "weights", "name")  # of a model's config, not for its constructor
+# Of a model's config, not for its constructor.
+BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,15 @@ from datamodules.errors import InputError
 from datamodules.split import PARTS, write_split
 from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
+from zoo.code_fingerprint import code_fingerprint
 from zoo.embedded_recording import apply_recording
+from zoo.frozen_front import feed_cached_features, random_front_lines
 from zoo.outcome import report_outcome
 from zoo.pace import set_pace
 from zoo.scoring.tracks import run_options
 from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
+from zoo.sweeping.job import needs_processes
 from zoo.together import ending_together
 
 
@@ -33,9 +36,11 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         StoppedError: on Ctrl-C.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with run_status(folder):
+    first = is_first_process(needs_processes(config))
+    with run_status(folder, first):
         started = time.perf_counter()
-        console = Console(soft_wrap=True, quiet=not is_first_process())
+        code_fingerprint()  # of what is imported now; who edits it while it trains changes nothing
+        console = Console(soft_wrap=True, quiet=not first)
         apply_quick(config)
         score = run_options(config.get("score"))
         apply_recording(config, console)
@@ -54,10 +59,14 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
 
             said = load_weights(module.network, str(config.model.weights))
             console.print(f"weights: {said}", highlight=False, markup=False)
-        write_split(folder / "split.csv", data.recording, data.split)
+        if start is not None:  # what is computed before training begins wants its weights, too
+            module.load_state_dict(read_checkpoint_file(start)["state_dict"])
+        if first:
+            write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
         _say_what_runs(console, config, module, data, trainer)
         set_pace(config, module, data, trainer, console)
+        feed_cached_features(config, module, data, trainer, console)
         with ending_together(trainer, folder, _resume_command(folder)):
             _fit(trainer, module, data, start, folder)
         if not trainer.is_global_zero:
@@ -94,6 +103,7 @@ def _say_what_runs(
         f"{data.view.colour}, on {trainer.strategy.root_device}",
         f"split by {config.data.split}: {split} rows; {len(data.samples):,} training samples",
         *_leak_lines(data),
+        *random_front_lines(config, module.network),
     ):
         console.print(line, highlight=False, markup=False)
 

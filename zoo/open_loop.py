@@ -41,8 +41,8 @@ def baseline_metrics(true: np.ndarray, train_mean: float) -> dict[str, dict[str,
 def predict_steering(module: torch.nn.Module, batches: EvaluationBatches) -> np.ndarray:
     """The steering (float32 [N]) that a `SteeringModule` gives for rows, on its own device."""
     module.eval()
-    steering = []
+    steering: list[float] = []  # small arrays, kept between batches, would break up the heap
     for batch in batches:
         batch = {name: tensor.to(module.device) for name, tensor in batch.items()}
-        steering.append(module(batch)[:, 0].float().cpu().numpy())
-    return np.concatenate(steering)
+        steering += module(batch)[:, 0].float().tolist()
+    return np.array(steering, np.float32)

@@ -64,19 +64,28 @@ class SteeringModule(lightning.LightningModule):
         self.validation: tuple[np.ndarray, np.ndarray] | None = None
         self._compiled: Callable | None = None
         self._compiled_size = 0
+        self.skips_front = False
 
     def forward(self, batch: Batch) -> Tensor:
         """Float32 [N, outputs], steering first."""
-        return predict(self.network, batch)
+        return predict(self.network, batch, self.skips_front)
 
     def compile_batches_of(self, size: int, console: Console) -> None:
         """Compile the loss of training batches of `size`; others are few, and run as before."""
-        network, loss = self.network, self.loss  # all of it that the compiler is to look at
+        # All of it that the compiler is to look at.
+        network, loss, skips_front = self.network, self.loss, self.skips_front
 
         def batch_loss(batch: Batch) -> Tensor:
-            return loss(predict(network, batch), batch["targets"][:, : network.outputs])
+            predicted = predict(network, batch, skips_front)
+            return loss(predicted, batch["targets"][:, : network.outputs])
 
         self._compiled, self._compiled_size = compile_step(batch_loss, console), size
+
+    def skip_front(self, console: Console) -> None:
+        """From now on batches hold features of the network's frozen front in place of images."""
+        self.skips_front = True
+        if self._compiled:
+            self.compile_batches_of(self._compiled_size, console)
 
     def on_train_epoch_start(self) -> None:
         self._samples_before = self.train_samples
@@ -172,18 +181,18 @@ class SteeringModule(lightning.LightningModule):
             )
 
     def on_validation_epoch_start(self) -> None:
-        self._predicted: list[Tensor] = []
-        self._true: list[Tensor] = []
+        # Numbers, not tensors: a few kept bytes between each batch's activations break up the heap.
+        self._predicted: list[float] = []
+        self._true: list[float] = []
 
     def validation_step(self, batch: Batch, _: int) -> None:
         if not len(batch["targets"]):  # of fewer rows than there are processes
             return
-        self._predicted.append(self(batch)[:, 0].float().cpu())
-        self._true.append(batch["targets"][:, 0].cpu())
+        self._predicted += self(batch)[:, 0].float().tolist()
+        self._true += batch["targets"][:, 0].tolist()
 
     def on_validation_epoch_end(self) -> None:
-        nothing = torch.zeros(0)
-        own = [torch.cat([nothing, *one]).numpy() for one in (self._predicted, self._true)]
+        own = [np.array(one, np.float32) for one in (self._predicted, self._true)]
         self.validation = predicted, true = self._all_rows(own)
         # Processes on other machines may sum in another order; what is decided by these figures
         # must not differ by a hair.
@@ -236,8 +245,10 @@ class SteeringModule(lightning.LightningModule):
         checkpoint["drivezoo"] = self.card
 
 
-def predict(network: nn.Module, batch: Batch) -> Tensor:
-    """Float32 [N, outputs], steering first."""
+def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:
+    """Float32 [N, outputs], steering first; with `skips_front`, of features (`network.rest`)."""
+    if skips_front:
+        return network.rest(batch["images"])
     if network.takes_speed:
         return network(batch["images"], batch["speed"])
     return network(batch["images"])

@@ -4,6 +4,8 @@ arXiv:1409.1556. The convolutional blocks carry the names of the public PyTorch 
 (`features.0.weight` ...), so that a downloaded state dict loads as it is.
 """
 
+from itertools import islice
+
 import torch
 from torch import Tensor, nn
 
@@ -65,6 +67,7 @@ class Vgg16(nn.Module):
             layers += [nn.MaxPool2d(2)]
         if trainable_blocks == 0:
             first_trainable = len(layers)
+        self._frozen_layers = first_trainable
         self.normalize = ImageNetNormalize()
         self.features = nn.Sequential(*layers)
         for layer in self.features:
@@ -86,5 +89,27 @@ class Vgg16(nn.Module):
         """The part with weights of its own, which may learn at another rate (`optim`)."""
         return self.features
 
+    @property
+    def frozen_front(self) -> nn.Module | None:
+        """The layers of `front`, where it has weights, all frozen: what it makes of a picture stays
+        the same."""
+        if not self._frozen_layers:
+            return None
+        return nn.Sequential(self.normalize, *self.features[: self._frozen_layers])
+
+    def front(self, images: Tensor) -> Tensor:
+        """Features [N, c, h, w] by the blocks that are frozen, counted from the first."""
+        features = self.normalize(images)
+        for layer in islice(self.features, self._frozen_layers):
+            features = layer(features)
+        return features
+
+    def rest(self, features: Tensor) -> Tensor:
+        """Steering [N, 1] by the other blocks and the head; `features` of any float type."""
+        features = features.to(self.head[-1].weight.dtype)
+        for layer in islice(self.features, self._frozen_layers, None):
+            features = layer(features)
+        return self.head(features.flatten(1))
+
     def forward(self, images: Tensor) -> Tensor:
-        return self.head(self.features(self.normalize(images)).flatten(1))
+        return self.rest(self.front(images))

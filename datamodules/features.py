@@ -1,0 +1,222 @@
+"""What the frozen front of a network makes of each picture, computed once and kept as views are.
+
+A front is any pure function of a picture; what it is, and whether it is frozen, is not known here.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import psutil
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from torch.utils.data import Dataset
+
+from datamodules.balance import BatchKey
+from datamodules.batches import Batch, TrainingBatches, make_batch
+from datamodules.driving_log import CAMERAS
+from datamodules.recording import Recording
+from datamodules.row_views import RowViews
+from datamodules.view import View
+from datamodules.view_store import Keep, cache_key, is_stored, load_file
+
+# Raise it when what is kept of a picture changes: old files are then not read again.
+VERSION = 1
+CHUNK = 32  # pictures computed at a time: more fall out of a core's cache, fewer leave it idle
+MIRRORED = len(CAMERAS)  # added to a camera's number, for its mirrored picture
+
+
+@dataclass(frozen=True)
+class Front:
+    """A pure function of pictures.
+
+    Attributes:
+        compute: uint8 [n, H, W, C] to float16 [n, h, w, c].
+        shape: `(h, w, c)`.
+        fingerprint: of all that it depends on but the picture.
+    """
+
+    compute: Callable[[np.ndarray], np.ndarray]
+    shape: tuple[int, int, int]
+    fingerprint: str
+
+    @property
+    def picture_bytes(self) -> int:
+        """What is kept of a picture takes."""
+        return int(np.prod(self.shape)) * np.dtype(np.float16).itemsize
+
+
+@dataclass(frozen=True)
+class FeatureFile:
+    """A file of the cache: features of one recording's pictures of one camera, or of its mirrored
+    ones.
+
+    Attributes:
+        rows: int64 [n], of the recording.
+        column: of `RowViews.file`: the camera, or the camera and `MIRRORED`.
+        paths: of the pictures.
+        name: says what it is, to a person.
+        target: the file; None in memory.
+    """
+
+    rows: np.ndarray
+    column: int
+    paths: list[str]
+    name: str
+    target: Path | None
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether it has to be computed."""
+        return self.target is None or not is_stored(self.target)
+
+
+@dataclass(frozen=True)
+class FeaturePlan:
+    """All files that a training needs, and where they go.
+
+    Attributes:
+        folder: the cache; None for memory.
+    """
+
+    files: list[FeatureFile]
+    front: Front
+    folder: Path | None
+
+    @property
+    def pictures(self) -> int:
+        """How many there are, those that are in the cache too."""
+        return sum(len(file.rows) for file in self.files)
+
+    @property
+    def missing(self) -> int:
+        """How many are not in the cache yet."""
+        return sum(len(file.rows) for file in self.files if file.is_missing)
+
+    @property
+    def missing_bytes(self) -> int:
+        """What those will take."""
+        return self.missing * self.front.picture_bytes
+
+    def free_bytes(self) -> int:
+        """Of the disk, or memory, that they go to."""
+        if self.folder is None:
+            return psutil.virtual_memory().available
+        there = next(one for one in (self.folder, *self.folder.absolute().parents) if one.exists())
+        return shutil.disk_usage(there).free
+
+
+def plan_features(
+    recording: Recording,
+    views: RowViews,
+    cameras: list[str],
+    view: View,
+    front: Front,
+    mirrored: bool,
+    cache: Path | None,
+) -> FeaturePlan:
+    """The files of all `views`; with `mirrored` also of the mirrored pictures of `cameras`."""
+    files = []
+    for number, name in enumerate(recording.names):
+        for camera, camera_name in enumerate(CAMERAS):
+            rows = np.flatnonzero((recording.recording == number) & (views.file[:, camera] >= 0))
+            if not len(rows):
+                continue
+            paths = list(recording.images[rows, camera])
+            pictures = cache_key(paths, view) if cache else ""
+            for turned in (False, True)[: 1 + (mirrored and camera_name in cameras)]:
+                key = json.dumps([VERSION, pictures, front.fingerprint, turned])
+                digest = hashlib.sha256(key.encode()).hexdigest()[:24]
+                files.append(
+                    FeatureFile(
+                        rows,
+                        camera + MIRRORED * turned,
+                        paths,
+                        f"{name}, {camera_name}{', mirrored' * turned}",
+                        cache / f"{digest}.npy" if cache else None,
+                    )
+                )
+    return FeaturePlan(files, front, cache)
+
+
+def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowViews:
+    """Float16 features by row and camera, computed now or found in the cache. The mirrored picture
+    of camera `c` is at `c + MIRRORED`.
+
+    Raises:
+        InputError: the cache cannot be written.
+    """
+    file = np.full((len(views.file), 2 * len(CAMERAS)), -1)
+    position = file.copy()
+    arrays: list[np.ndarray] = []
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
+        task = progress.add_task("", total=plan.missing, visible=False)
+
+        def show(done: int) -> None:
+            progress.update(task, advance=done, visible=True)
+
+        for number, one in enumerate(plan.files):
+            progress.update(task, description=f"frozen blocks on {one.name}")
+            arrays.append(_load(one, plan.front, views, show, console))
+            file[one.rows, one.column] = number
+            position[one.rows, one.column] = np.arange(len(one.rows))
+    return RowViews(arrays, file, position)
+
+
+def _load(
+    one: FeatureFile,
+    front: Front,
+    views: RowViews,
+    show: Callable[[int], None],
+    console: Console,
+) -> np.ndarray:
+    camera, turned = one.column % MIRRORED, one.column >= MIRRORED
+
+    def fill(keep: Keep) -> dict[int, str]:
+        for start in range(0, len(one.rows), CHUNK):
+            rows = one.rows[start : start + CHUNK]
+            keep(start, front.compute(views.take(rows, camera, np.full(len(rows), turned))))
+            show(len(rows))
+        return {}
+
+    shape = (len(one.rows), *front.shape)
+    if one.target is None:
+        array = np.empty(shape, np.float16)
+
+        def keep(start: int, chunk: np.ndarray) -> None:
+            array[start : start + len(chunk)] = chunk
+
+        fill(keep)
+        return array
+    loaded = load_file(
+        one.target,
+        shape,
+        np.float16,
+        fill,
+        lambda: console.print("another process computes these features; waiting for it"),
+        "features' cache",
+    )
+    return np.asarray(loaded.views)  # a memmap is slow to index
+
+
+@dataclass(frozen=True)
+class FeatureBatches(Dataset):
+    """A batch by its key, as `TrainingBatches`, whose draws it has: `images` are the features,
+    float16 [n, c, h, w], of the pictures that it would be fed."""
+
+    batches: TrainingBatches
+    features: RowViews
+
+    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
+        if isinstance(key, tuple):
+            return [self[one] for one in key]
+        samples, own = self.batches.samples, key.own
+        mirrored, steering, _ = self.batches.draw(key)
+        taken = self.features.take(samples.row[own], samples.camera[own] + MIRRORED * mirrored)
+        return make_batch(taken, steering, samples.throttle[own], samples.speed_mph[own])

@@ -1,0 +1,153 @@
+"""Features of pictures, kept as views are; the front here is a simple one that counts."""
+
+import errno
+import os
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from datamodules import view_store
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.features import (
+    MIRRORED,
+    FeatureBatches,
+    FeaturePlan,
+    Front,
+    load_features,
+    plan_features,
+)
+from datamodules.view import View
+from tests.recordings import Written
+
+VIEW = View((60, 20), "rgb", (8, 20))
+
+
+class Halves:
+    """The left half of a picture divided by a number: 4 to the right and 4 down are one pixel."""
+
+    def __init__(self, divisor: float = 255.0, fail_after: int | None = None) -> None:
+        self.divisor, self.fail_after, self.computed = divisor, fail_after, 0
+
+    def front(self) -> Front:
+        return Front(self, (2, 3, 3), f"halves by {self.divisor}")
+
+    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+        if self.fail_after is not None and self.computed >= self.fail_after:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self.computed += len(pictures)
+        return (pictures[:, ::4, :10:4] / self.divisor).astype(np.float16)
+
+
+def data_of(recorded: Written, cache: Path | None, **settings: object) -> DrivingData:
+    data = DrivingData(
+        str(recorded.folder),
+        VIEW,
+        cameras=["center", "left"],
+        cache=str(cache) if cache else None,
+        block_s=0.5,
+        gap_s=0.1,
+        batch_size=16,
+        **settings,
+    )
+    data.load(Console(quiet=True))
+    return data
+
+
+def plan_of(data: DrivingData, front: Front, mirrored: bool = True) -> FeaturePlan:
+    return plan_features(
+        data.recording, data.views, data.cameras, data.view, front, mirrored, data.cache
+    )
+
+
+@pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
+def test_features_are_of_the_pictures_and_of_the_mirrored(recorded, tmp_path, console, cached):
+    data = data_of(recorded, tmp_path if cached else None)
+    halves = Halves()
+    plan = plan_of(data, halves.front())
+    assert (plan.pictures, plan.missing) == (480, 480)
+    assert plan.missing_bytes == 480 * 2 * 3 * 3 * 2
+
+    features = load_features(plan, data.views, console)
+
+    rows, other = np.arange(120), Halves()
+    for camera in (0, 1):
+        for turned in (False, True):
+            pictures = data.views.take(rows, camera, np.full(120, turned))
+            taken = features.take(rows, np.full(120, camera + MIRRORED * turned))
+            assert taken.dtype == np.float16
+            np.testing.assert_array_equal(taken, other(pictures))
+    assert halves.computed == 480
+
+
+def test_the_right_files_are_computed_again_and_no_others(recorded, tmp_path, console):
+    data, halves = data_of(recorded, tmp_path), Halves()
+    load_features(plan_of(data, halves.front(), mirrored=False), data.views, console)
+    assert halves.computed == 240
+    assert plan_of(data, halves.front(), mirrored=False).missing == 0
+    load_features(plan_of(data, halves.front()), data.views, console)
+    assert halves.computed == 480, "of the mirrored ones alone"
+    load_features(plan_of(data, halves.front()), data.views, console)
+    assert halves.computed == 480
+    assert plan_of(data, Halves(2.0).front()).missing == 480, "another front's are others"
+
+
+def test_a_batch_holds_the_features_of_the_pictures_that_it_would_be_fed(
+    recorded, tmp_path, console
+):
+    data, halves = data_of(recorded, tmp_path), Halves()
+    batches = data.training_batches()
+    fed = FeatureBatches(batches, load_features(plan_of(data, halves.front()), data.views, console))
+    keys = list(data.sampler())
+    for key, features in zip(keys, fed[tuple(keys)], strict=True):
+        plain = batches[key]
+        pictures = plain["images"].permute(0, 2, 3, 1).numpy()
+        np.testing.assert_array_equal(
+            features["images"].permute(0, 2, 3, 1).numpy(), halves(pictures)
+        )
+        for name in ("speed", "targets"):
+            np.testing.assert_array_equal(features[name], plain[name])
+
+
+def test_two_at_once_compute_each_picture_once(recorded, tmp_path):
+    data, halves = data_of(recorded, tmp_path), Halves()
+    loaded = []
+
+    def load() -> None:
+        plan = plan_of(data, halves.front())
+        loaded.append(load_features(plan, data.views, Console(quiet=True)))
+
+    threads = [threading.Thread(target=load) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert halves.computed == 480
+    for one, other in zip(loaded[0].files, loaded[1].files, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_disk_that_fills_leaves_no_half_file(recorded, tmp_path, console):
+    data, full = data_of(recorded, tmp_path), Halves(fail_after=150)
+    before = set(tmp_path.iterdir())
+    with pytest.raises(InputError, match=r"no space left for the features' cache \(0 MB"):
+        load_features(plan_of(data, full.front()), data.views, console)
+    left = {path.suffix for path in set(tmp_path.iterdir()) - before}
+    assert ".part" not in left
+    again = Halves()
+    load_features(plan_of(data, again.front()), data.views, console)
+    assert again.computed == 360, "the file that was whole is kept"
+
+
+def test_what_a_killed_build_left_is_written_over(recorded, tmp_path, console):
+    data, halves = data_of(recorded, tmp_path), Halves()
+    plan = plan_of(data, halves.front())
+    plan.files[0].target.with_suffix(".part").write_bytes(os.urandom(100_000))
+    features = load_features(plan, data.views, console)
+    pictures = data.views.take(np.arange(120), 0)
+    np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(pictures))
+    assert not list(tmp_path.glob("*.part"))
+    assert view_store.is_stored(plan.files[0].target)

@@ -1,0 +1,225 @@
+"""A frozen front's features, computed once: nothing else about a training may change."""
+
+from pathlib import Path
+
+import lightning
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.features import FeaturePlan
+from datamodules.image import decode_image
+from datamodules.samples import CENTER
+from datamodules.view import View
+from tests.recordings import Written
+from zoo.build import build_data, build_module, build_trainer
+from zoo.checkpoint import read_checkpoint_file
+from zoo.config import compose_config
+from zoo.experiment import run_experiment
+from zoo.frozen_front import feed_cached_features, fingerprint
+from zoo.models.vgg import Vgg16
+from zoo.steering_module import SteeringModule
+
+SHAPE = (3, 32, 32)
+SMALL = (
+    "model=vgg",
+    "model.weights=null",
+    "model.size=[32,32]",
+    "model.units=8",
+    "augment=[]",
+    "data.cameras=[center]",
+    "data.block_s=0.5",
+    "data.gap_s=0.1",
+    "data.batch_size=16",
+    "data.samples_per_epoch=48",
+    "callbacks=checkpoints",
+    "logger=csv",
+    "score=none",
+    "trainer.accelerator=cpu",
+)
+
+
+@pytest.fixture(autouse=True)
+def threads() -> None:
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+def compose(recorded: Written, cache: Path, *overrides: str) -> OmegaConf:
+    places = (f"data.root={recorded.folder}", f"data.cache={cache}")
+    return OmegaConf.create(compose_config([*SMALL, *places, *overrides]))
+
+
+def weights(folder: Path) -> dict[str, torch.Tensor]:
+    return read_checkpoint_file(folder / "checkpoints" / "last.ckpt")["state_dict"]
+
+
+def prepare(
+    config: OmegaConf, folder: Path, console: Console
+) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
+    """All that a training of `config` needs, features too."""
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    module = build_module(config, data, {})
+    config.callbacks = {}
+    trainer = build_trainer(config, folder, has_validation=True)
+    feed_cached_features(config, module, data, trainer, console)
+    assert (data.features is not None) == module.skips_front
+    return module, data, trainer
+
+
+@pytest.mark.parametrize("trainable", range(6))
+def test_vgg_is_its_front_and_its_rest_to_the_bit(trainable: int) -> None:
+    torch.manual_seed(0)
+    network = Vgg16(SHAPE, trainable).eval()
+    images = torch.randint(0, 256, (2, *SHAPE), dtype=torch.uint8)
+    plain = network.head(network.features(network.normalize(images)).flatten(1))
+    assert torch.equal(network(images), plain)
+    front = network.front(images)
+    assert torch.equal(network.rest(front), plain)
+    assert (network.frozen_front is None) == (trainable == 5)
+    if trainable < 5:
+        assert not front.requires_grad
+        assert torch.equal(network.frozen_front(images), front)
+
+
+def test_a_fingerprint_is_of_the_frozen_weights_alone() -> None:
+    torch.manual_seed(0)
+    network = Vgg16(SHAPE, 1)
+    before = fingerprint(network.frozen_front)
+    with torch.no_grad():
+        network.head[0].weight += 1
+        network.features[-3].weight += 1
+    assert fingerprint(network.frozen_front) == before
+    with torch.no_grad():
+        network.features[0].bias[0] += 1e-3
+    assert fingerprint(network.frozen_front) != before
+
+
+def test_random_frozen_blocks_are_neither_dead_nor_huge(recorded: Written) -> None:
+    view = View((50, 20), "rgb", (32, 80))
+    frames = [decode_image(recorded.image(row).read_bytes()) for row in range(0, 120, 15)]
+    images = torch.stack([torch.from_numpy(view(one)).permute(2, 0, 1) for one in frames])
+    torch.manual_seed(1)
+    out = Vgg16((3, 32, 80), 0).front(images)
+    assert 0.005 < out.std() < 1
+    assert (out.amax((0, 2, 3)) == 0).float().mean() < 0.2, "channels that never answer"
+
+
+@pytest.mark.parametrize("trainable", [0, 1])
+def test_a_run_on_cached_features_is_the_run_without(
+    trainable: int, recorded: Written, cache: Path, tmp_path: Path
+) -> None:
+    # Plain gradients: Adam's first steps are of one length, whatever the gradient's.
+    overrides = (f"model.trainable_blocks={trainable}", "trainer.max_epochs=1", "optim=sgd")
+    trained = {}
+    for setting in ("true", "false"):
+        config = compose(recorded, cache, *overrides, f"model.cache_features={setting}")
+        module, data, trainer = prepare(config, tmp_path / setting, Console(quiet=True))
+        assert module.skips_front == (setting == "true")
+        before = {name: one.clone() for name, one in module.state_dict().items()}
+        trainer.fit(module, datamodule=data)
+        assert module.train_samples == 48
+        trained[setting] = module, data, {n: float(v) for n, v in trainer.callback_metrics.items()}
+    (ours, data, figures), (theirs, _, expected) = trained["true"], trained["false"]
+    # Half precision keeps eleven bits of each feature, which turns a maximum's choice here and
+    # there; another sample, or one that is not mirrored, would change all that was learnt.
+    assert figures == pytest.approx(expected, rel=2e-3, abs=1e-4)
+    cached, plain = ours.state_dict(), theirs.state_dict()
+    assert cached.keys() == plain.keys(), "a checkpoint is whole"
+    learnt = {name: plain[name] - one for name, one in before.items()}
+    changed = [name for name, step in learnt.items() if step.any()]
+    assert len(changed) == 4 + 6 * trainable, "the head, and three layers of the last block"
+    for name in changed:
+        assert (cached[name] - plain[name]).norm() < 0.05 * learnt[name].norm(), name
+    images = torch.from_numpy(data.views.take(np.arange(8), CENTER)).permute(0, 3, 1, 2)
+    with torch.inference_mode():
+        one, other = (module.network.eval()(images) for module in (ours, theirs))
+    torch.testing.assert_close(one, other, rtol=2e-3, atol=2e-4)
+
+
+def test_a_run_that_goes_on_is_fed_the_features_of_its_own_front(
+    recorded: Written, cache: Path, tmp_path: Path
+) -> None:
+    torch.manual_seed(5)  # not the weights that the run's seed draws
+    torch.save(Vgg16(SHAPE, 0, units=8).state_dict(), tmp_path / "other.pth")
+    overrides = (
+        "model.trainable_blocks=0",
+        "model.cache_features=true",
+        "data.flip=0",
+        f"model.weights={tmp_path / 'other.pth'}",
+    )
+    whole, halves = (
+        compose(recorded, cache, *overrides, f"trainer.max_epochs={epochs}") for epochs in (2, 1)
+    )
+    run_experiment(whole.copy(), tmp_path / "whole")
+    run_experiment(halves, tmp_path / "halves")
+    files = set(cache.iterdir())
+    run_experiment(whole.copy(), tmp_path / "halves", resume=True)
+    assert set(cache.iterdir()) == files, "nothing was computed again"
+    one, other = weights(tmp_path / "whole"), weights(tmp_path / "halves")
+    assert all(torch.equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("augment=[brightness,shift]", r"augment=\[brightness,shift\] makes every picture another"),
+        ("model.trainable_blocks=5", r"no block of the network is frozen"),
+        ("model.cache_features=maybe", r"cache_features=maybe is not auto, true or false"),
+    ],
+)
+def test_what_cannot_be_cached_is_refused_in_words(
+    override: str, words: str, recorded: Written, cache: Path, tmp_path: Path
+) -> None:
+    config = compose(recorded, cache, "model.cache_features=true", override)
+    with pytest.raises(InputError, match=words):
+        prepare(config, tmp_path / "run", Console(quiet=True))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (("augment=[brightness]",), "computed anew in every epoch, for augment=[brightness]"),
+        (("trainer.max_epochs=1",), "and there are 240"),
+        (("model.trainable_blocks=5",), ""),
+    ],
+)
+def test_auto_computes_nothing_where_it_cannot_or_does_not_pay(
+    overrides: tuple[str], words: str, recorded: Written, cache: Path, tmp_path: Path, console
+) -> None:
+    config = compose(recorded, cache, *overrides)
+    files = set(cache.iterdir())
+    module, _, _ = prepare(config, tmp_path / "run", console)
+    assert not module.skips_front
+    said = console.file.getvalue()
+    assert words in said
+    assert said.count("\n") == (1 if words else 0)
+    assert set(cache.iterdir()) == files
+
+
+@pytest.mark.parametrize("setting", ["auto", "true"])
+def test_a_disk_without_room_is_said_before_anything_is_computed(
+    setting: str, recorded: Written, tmp_path: Path, monkeypatch, console
+) -> None:
+    monkeypatch.setattr(FeaturePlan, "free_bytes", lambda _: 100_000)
+    config = compose(
+        recorded, tmp_path / "cache", f"model.cache_features={setting}", "trainer.max_epochs=9"
+    )
+    if setting == "true":
+        with pytest.raises(InputError, match=r"1 MB .* with 0 MB free .*; set a smaller"):
+            prepare(config, tmp_path / "run", console)
+    else:
+        module, _, _ = prepare(config, tmp_path / "run", console)
+        assert not module.skips_front
+        assert "to keep them would take" in console.file.getvalue()
