@@ -16,7 +16,7 @@ from scipy.stats import spearmanr
 from datamodules.image import decode_image
 from datamodules.recording import read_recordings
 from zoo.policy import Policy, load_policy
-from zoo.saliency import Saliency
+from zoo.visual_backprop import Saliency
 
 FRAMES, PATCH, STEP = 11, 20, 10
 

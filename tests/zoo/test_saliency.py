@@ -15,7 +15,8 @@ from tests.zoo.test_models import build
 from zoo.checkpoint import Checkpoint
 from zoo.config import choices
 from zoo.policy import Policy, load_policy
-from zoo.saliency import Saliency, draw_saliency, enlarge, overlay
+from zoo.saliency import draw_saliency
+from zoo.visual_backprop import Saliency, enlarge, overlay
 
 
 def policy_of(name: str) -> Policy:

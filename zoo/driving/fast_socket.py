@@ -5,6 +5,8 @@ the kernel holds back acknowledgements that the old client's many small fragment
 """
 
 import contextlib
+import json
+import select
 import socket
 import time
 
@@ -66,6 +68,8 @@ class FastWebSocket(RFC6455WebSocket):
         # A frame may have any length: what is too long is dropped, message by message.
         super().__init__(EagerSocket(sock), environ, version, max_frame_length=1 << 62)
         environ[ENVIRON_KEY] = self
+        self._takes = select.poll()
+        self._takes.register(sock.fileno(), select.POLLOUT)
 
     class Message(RFC6455WebSocket.Message):
         """A message that forgets all but its beginning once it is too long."""
@@ -125,6 +129,17 @@ class FastWebSocket(RFC6455WebSocket):
     def send(self, message: str | bytes, **more: object) -> None:
         super().send(message, **more)
         self.sent_s = time.perf_counter()
+
+    def send_event(self, name: str, argument: dict) -> bool:
+        """Send an event of Socket.IO's default namespace now, in the task that calls, if the system
+        takes it at once; otherwise nothing is sent, and False."""
+        try:
+            if self._sendlock.locked() or not self._takes.poll(0):
+                return False
+            self.send(f"42{json.dumps([name, argument], separators=(',', ':'))}")
+        except OSError:  # it has gone, which reading will tell
+            return False
+        return True
 
     def close(self, close_data: tuple[int, str] | None = None) -> None:
         """As eventlet's, which prints a line for each client that has closed it first."""

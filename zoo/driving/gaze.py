@@ -9,14 +9,14 @@ import torch
 
 from zoo.driving.beside import beside
 from zoo.driving.driver import Driver
-from zoo.saliency import Saliency, overlay
+from zoo.visual_backprop import Saliency, overlay
 
 PERIOD_S = 0.5
 
 
 class Gaze:
-    """Draws `zoo.saliency` over the latest frame: only when asked, in a thread of its own, and at
-    most twice a second, however many ask.
+    """Draws `zoo.visual_backprop` over the latest frame: only when asked, in a thread of its own,
+    and at most twice a second, however many ask.
 
     Args:
         driver: whose policy and frames.

@@ -6,6 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Iterable
 
+import engineio
 import eventlet
 import socketio
 from eventlet import wsgi
@@ -134,26 +135,36 @@ class DriveServer:
             began_s = websocket.received_s
         # One argument is what the original sends; a null, or none at all, is a person driving.
         reply = self.driver.answer(session, arguments[0] if arguments else None)
-        self.sio.emit(reply.event, reply.values, to=sid)
-        # The reply goes out in a task of its own, which must run before the next frame is read.
-        eventlet.sleep(0)
+        at_once = websocket is not None and not self._unsent(sid)
+        if not (at_once and websocket.send_event(reply.event, reply.values)):
+            self.sio.emit(reply.event, reply.values, to=sid)
+            # It goes out in a task of its own, which must run before the next frame is read.
+            eventlet.sleep(0)
         sent_s = websocket.sent_s if websocket is not None else 0.0
         sent_s = sent_s if sent_s > began_s else time.perf_counter()
         self.driver.sent(reply, 1000 * (sent_s - began_s))
+        if at_once:
+            eventlet.sleep(0)  # other simulators, and the page, have their turn
 
     def _hung_up(self, sid: str) -> bool:
         """Whether this client reads no replies; then there is no point in making more."""
-        eio_sid = self.sio.manager.eio_sid_from_sid(sid, "/")
-        engine = self.sio.eio.sockets.get(eio_sid)
-        if engine is None or engine.queue.qsize() < MOST_UNSENT:
+        if self._unsent(sid) < MOST_UNSENT:
             return False
         self.driver.notices.say("a simulator reads no replies and was sent away")
         websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
         if websocket is not None:
             websocket.hang_up()
         else:
-            engine.close(wait=False, abort=True)
+            self._engine(sid).close(wait=False, abort=True)
         return True
+
+    def _unsent(self, sid: str) -> int:
+        """How many replies wait for this client to read those before them."""
+        engine = self._engine(sid)
+        return 0 if engine is None else engine.queue.qsize()
+
+    def _engine(self, sid: str) -> engineio.socket.Socket | None:
+        return self.sio.eio.sockets.get(self.sio.manager.eio_sid_from_sid(sid, "/"))
 
 
 def listen(host: str, port: int) -> GreenSocket:

@@ -125,7 +125,7 @@ def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
     """The worst moments of a track's drives, each beside what the network looks at."""
     from zoo.models.__main__ import multiply_adds
     from zoo.policy import Policy
-    from zoo.saliency import Saliency, overlay
+    from zoo.visual_backprop import Saliency, overlay
 
     found = [(drive, row) for drive in drives for row in worst_rows(drive)]
     if not found:

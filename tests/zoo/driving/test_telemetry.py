@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from tests.zoo.driving.old_client import telemetry
 from tests.zoo.driving.serve import picture
 from zoo.driving.driver import reply_values
-from zoo.driving.telemetry import TelemetryError, decimal_sign, parse_number, read_telemetry
+from zoo.driving.telemetry import (
+    TelemetryError,
+    decimal_sign,
+    jpeg_size,
+    parse_number,
+    read_telemetry,
+)
 
 ANY_JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -64,3 +70,15 @@ def test_what_is_put_up_with_is_named() -> None:
     ]
     assert odd.oddities[0][1] == "640 x 320, resized to 320 x 160"
     assert (odd.speed_mph, odd.cross_track_m) == (0, 0.4)
+
+
+@given(st.integers(1, 700), st.integers(1, 700))
+def test_a_size_is_read_from_a_jpegs_head(width: int, height: int) -> None:
+    assert jpeg_size(picture((9, 9, 9), width, height)) == (width, height)
+
+
+@given(st.binary(max_size=64))
+def test_bytes_of_any_kind_have_a_size_or_none(tail: bytes) -> None:
+    assert jpeg_size(tail) is None
+    size = jpeg_size(b"\xff\xd8" + tail)
+    assert size is None or all(0 <= one < 1 << 16 for one in size)

@@ -1,0 +1,63 @@
+"""A policy's quick forward pass: the network's, to the bit."""
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from datamodules.view import View
+from zoo.checkpoint import make_network
+from zoo.config import choices, compose_config
+from zoo.models.lenet import LeNet
+from zoo.policy import network_inputs, quick_forward
+
+MODELS = [name for name in choices("model") if name != "vgg"]  # takes seconds
+SPEED = 20.0
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
+    config = compose_config([f"model={name}"])
+    model = config["model"]
+    view = View(config["data"]["crop"], model["colour"], model["size"])
+    torch.manual_seed(1)
+    network = make_network(model, view).eval()
+    pictures = np.random.default_rng(1).integers(0, 256, (5, *view.shape), np.uint8)
+    inputs = [network_inputs(one, SPEED if network.takes_speed else None) for one in pictures]
+    with torch.inference_mode():
+        wanted = [network(*one) for one in inputs]
+    forward = quick_forward(network, view)
+    assert forward is not network
+    with torch.inference_mode():
+        assert all(torch.equal(forward(*one), out) for one, out in zip(inputs, wanted, strict=True))
+
+
+class Moody(LeNet):
+    """Takes another way by what it sees, which no graph of one way can."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        out = super().forward(images)
+        return -out if float(images.float().mean()) > self.threshold else out
+
+
+def test_a_network_that_no_graph_repeats_drives_as_it_is() -> None:
+    view = View((60, 25), "rgb", None)
+    network = Moody((3, 75, 320)).eval()
+    pictures = np.random.default_rng(0).integers(0, 256, (3, *view.shape), np.uint8)
+    network.threshold = float(np.sort([one.mean() for one in pictures])[:2].mean())
+    assert quick_forward(network, view) is network
+    assert all(one.is_contiguous() for one in network.parameters())
+
+
+class Failing(nn.Module):
+    takes_speed, outputs = False, 1
+
+    def forward(self, images: Tensor) -> Tensor:
+        if torch.jit.is_tracing():
+            raise RuntimeError("not so")
+        return images.float().mean((1, 2, 3))[:, None]
+
+
+def test_a_network_that_cannot_be_traced_drives_as_it_is() -> None:
+    network = Failing()
+    assert quick_forward(network, View((60, 25), "rgb", None)) is network
