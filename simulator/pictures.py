@@ -222,11 +222,12 @@ def _lens() -> core.PerspectiveLens:
 
 def _car_axes(heading: float, pitch: float) -> np.ndarray:
     """float64 [3, 3] whose columns are the car's right, up and ahead in the world."""
-    ahead = np.array(
-        [np.cos(pitch) * np.cos(heading), np.cos(pitch) * np.sin(heading), np.sin(pitch)]
-    )
-    right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-    return np.stack([right, np.cross(right, ahead), ahead], -1)
+    cos, sin = float(np.cos(heading)), float(np.sin(heading))
+    flat, up = float(np.cos(pitch)), float(np.sin(pitch))
+    east, north = flat * cos, flat * sin
+    # Right x ahead, written out: np.cross takes ten times as long for one pair.
+    above = (-cos * up, -sin * up, sin * north + cos * east)
+    return np.array([(sin, -cos, 0.0), above, (east, north, up)]).T
 
 
 def _point_format() -> core.GeomVertexFormat:

@@ -1,6 +1,7 @@
 """The original car's cameras and measures, in metres and degrees, measured in its simulator."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class CameraOffset:
     roll_deg: float = 0.0
 
 
+@lru_cache
 def camera_matrix(pitch_down_deg: float, yaw_right_deg: float, roll_deg: float) -> np.ndarray:
     """Rotation float64 [3, 3] from a camera's axes (right, up, ahead) to the car's.
 
@@ -52,4 +54,6 @@ def camera_matrix(pitch_down_deg: float, yaw_right_deg: float, roll_deg: float) 
     about_ahead = np.array(
         [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
     )
-    return about_up @ about_right @ about_ahead
+    matrix = about_up @ about_right @ about_ahead
+    matrix.flags.writeable = False  # it is asked for once a frame, and kept
+    return matrix

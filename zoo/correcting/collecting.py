@@ -1,12 +1,7 @@
 """Drives of a checkpoint, and what the expert would have done in what it saw."""
 
 import hashlib
-import multiprocessing
-import os
 import shutil
-import signal
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,6 +18,7 @@ from zoo.correcting.options import FIRST_SEED, CorrectOptions
 from zoo.driving.drive_log import DriveRow
 from zoo.scoring.closed_loop import Policy
 from zoo.scoring.drives import Setup, drive_setup, open_setup
+from zoo.scoring.pool import drive_in_processes
 
 NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
 YEARS_S = 50 * 365 * 24 * 3600
@@ -133,7 +129,7 @@ def collect(
             begin_s = int.from_bytes(digest[:8], "big") % YEARS_S
             place = parts / f"{len(jobs):03d}"
             jobs.append((checkpoint, setup, options, options.beta**round_number, begin_s, place))
-    rows = sum(_in_processes(jobs, options.workers))
+    rows = sum(rows for _, rows in drive_in_processes(collect_drive, jobs, options.workers))
     if rows:
         _join(sorted(parts.iterdir()), folder)
     shutil.rmtree(parts, ignore_errors=True)
@@ -200,26 +196,6 @@ def _record(
         }
         pedals = split_pedals(answer.throttle)
         recorder.add(frames, answer.steering, *pedals, row.speed_mph, row.time_s - stretch_s)
-
-
-def _in_processes(jobs: list[tuple], workers: int) -> list[int]:
-    processes = min(workers or os.cpu_count() or 1, len(jobs))
-    if processes == 1:
-        return [collect_drive(*job) for job in jobs]
-    # Spawned, and quiet on Ctrl-C: as in zoo.scoring.drives.
-    context = multiprocessing.get_context("spawn")
-    quiet = (signal.SIGINT, signal.SIG_DFL)
-    with ProcessPoolExecutor(processes, context, signal.signal, quiet) as pool:
-        waiting = [pool.submit(collect_drive, *job) for job in jobs]
-        try:
-            return [one.result() for one in waiting]
-        except BrokenProcessPool:
-            raise InputError(
-                f"a process that drove was ended from outside; try workers={processes // 2}"
-            ) from None
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def _join(parts: list[Path], folder: Path) -> None:

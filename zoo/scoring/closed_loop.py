@@ -87,7 +87,7 @@ def drive_closed_loop(
         began = time.perf_counter()
         steering, predicted = policy(frame, world.car.speed_mph)
         latency_ms = 1000 * (time.perf_counter() - began)
-        steering = float(np.clip(np.nan_to_num(steering), -1, 1))
+        steering = 0.0 if math.isnan(steering) else min(max(float(steering), -1.0), 1.0)
         mph = world.car.speed_mph
         throttle = limit_pedal(speed.throttle(mph, steering, predicted, world.time), mph)
         moving_s = world.time if mph >= STALLED_BELOW_MPH else moving_s

@@ -1,12 +1,7 @@
 """Many drives of a checkpoint, several at once, each in a process of its own."""
 
 import math
-import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -26,6 +21,7 @@ from zoo.plots import save_figure
 from zoo.scoring.closed_loop import Policy, ScoredDrive, drive_closed_loop, score, start_of
 from zoo.scoring.figures import birds_eye, error_over_distance
 from zoo.scoring.options import EvaluateOptions
+from zoo.scoring.pool import drive_in_processes
 
 
 @dataclass(frozen=True)
@@ -106,37 +102,16 @@ def drive_all(
     Raises:
         InputError: the processes were killed, as where memory ran out.
     """
-    processes = min(workers or os.cpu_count() or 1, len(setups))
-    if len(setups) == 1:  # another process would cost seconds
-        return [drive_once(checkpoint, setups[0], folders[0])]
-    found: dict[int, dict] = {}
-    # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
-    context = multiprocessing.get_context("spawn")
-    # On Ctrl-C this process speaks; the others end without a trace.
-    quiet = (signal.SIGINT, signal.SIG_DFL)
-    with ProcessPoolExecutor(processes, context, signal.signal, quiet) as pool:
-        waiting = {
-            pool.submit(drive_once, checkpoint, setup, folder): number
-            for number, (setup, folder) in enumerate(zip(setups, folders, strict=True))
-        }
-        done = show_progress(
-            as_completed(waiting),
-            f"driving {len(setups)} x {setups[0].laps:g} laps",
-            total=len(setups),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-        try:
-            for one in done:
-                found[waiting[one]] = one.result()
-        except BrokenProcessPool:
-            raise InputError(
-                f"a process that drove was ended from outside; try workers={max(1, processes // 2)}"
-            ) from None
-        except BaseException:  # a driver's error, or Ctrl-C: what has not begun need not
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    jobs = [(checkpoint, *pair) for pair in zip(setups, folders, strict=True)]
+    done = show_progress(
+        drive_in_processes(drive_once, jobs, workers),
+        f"driving {len(setups)} x {setups[0].laps:g} laps",
+        total=len(setups),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal or len(setups) == 1,
+    )
+    found = dict(done)
     return [found[number] for number in range(len(setups))]
 
 

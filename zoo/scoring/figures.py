@@ -11,9 +11,11 @@ from zoo.scoring.closed_loop import ScoredDrive
 
 def birds_eye(track: Track, drive: ScoredDrive, title: str) -> Figure:
     """The car's way on the track, coloured by its cross-track error, interventions marked."""
-    figure = Figure(figsize=(7, 6), layout="constrained")
-    axis = figure.subplots()
     closed = np.vstack([track.xyz, track.xyz[:1]])
+    extent = np.ptp(closed[:, :2], axis=0)
+    width, height = extent * min(5.2 / extent)  # inches; beside it the colour bar, above the title
+    figure = Figure(figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained")
+    axis = figure.subplots()
     axis.plot(closed[:, 0], closed[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
     way = np.array(drive.xy)
     error = np.abs([row.cross_track_m for row in drive.rows])
