@@ -1,7 +1,10 @@
 """`python benchmarks/cache.py`: decoding a recording into the cache of views, on all cores."""
 
+import multiprocessing
 import shutil
 import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from material import OUT, linked_recording
@@ -12,31 +15,58 @@ from datamodules.image import decode_image
 from datamodules.view import View
 from datamodules.view_store import load_views
 
+VIEW = View((40, 20), "rgb", (66, 200))
+
 
 def measure(short: bool) -> list[Row]:
-    """Pictures a second, as a multiple of one thread's that reads, decodes and resizes them."""
-    rows, rounds = (100, 1) if short else (1_500, 7)
+    """Pictures a second, as a multiple of one thread's that reads, decodes and resizes them; and of
+    as many processes that do nothing else, which is what the machine has to give just then."""
+    rows, rounds = (100, 1) if short else (1_500, 5)
     folder = linked_recording(rows, ("center",))
     paths = sorted(map(str, (folder / "IMG").iterdir()))
-    view, cache = View((40, 20), "rgb", (66, 200)), OUT / "built"
+    cache, cores = OUT / "built", usable_cores()
+    shares = [paths[number::cores] for number in range(cores)]
 
     def ours() -> float:
         shutil.rmtree(cache, ignore_errors=True)
-        began = time.perf_counter()
-        load_views(paths, view, cache)
-        return rows / (time.perf_counter() - began)
+        return rows / seconds_of(lambda: load_views(paths, VIEW, cache))
 
-    def one_thread() -> float:
-        began = time.perf_counter()
-        for path in paths:
-            view(decode_image(Path(path).read_bytes()))
-        return rows / (time.perf_counter() - began)
-
-    found = take_turns({"ours/s": ours, "one thread/s": one_thread}, rounds)
+    with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
+        list(pool.map(decode, [share[:5] for share in shares]))  # started, imported
+        found = take_turns(
+            {
+                "ours/s": ours,
+                "one thread/s": lambda: rows / seconds_of(lambda: decode(paths)),
+                "processes/s": lambda: rows / seconds_of(lambda: list(pool.map(decode, shares))),
+            },
+            rounds,
+        )
     shutil.rmtree(cache, ignore_errors=True)
-    aim, ratio = 0.8 * usable_cores(), median_ratio(*found.values())
+    rates, one, many = found.values()
     what = "building the view cache, written and synced"
-    return [Row(what, "one thread that decodes and resizes", ratio, aim, True, medians(found))]
+    return [
+        Row(
+            what,
+            "one thread that decodes and resizes",
+            median_ratio(rates, one),
+            0.8 * cores,
+            True,
+            medians(found),
+        ),
+        Row(what, f"{cores} processes that decode and resize", median_ratio(rates, many)),
+    ]
+
+
+def decode(paths: list[str]) -> None:
+    """Views of pictures, kept nowhere."""
+    for path in paths:
+        VIEW(decode_image(Path(path).read_bytes()))
+
+
+def seconds_of(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
 
 
 if __name__ == "__main__":

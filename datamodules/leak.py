@@ -9,6 +9,10 @@ from scipy.spatial.distance import cdist
 from datamodules.recording import Recording
 
 SAMPLED = 400  # rows of each kind that are compared: enough for a median
+COMPARED = 20_000  # training rows that they are compared with, beside those that are near
+NEAR = 16  # training rows on each side of a sampled one that are always among those
+AT_ONCE = 1_000  # rows whose differences stay in the processor's cache
+STRANGERS = 4_000  # training rows that tell how different any two pictures are
 THUMBNAIL = (16, 8)
 
 
@@ -40,19 +44,48 @@ def measure_leak(
     """
     rng = np.random.default_rng(seed)
     rows = np.sort(rng.choice(held_out, min(SAMPLED, len(held_out)), replace=False))
-    seconds = [
-        np.abs(recording.time_s[same] - recording.time_s[row]).min()
-        for row in rows
-        if len(same := train[recording.recording[train] == recording.recording[row]])
-    ]
-    known = np.array(seconds)[np.isfinite(seconds)] if seconds else np.array([])
-    # All neighbours of a sampled row must be among those compared, so few rows, but all training.
-    compared = train if len(train) <= 20_000 else np.sort(rng.choice(train, 20_000, replace=False))
-    ours, theirs = _thumbnails(pictures, rows), _thumbnails(pictures, compared)
-    differences = cdist(ours, theirs, "cityblock") / ours.shape[1]
-    stranger = np.median(differences)
-    likeness = float(np.median(differences.min(axis=1)) / stranger) if stranger else 0.0
+    seconds = _seconds_to_nearest(recording, train, rows)
+    known = seconds[np.isfinite(seconds)]
+    compared = train
+    if len(train) > COMPARED:
+        # A row's neighbours, its likely copies, must be among them, however long the recording is.
+        beside = np.searchsorted(train, rows)[:, None] + np.arange(-NEAR, NEAR)
+        near = train[np.clip(beside, 0, len(train) - 1)]
+        compared = np.union1d(rng.choice(train, COMPARED, replace=False), near)
+    nearest, stranger = _differences(_thumbnails(pictures, rows), pictures, compared)
+    likeness = float(np.median(nearest) / stranger) if stranger else 0.0
     return Leak(float(np.median(known)) if len(known) else float("nan"), likeness)
+
+
+def _seconds_to_nearest(recording: Recording, train: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Float64 [rows], from each to the nearest training row of its recording; NaN if unknown."""
+    seconds = np.full(len(rows), np.nan)
+    for number in np.unique(recording.recording[rows]):
+        times = np.sort(recording.time_s[train[recording.recording[train] == number]])
+        times = times[np.isfinite(times)]
+        ours = recording.recording[rows] == number
+        if not len(times):
+            continue
+        moments = recording.time_s[rows[ours]]
+        after = np.searchsorted(times, moments)
+        sides = times[np.clip([after - 1, after], 0, len(times) - 1)]
+        seconds[ours] = np.abs(sides - moments).min(axis=0)
+    return seconds
+
+
+def _differences(
+    ours: np.ndarray, pictures: np.ndarray, compared: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Of each of `ours` (float32 [n, pixels]), the mean difference to the most alike of the
+    `compared` rows' pictures, float64 [n]; and the median difference between any two."""
+    nearest, any_two = np.full(len(ours), np.inf), []
+    step = -(-len(compared) // STRANGERS)
+    for start in range(0, len(compared), AT_ONCE):
+        theirs = _thumbnails(pictures, compared[start : start + AT_ONCE])
+        differences = cdist(ours, theirs, "cityblock") / ours.shape[1]
+        np.minimum(nearest, differences.min(axis=1), out=nearest)
+        any_two.append(differences[:, ::step].copy())
+    return nearest, float(np.median(np.concatenate(any_two, axis=1)))
 
 
 def _thumbnails(pictures: np.ndarray, rows: np.ndarray) -> np.ndarray:

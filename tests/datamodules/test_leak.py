@@ -63,3 +63,17 @@ def test_strangers_have_likeness_near_one():
     flat = np.random.default_rng(0).integers(0, 256, (60, 8, 16, 1), np.uint8)
     leak = measure_leak(recording_in_memory(np.zeros(60)), np.arange(30), np.arange(30, 60), flat)
     assert 0.7 < leak.likeness < 1
+
+
+def test_neighbours_are_found_in_a_long_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Row by row, each picture has a copy beside it, of which few training rows have any."""
+    monkeypatch.setattr("datamodules.leak.COMPARED", 10)
+    pairs = np.random.default_rng(0).integers(0, 256, (500, 8, 16, 1), np.uint8)
+    leak = measure_leak(
+        recording_in_memory(np.zeros(1000)),
+        np.arange(0, 1000, 2),
+        np.arange(1, 1000, 2),
+        pairs.repeat(2, axis=0),
+    )
+    assert leak.likeness == 0
+    assert leak.seconds == pytest.approx(1 / 15, abs=1e-3)
