@@ -2,7 +2,8 @@
 
 Runs every part (a file here with a function `measure`) in a process of its own, prints one table
 and writes `outputs/bench.json`. `short` only shows that it works: its figures mean nothing.
-`readme` writes the table into the README, too, between its two markers.
+`readme` writes the table into the README, too, between its two markers. Without `KERAS_PYTHON` the
+part that needs Keras is left out.
 """
 
 import json
@@ -34,6 +35,15 @@ def part_names() -> list[str]:
     names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
     first = ("feed", "training", "tiny", "start", "cache", "growth")
     return [name for name in first if name in names] + [one for one in names if one not in first]
+
+
+def usual_parts(console: Console) -> list[str]:
+    """Those that run where none is named; what is left out is said."""
+    names = part_names()
+    if not os.environ.get("KERAS_PYTHON"):
+        names.remove("keras_training")
+        console.print("keras_training: left out; set KERAS_PYTHON to a Python that has Keras")
+    return names
 
 
 def run_one(name: str, short: bool, console: Console) -> list[Row]:
@@ -83,14 +93,17 @@ def main(arguments: list[str]) -> int:
     console = make_console()
     names = part_names()
     wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
-    chosen = [name for one in wanted for name in one.split(",") if name] or names
+    chosen = [name for one in wanted for name in one.split(",") if name] or usual_parts(console)
     for name in chosen:
         if name not in names:
             console.print(f"bench: {name}: no such part; there are {', '.join(names)}")
             return 1
     began, known, rows, failed = time.perf_counter(), machine(), [], []
+    took = {}
     for name in chosen:
+        before = time.perf_counter()
         of_part = run_one(name, "short" in arguments, console)
+        took[name] = round(time.perf_counter() - before, 1)
         failed += [] if of_part else [name]
         rows += of_part
     seconds = time.perf_counter() - began
@@ -101,8 +114,10 @@ def main(arguments: list[str]) -> int:
         f"torch {known['versions']['torch']}; {seconds:.0f} s; {OUT}",
         highlight=False,
     )
+    console.print(", ".join(f"{name} {taken:.0f} s" for name, taken in took.items()))
     kept = [asdict(row) | {"met": row.met} for row in rows]
-    contents = known | {"short": "short" in arguments, "seconds": seconds, "rows": kept}
+    contents = known | {"short": "short" in arguments, "seconds": seconds, "parts_s": took}
+    contents["rows"] = kept
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
     if "readme" in arguments:

@@ -64,16 +64,24 @@ def medians(found: dict[str, list[float]]) -> dict[str, float]:
 
 
 @contextmanager
-def contestant(target: Callable[..., None], *arguments: object) -> Iterator[Callable[[], float]]:
+def contestant(
+    target: Callable[..., None], *arguments: object, spinning: bool = False
+) -> Iterator[Callable[[], float]]:
     """A process of its own, for settings that a process makes once; what is yielded measures in it.
 
     `target(pipe, *arguments)` sends None when it is ready; each time it receives True it measures
     and sends the figure; it ends when it receives False.
+
+    Args:
+        spinning: its threads wait for each other as torch has it by default, not asleep.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=target, args=(theirs, *arguments))
+    policy = os.environ.pop("OMP_WAIT_POLICY", None) if spinning else None
     process.start()
+    if policy:
+        os.environ["OMP_WAIT_POLICY"] = policy
     theirs.close()
     try:
         ours.recv()

@@ -59,3 +59,15 @@ def test_every_part_can_run_alone() -> None:
         text = path.read_text()
         if "\ndef measure(" in text:
             assert "run_part(measure)" in text, path.name
+
+
+def test_the_part_that_needs_keras_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("KERAS_PYTHON", raising=False)
+    result = bench(tmp_path, "ONLY=keras_training")
+    assert result.returncode == 1
+    said = " ".join(result.stdout.split())
+    assert "keras_training: set KERAS_PYTHON to a Python with Keras" in said
+    assert "pip install tensorflow-cpu" in said
+    assert "Traceback" not in said

@@ -115,6 +115,16 @@ def test_shift_of_rows_moves_up_and_down_without_steering():
     assert 24 < edges.max() <= 26
 
 
+def test_a_shift_is_an_affine_map_that_repeats_the_edge(pictures):
+    picture, (right, down) = pictures[0], (23.3, -2.6)
+    matrix = np.float32([[1, 0, right * 200 / 320], [0, 1, down]])
+    wanted = cv2.warpAffine(picture, matrix, (200, 66), borderMode=cv2.BORDER_REPLICATE)
+    difference = np.abs(Shift().apply(picture, right, down).astype(int) - wanted)
+    assert difference.max() <= 2
+    assert difference.mean() < 0.5
+    assert np.abs(picture.astype(int) - wanted).mean() > 5, "it was moved"
+
+
 def test_what_is_not_shifted_keeps_its_steering(pictures):
     augment = Augment([Shift(pixels=40, p=0.5)], "rgb")
     moved, steering = augment(pictures.repeat(20, axis=0), np.zeros(120, np.float32), seed=1)

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from zoo.compilation import find_compiler
 from zoo.models.layers import Dropout
 
 SHAPE = (8, 24, 31, 98)
@@ -57,3 +58,25 @@ def test_in_half_precision() -> None:
     out = Dropout(0.5).train()(torch.ones(SHAPE, dtype=torch.bfloat16))
     assert out.dtype == torch.bfloat16
     assert out.unique().tolist() == [0.0, 2.0]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not find_compiler(), reason="no C++ compiler")
+def test_compiled_it_draws_as_the_plain_one_does() -> None:
+    """Two alike, one after the other, drop other values; a seed repeats them."""
+    layers = torch.nn.ModuleList([Dropout(0.5), Dropout(0.5)]).train()
+
+    def both(values: torch.Tensor) -> list[torch.Tensor]:
+        return [layer(values) for layer in layers]
+
+    compiled, ones = torch.compile(both, dynamic=False), torch.ones(SHAPE, requires_grad=True)
+    torch.manual_seed(5)
+    one, other = compiled(ones)
+    torch.manual_seed(5)
+    again, _ = compiled(ones)
+    assert torch.equal(one, again)
+    assert not torch.equal(one, other)
+    assert (one == 0).float().mean().item() == pytest.approx(0.5, abs=0.005)
+    assert one.unique().tolist() == [0.0, 2.0]
+    (one.sum() + 2 * other.sum()).backward()
+    torch.testing.assert_close(ones.grad, (one + 2 * other).detach())

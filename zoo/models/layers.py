@@ -1,5 +1,7 @@
 """What several networks of the zoo share."""
 
+import math
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -27,27 +29,51 @@ class Dropout(nn.Dropout):
 
     torch draws one number after the other there, on one core where the processor is not Intel's: a
     fifth of PilotNet's step on one core, more on several. Here numpy draws 64 bits for four values,
-    from a seed that torch draws. The rate is kept to 1/65536.
+    from a seed that torch draws. The rate is kept to 1/65536. To draw in several threads was no
+    gain: most of the time goes into memory, not into drawing.
     """
 
     def forward(self, values: Tensor) -> Tensor:
         small = values.numel() < 20_000  # where a call costs more than the draws
         if not self.training or not 0 < self.p < 1 or values.device.type != "cpu" or small:
             return super().forward(values)
+        last = values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last)
+        seed = torch.randint(2**62, ())
         if torch.compiler.is_compiling():
-            return super().forward(values)  # a compiled one draws within its loops
-        rng = np.random.Generator(np.random.SFC64(int(torch.randint(2**62, ()))))
-        words = rng.integers(
-            2**64 - 1, size=-(-values.numel() // 4), dtype=np.uint64, endpoint=True
-        )
-        bits = torch.from_numpy(words).view(torch.int16)[: values.numel()]
-        dropped = round(self.p * 2**16)
-        kept = torch.empty(values.numel(), dtype=values.dtype)
-        torch.ge(bits, dropped - 2**15, out=kept).mul_(1 / (1 - dropped / 2**16))
-        if values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last):
-            count, channels, height, width = values.shape
-            return values * kept.view(count, height, width, channels).permute(0, 3, 1, 2)
-        return values * kept.view(values.shape)
+            return values * kept_values(seed, values.shape, self.p, last).to(values.dtype)
+        return values * _kept(seed, values.shape, self.p, last, values.dtype)
+
+
+@torch.library.custom_op("drivezoo::kept_values", mutates_args=())
+def kept_values(seed: Tensor, shape: list[int], rate: float, channels_last: bool) -> Tensor:
+    """What a dropout multiplies with, float32, for a compiled step, which need not look within.
+
+    It takes no values, so that the compiler can make one loop of what comes before and after; and a
+    seed that is drawn anew, so that it does not take two of the same shape for one.
+    """
+    return _kept(seed, shape, rate, channels_last, torch.float32)
+
+
+@kept_values.register_fake
+def _(seed: Tensor, shape: list[int], rate: float, channels_last: bool) -> Tensor:
+    layout = torch.channels_last if channels_last else torch.contiguous_format
+    return torch.empty(shape, memory_format=layout)
+
+
+def _kept(
+    seed: Tensor, shape: list[int], rate: float, channels_last: bool, dtype: torch.dtype
+) -> Tensor:
+    """0 with the chance `rate`, otherwise what keeps the mean."""
+    count, dropped = math.prod(shape), round(rate * 2**16)
+    rng = np.random.Generator(np.random.SFC64(int(seed)))
+    words = rng.integers(2**64 - 1, size=-(-count // 4), dtype=np.uint64, endpoint=True)
+    bits = torch.from_numpy(words).view(torch.int16)[:count]
+    kept = torch.empty(count, dtype=dtype)
+    torch.ge(bits, dropped - 2**15, out=kept).mul_(1 / (1 - dropped / 2**16))
+    if channels_last:
+        samples, channels, height, width = shape
+        return kept.view(samples, height, width, channels).permute(0, 3, 1, 2)
+    return kept.view(shape)
 
 
 def feature_shape(features: nn.Module, shape: tuple[int, int, int], name: str) -> torch.Size:

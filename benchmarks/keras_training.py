@@ -1,0 +1,82 @@
+"""`KERAS_PYTHON=venv/bin/python python benchmarks/keras_training.py`: nvidia, ours and in Keras.
+
+The reference is a well-known solution of the course (`keras_solution.py`), in its own settings and
+with TensorFlow's defaults, in the interpreter that `KERAS_PYTHON` names: TensorFlow is too large to
+be installed for this alone. `make bench` has this part only where that is set.
+"""
+
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from material import OUT, linked_recording
+from timing import Row, contestant, median_ratio, medians, run_part, take_turns
+
+ROWS = 2_000
+INSTALL = (
+    "set KERAS_PYTHON to a Python with Keras, such as that of a virtual environment after "
+    "`pip install tensorflow-cpu opencv-python-headless`"
+)
+
+
+def measure(short: bool) -> list[Row]:
+    """Samples a second of `python -m zoo`, as a multiple of the Keras solution's."""
+    batches, steps, rounds = (2, 2, 1) if short else (24, 30, 5)
+    python = os.environ.get("KERAS_PYTHON")
+    if not python:
+        raise SystemExit(f"keras_training: {INSTALL}")
+    from training import BATCH, run_zoo  # takes seconds
+
+    log = linked_recording(ROWS) / "driving_log.csv"
+    with ExitStack() as stack:
+        theirs, name = stack.enter_context(keras_process(python, log, steps))
+        ours = stack.enter_context(contestant(run_zoo, batches))
+        found = take_turns({"zoo/s": ours, "Keras/s": theirs}, rounds)
+    what = f"training nvidia, batch {BATCH}, augmented"
+    reference = f"{name}, its own generator, batch 40"
+    return [Row(what, reference, median_ratio(*found.values()), 3.2, True, medians(found))]
+
+
+@contextmanager
+def keras_process(python: str, log: Path, steps: int) -> Iterator[tuple[Callable[[], float], str]]:
+    """What measures once there, and what it runs on; SystemExit, with what to do, where it cannot.
+
+    Its threads wait as TensorFlow has it.
+    """
+    program = Path(__file__).with_name("keras_solution.py")
+    kept = {k: v for k, v in os.environ.items() if k not in ("OMP_WAIT_POLICY", "PYTHONPATH")}
+    OUT.mkdir(parents=True, exist_ok=True)
+    said = OUT / "keras.txt"
+    with said.open("w") as errors:
+        try:
+            process = subprocess.Popen(
+                [python, str(program), str(log), str(steps)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                env=kept | {"TF_CPP_MIN_LOG_LEVEL": "3"},
+                text=True,
+            )
+        except OSError as error:
+            raise SystemExit(f"keras_training: {python}: {error.strerror}; {INSTALL}") from None
+    try:
+        ready = process.stdout.readline()
+        if not ready.startswith("ready: "):
+            last = said.read_text().strip().splitlines()[-1:] or ["it said nothing"]
+            raise SystemExit(f"keras_training: {python}: {last[0]}; {INSTALL}")
+        yield lambda: _ask(process), ready.removeprefix("ready: ").strip()
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _ask(process: subprocess.Popen) -> float:
+    process.stdin.write("\n")
+    process.stdin.flush()
+    return float(process.stdout.readline())
+
+
+if __name__ == "__main__":
+    run_part(measure)
