@@ -1,9 +1,10 @@
 """`python benchmarks/results.py [only=lenet] [seeds=3] [jobs=2]`: how every network drives.
 
-Trains each recipe below on recordings of the embedded lake alone, several seeds each, and drives a
+Trains each recipe on recordings of the embedded lake alone, several seeds each, and drives a
 lap of the lake and of the mountain, which no recipe has seen, at 15 mph. Writes `docs/results.csv`,
 a run a line, and the table in the README between its two markers. Runs are kept in
-`outputs/results`, and a finished one is not repeated: a command that was stopped goes on.
+`outputs/results`, and a finished one is not repeated: a command that was stopped goes on. What is
+trained stands in `benchmarks/recipes.py`.
 """
 
 import csv
@@ -18,7 +19,11 @@ from pathlib import Path
 
 import numpy as np
 from omegaconf import OmegaConf
+from rich.console import Console
 
+from benchmarks.recipes import Recipe, recipes
+from benchmarks.recoveries import FILE, MEASURED, measure_missing
+from datamodules.cores import usable_cores
 from datamodules.errors import InputError
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
@@ -28,29 +33,6 @@ README, BEGIN, END = Path("README.md"), "<!-- results -->", "<!-- end of results
 SCORE = ("score.track=[lake,mountain]", "score.laps=1", "score.speed=15", "score.film=false")
 OPEN_LOOP = ("mse", "mae", "balanced_mae", "bias")
 DRIVEN = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms")
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """A row of the table: a network, and the settings that it is trained with.
-
-    Attributes:
-        model: of the zoo.
-        setting: `published`, or what was changed.
-        overrides: of `python -m zoo`.
-        seeds: trained at most so often.
-        in_table: False for those that only the offline metrics are compared on.
-    """
-
-    model: str
-    setting: str
-    overrides: tuple[str, ...]
-    seeds: int = 3
-    in_table: bool = True
-
-    @property
-    def name(self) -> str:
-        return f"{self.model}-{self.setting.replace(',', '').replace(' ', '_')}"
 
 
 @dataclass(frozen=True)
@@ -70,60 +52,9 @@ class ResultOptions:
     table: bool = True
 
 
-def recipes() -> list[Recipe]:
-    """The rows of the table, then variations of cheap networks: worse and better ones, which tell
-    whether a metric can tell them apart."""
-    short = ("data.samples_per_epoch=1600", "trainer.max_epochs=3", "optim.lr=0.0003")
-    larger = ("model.size=[2,16]", "data.crop=[55,40]", "data.offset=0.35")
-    cropped = (
-        "data.crop=[50,20]",
-        "augment=[brightness,bend]",
-        "data.samples_per_epoch=4800",
-        "trainer.max_epochs=4",
-        "schedule=cosine",
-    )
-    best = ("data.samples_per_epoch=6400", "trainer.max_epochs=6", "schedule=cosine")
-    rows = [
-        Recipe(model, setting, overrides, seeds)
-        for model, setting, overrides, seeds in (
-            ("lenet", "published", ("experiment=lenet",), 3),
-            ("lenet", "with bends", ("experiment=lenet", "augment=[brightness,bend]"), 3),
-            ("nvidia", "published, quick", ("experiment=pilotnet", "quick=true"), 3),
-            ("nvidia", "with bends", ("model=nvidia", *best, "augment=[brightness,bend]"), 3),
-            ("commaai", "published, quick", ("experiment=commaai", "quick=true"), 3),
-            ("commaai", "with bends, cropped", ("model=commaai", *cropped), 3),
-            ("tiny", "published", ("experiment=tiny41",), 3),
-            ("tiny63", "published", ("experiment=tiny63",), 3),
-            ("vgg", "without ImageNet", ("experiment=vgg", "model.weights=null", *short), 1),
-            ("linear", "ours, 15 numbers", ("experiment=linear15",), 3),
-            ("linear", "ours, 33 numbers", ("experiment=linear15", *larger), 3),
-        )
-    ]
-    bases = {
-        "lenet": ("model=lenet", "quick=true"),
-        "tiny": ("experiment=tiny41", "trainer.max_epochs=10"),
-        "nvidia": ("model=nvidia", "quick=true"),
-    }
-    changes = {
-        "plain": (),
-        "centre camera": ("data.cameras=[center]",),
-        "small offset": ("data.offset=0.1",),
-        "large offset": ("data.offset=0.5",),
-        "bends": ("augment=[brightness,bend]",),
-        "one epoch": ("trainer.max_epochs=1",),
-    }
-    varied = [
-        Recipe(model, f"{setting}, {split}", (*base, f"data.split={split}", *more), 1, False)
-        for model, base in bases.items()
-        for split in ("blocks", "random")
-        for setting, more in changes.items()
-    ]
-    return rows + varied
-
-
 def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
     """Make the runs that are not there yet."""
-    threads = max(1, (os.cpu_count() or 1) // jobs)
+    threads = max(1, usable_cores() // jobs)
     # Spinning threads would take the cores from the other trainings.
     environment = os.environ | {"OMP_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
 
@@ -155,11 +86,9 @@ def run_folder(recipe: Recipe, seed: int) -> Path:
     return RUNS / recipe.name / str(seed)
 
 
-def csv_row(recipe: Recipe, seed: int) -> dict | None:
-    """A run as a line of `docs/results.csv`; None for one that has no figures."""
+def csv_row(recipe: Recipe, seed: int) -> dict:
+    """A finished run as a line of `docs/results.csv`."""
     path = run_folder(recipe, seed) / "metrics.json"
-    if not path.is_file():
-        return None
     metrics = json.loads(path.read_text())
     test, zero = metrics["open_loop"]["test"], metrics["baselines"]["test"]["always zero"]
     row = {
@@ -179,6 +108,8 @@ def csv_row(recipe: Recipe, seed: int) -> dict | None:
         driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
         for key in DRIVEN:
             row[f"{track}_{key}"] = round(driven[key][0], 4) if driven else ""
+    recoveries = json.loads((path.parent / FILE).read_text())
+    row |= {f"recoveries_{key}": round(recoveries[key], 6) for key in MEASURED}
     return row | {"command": shlex.join(["python", "-m", "zoo", *recipe.overrides, f"seed={seed}"])}
 
 
@@ -256,7 +187,9 @@ def main(arguments: list[str]) -> None:
     run_all([job for job in jobs if (options.only or "") in job[0].name], options.jobs)
     if not options.table:
         return
-    rows = [row for job in jobs if (row := csv_row(*job))]
+    done = [job for job in jobs if (run_folder(*job) / "metrics.json").is_file()]
+    measure_missing([run_folder(*job) for job in done], Console(soft_wrap=True))
+    rows = [csv_row(*job) for job in done]
     if not rows:
         raise InputError(f"{RUNS}: no run has figures")
     write_results(rows)
