@@ -25,10 +25,27 @@ class PrunedError(Exception):
     """A search gave this training up for others that promise more."""
 
 
+# Who starts processes side by side numbers them: torchrun (RANK, GROUP_RANK), srun, jsrun, mpirun;
+# Lightning itself, on a node (LOCAL_RANK) of those that were told theirs (NODE_RANK).
+RANKS = (
+    "RANK",
+    "SLURM_PROCID",
+    "JSM_NAMESPACE_RANK",
+    "OMPI_COMM_WORLD_RANK",
+    "PMI_RANK",
+    "NODE_RANK",
+    "GROUP_RANK",
+    "LOCAL_RANK",
+)
+
+
 @contextmanager
-def run_status(folder: Path) -> Iterator[None]:
-    """`running` within, then `finished`, `pruned`, or `failed` with the reason, whatever it is."""
-    if not is_first_process():
+def run_status(folder: Path, first: bool = True) -> Iterator[None]:
+    """`running` within, then `finished`, `pruned`, or `failed` with the reason, whatever it is.
+
+    Of processes that train together the `first` alone writes it.
+    """
+    if not first:
         yield
         return
     write_status(folder, "running")
@@ -47,9 +64,18 @@ def run_status(folder: Path) -> Iterator[None]:
         write_status(folder, status, **reason)
 
 
-def is_first_process() -> bool:
-    """False in those that Lightning starts beside the first to train on several devices."""
-    return os.environ.get("LOCAL_RANK", "0") == "0"
+def is_first_process(several: bool = True) -> bool:
+    """Whether this is the first of all processes, on whatever node, that train together; before
+    Lightning has started, which knows it then as `trainer.is_global_zero`.
+
+    It alone prints and writes what there is one of: status, split, metrics, pictures. Each makes
+    the run's folder and the cache, where they are not there yet: nodes may have a disk each.
+
+    Args:
+        several: whether there are others. A run on one device is the first, whatever number its
+            process has among others that are nothing to it, as in a Slurm job of several tasks.
+    """
+    return not several or all(os.environ.get(name, "0") in ("", "0") for name in RANKS)
 
 
 def write_status(folder: Path, status: str, **more: str) -> None:

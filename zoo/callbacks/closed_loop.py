@@ -19,8 +19,8 @@ class ClosedLoop(lightning.Callback):
     """Drives in the embedded world after an epoch, and logs what it came to.
 
     Logs `drive/autonomy` (0..1), `drive/interventions`, `drive/cte_mean` and `drive/cte_max`
-    (metres), which checkpoints and early stopping can monitor. They keep their last value through
-    epochs that are not driven.
+    (metres), and `drive/score` (see `zoo.scoring.driving_score`), which checkpoints and early
+    stopping can monitor. They keep their last value through epochs that are not driven.
 
     Drives a copy of the network on the CPU: training goes on as if nothing had been. Under several
     processes the first one drives, the others wait for its figures.
@@ -102,9 +102,10 @@ class ClosedLoop(lightning.Callback):
                 "seconds": self.spent_s,
                 "share": self.spent_s / trained_s,
             }
+            count = f"{self.drives} drive{'' if self.drives == 1 else 's'}"
             Console(soft_wrap=True).print(
-                f"closed loop: {self.drives} drives took {self.spent_s:.1f} s, "
-                f"{self.cost['share']:.0%} of the {trained_s:.1f} s of training",
+                f"closed loop: {count} took {self.spent_s:.1f} s, {self.cost['share']:.0%} of the "
+                f"{trained_s:.1f} s of training",
                 highlight=False,
             )
 
@@ -116,6 +117,7 @@ class ClosedLoop(lightning.Callback):
         from zoo.policy import Policy
         from zoo.scoring.closed_loop import drive_closed_loop
         from zoo.scoring.drives import speed_controller
+        from zoo.scoring.driving_score import driving_score
 
         began, threads = time.perf_counter(), torch.get_num_threads()
         torch.set_num_threads(1)  # a single picture is too little for two
@@ -137,14 +139,16 @@ class ClosedLoop(lightning.Callback):
             torch.set_num_threads(threads)
         error = np.abs([row.cross_track_m for one in drives for row in one.rows])
         interventions = sum(row.intervention for one in drives for row in one.rows)
+        driven_s = sum(one.rows[-1].time_s for one in drives)
         self.last_s = time.perf_counter() - began
         self.spent_s += self.last_s
         self.drives += 1
         return {
-            "autonomy": autonomy(interventions, sum(one.rows[-1].time_s for one in drives)),
+            "autonomy": autonomy(interventions, driven_s),
             "interventions": interventions,
             "cte_mean": float(error.mean()),
             "cte_max": float(error.max()),
+            "score": driving_score(interventions, driven_s, float(error.mean())),
         }
 
     def _trained_s(self) -> float:

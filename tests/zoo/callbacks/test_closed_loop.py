@@ -96,7 +96,13 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     figures = [callback.drive(network, data.view) for _ in range(2)]
 
     assert figures[0] == figures[1]
-    assert set(figures[0]) == {"autonomy", "interventions", "cte_mean", "cte_max"}
+    assert set(figures[0]) == {
+        "autonomy",
+        "interventions",
+        "cte_mean",
+        "cte_max",
+        "score",
+    }
     assert all(one.training for one in network.modules())
     assert torch.equal(chance, torch.get_rng_state())
     assert (numbers == np.random.get_state()[1]).all()  # noqa: NPY002
