@@ -20,6 +20,7 @@ from datamodules.split import PARTS
 from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoint import read_checkpoint_file
+from zoo.code_fingerprint import code_fingerprint
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
 from zoo.report import write_report
 from zoo.scoring.options import EvaluateOptions
@@ -88,6 +89,7 @@ def report_outcome(
             "rows": len(data.recording),
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
+        "code": code_fingerprint(),
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},
     }

@@ -35,7 +35,7 @@ TIMED = ("latency_ms", "in_training")
 
 @dataclass(frozen=True)
 class RerunOptions:
-    """The options of `python -m zoo.rerun`.
+    """Trains a finished run once more, from what its folder holds, and compares every figure.
 
     Args:
         out: the folder of the repeated run; null names one by date and time.
@@ -147,6 +147,8 @@ def _report(then: dict, now: dict, out: Path) -> None:
         other = now["versions"].get(package)
         if other != number:
             print(f"version of {package}: {number} then, {other} now")
+    if then.get("code") and then["code"]["hash"] != now["code"]["hash"]:
+        print(f"the code differs: {_code(then['code'])} then, {_code(now['code'])} now")
     if then.get("threads") != now.get("threads"):
         print(f"threads: {then.get('threads')} then, {now.get('threads')} now")
     # Older runs do not have every figure of today's.
@@ -158,6 +160,11 @@ def _report(then: dict, now: dict, out: Path) -> None:
     if found:
         raise InputError(f"{len(found)} of {count} figures differ")
     print(f"equal: all {count} figures, to the digit")
+
+
+def _code(code: dict) -> str:
+    commit = f" (commit {code['commit']})" if code.get("commit") else ""
+    return f"{code['hash']}{commit}"
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from tests.zoo.sweeps import write_run
 from tests.zoo.test_sweep import SMALL
 from zoo.__main__ import zoo
 from zoo.command_line import run_command
-from zoo.rerun import differences, rerun
+from zoo.rerun import _report, differences, rerun
 
 
 @pytest.mark.slow
@@ -41,7 +41,9 @@ def test_a_run_is_repeated_to_the_digit_and_a_difference_is_told(
 
     assert run_command("zoo.rerun", rerun, ["run", "out=again"]) == 0
 
-    assert "to the digit" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "to the digit" in said
+    assert "the code differs" not in said
     again = json.loads((tmp_path / "again" / "metrics.json").read_text())
     assert again["open_loop"] == metrics["open_loop"]
     assert again["drive"]["tracks"]["lake"]["cte_mean_m"] is not None
@@ -58,6 +60,28 @@ def test_what_differs_is_named_and_times_are_not_compared() -> None:
     (found,), count = differences(then, now)
     assert (found.name, found.then, found.now) == ("drive.lake.autonomy.0", 1.0, 0.9)
     assert count == 3
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ({"hash": "b2", "commit": "c3-dirty"}, "the code differs: b2 (commit c3-dirty) then, a1 n"),
+        ({"hash": "a1", "commit": "c3"}, None),
+        (None, None),
+    ],
+)
+def test_other_code_is_told_in_a_line(
+    code: dict | None, said: str | None, capsys: pytest.CaptureFixture
+) -> None:
+    """Of which a commit is only a name; runs of before do not say."""
+    now = {"versions": {}, "epochs": 3, "code": {"hash": "a1", "commit": None}}
+    then = {"versions": {}, "epochs": 3} | ({"code": code} if code else {})
+    _report(then, now, Path("out"))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if "code" in line and said and line.startswith(said)] == [
+        line for line in lines if "code" in line
+    ]
+    assert any("code" in line for line in lines) == bool(said)
 
 
 @pytest.mark.parametrize(
