@@ -14,9 +14,12 @@ trap 'kill "${nodes[@]}" 2>/dev/null; wait; rm -rf "$RAY_TMPDIR"; echo "left in 
     >/dev/null 2>&1 & nodes+=($!)
 until "$ray" health-check --address 127.0.0.1:6399 2>/dev/null; do sleep 1; done
 "$ray" start --address=127.0.0.1:6399 --num-cpus=1 --block >/dev/null 2>&1 & nodes+=($!)
-sleep 5
-"$python" -c "import ray; ray.init('127.0.0.1:6399', log_to_driver=False, logging_level='error')
-print(len([n for n in ray.nodes() if n['Alive']]), 'nodes,', ray.cluster_resources()['CPU'], 'CPUs')"
+"$python" -c "import ray, time; ray.init('127.0.0.1:6399', log_to_driver=False, logging_level='error')
+alive = lambda: [n for n in ray.nodes() if n['Alive']]
+until = time.monotonic() + 120
+while len(alive()) < 2 and time.monotonic() < until: time.sleep(1)
+print(len(alive()), 'nodes,', ray.cluster_resources()['CPU'], 'CPUs')
+raise SystemExit(len(alive()) < 2)"
 
 "$python" -m zoo -m hydra/launcher=ray hydra.launcher.init.address=127.0.0.1:6399 \
     experiment=tiny41 seed=1,2,3,4 trainer.max_epochs=3 score=none hydra.sweep.dir="$out" \

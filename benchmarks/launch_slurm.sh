@@ -58,6 +58,6 @@ sinfo
 "$python" -m zoo -m hydra/launcher=slurm hydra.launcher.partition=all \
     hydra.launcher.cpus_per_task=1 hydra.launcher.mem_gb=1 hydra.launcher.timeout_min=10 \
     experiment=tiny41 seed=1,2,3,4 trainer.max_epochs=3 score=none hydra.sweep.dir="$out" \
-    ${1:+data.root="$1"} 2>&1 | grep -v sacct # this Slurm keeps no accounts
+    ${1:+data.root="$1"} 2>&1 | grep -v -e sacct -e "accounting storage" # this Slurm keeps none
 for _ in $(seq 60); do [ -z "$(squeue -h)" ] && break; sleep 1; done # Slurm takes a while to tidy up
 scontrol show job --oneliner | sed -E 's/.*(ArrayJobId=[^ ]*).*(ArrayTaskId=[^ ]*).*(JobState=[^ ]*).*(RunTime=[^ ]*).* (NodeList=[^ ]*).*/\1 \2 \3 \4 \5/'

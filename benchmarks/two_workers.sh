@@ -7,10 +7,11 @@ python="${PYTHON:-python}"
 out="$(mktemp -d)"
 study="sqlite:///$out/study.db"
 work() {
-    "$python" -m zoo -m hydra/sweeper=optuna hydra.sweeper.n_trials=12 hydra.sweeper.storage="$study" \
-        hydra.sweeper.startup_trials=3 experiment=tiny41 callbacks=closed_loop \
-        callbacks.early_stopping=null callbacks.closed_loop.share=null trainer.max_epochs=12 \
-        'optim.lr=tag(log,interval(1e-4,1e-1))' 'data.offset=interval(0.0,0.5)' score.laps=0.5 \
+    "$python" -m zoo -m hydra/sweeper=optuna hydra.sweeper.n_trials=8 hydra.sweeper.storage="$study" \
+        hydra.sweeper.startup_trials=3 experiment=tiny41 trainer.max_epochs=6 \
+        callbacks=closed_loop callbacks.early_stopping=null callbacks.closed_loop.share=null \
+        callbacks.closed_loop.starts=2 callbacks.closed_loop.metres=60 \
+        'optim.lr=tag(log,interval(1e-4,1e-1))' 'data.offset=interval(0.0,0.5)' score.laps=0.2 \
         hydra.sweep.dir="$out/$1" ${2:+data.root="$2"} >"$out/$1.log" 2>&1
 }
 work one "${1:-}" & first=$!

@@ -5,8 +5,19 @@ from pathlib import Path
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.options import is_help
 
-USAGE = "usage: python -m zoo.sweep resume=FOLDER [hydra/launcher=... hydra.launcher.KEY=VALUE]"
+USAGE = "usage: python -m zoo.sweep resume=FOLDER [hydra/launcher=NAME hydra.launcher.KEY=VALUE...]"
+HELP = f"""{USAGE}
+
+Finishes a sweep that was stopped, as the command that began it would, and ranks its jobs.
+
+  resume=FOLDER              the sweep's folder, outputs/sweeps/DATE/TIME
+  hydra/launcher=NAME        finish it by another: basic (one by one), joblib, slurm, ray
+  hydra.launcher.KEY=VALUE   a setting of that; conf/hydra/launcher/NAME.yaml has them
+  hydra.sweeper.n_trials=20  of a search: so many trials in all
+
+A new sweep: python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER"""
 
 
 def resume_sweep(arguments: list[str]) -> None:
@@ -16,8 +27,11 @@ def resume_sweep(arguments: list[str]) -> None:
     Raises:
         InputError: see `zoo.sweeping.start.go_on`.
     """
-    if not arguments or {"-h", "--help"} & set(arguments):
-        raise InputError(USAGE)
+    if is_help(arguments):
+        print(HELP)
+        return
+    if not arguments:
+        raise InputError(f"{USAGE}; --help explains")
     named = [one for one in arguments if one.startswith("resume=")]
     if len(named) != 1:
         raise InputError(f"name one sweep's folder; {USAGE}")

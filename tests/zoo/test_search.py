@@ -1,14 +1,17 @@
 """Optuna as the sweeper: a study that outlives its processes, and trials that are given up."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from tests.recordings import Written
+from tests.zoo.sweeps import write_run
 from tests.zoo.test_sweep import SMALL
 from zoo.__main__ import zoo
 from zoo.command_line import run_command
 from zoo.status import read_status
+from zoo.sweeping.search import _value
 
 optuna = pytest.importorskip("optuna")
 
@@ -85,11 +88,43 @@ def test_a_trial_that_a_killed_process_left_goes_on(
     assert lr == f"- optim.lr={left.params['optim.lr']}", "with the values that it was given"
 
 
+def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
+    tmp_path: Path,
+) -> None:
+    """From best to worst, as a search is told of them."""
+    drives = [(0, 0.1), (0, 0.4), (0, 30.0), (1, 0.0), (1, 5.0), (29, 1.0), (40, 1.0), (41, 0.5)]
+    values = []
+    for number, (interventions, cte_m) in enumerate(drives):
+        folder = write_run(tmp_path / str(number), 1.0, cte_m=cte_m)
+        metrics = json.loads((folder / "metrics.json").read_text())
+        metrics["drive"]["tracks"]["lake"] |= {
+            "interventions": [interventions, 0.0],
+            "driven_s": [180.0, 0.0],
+        }
+        (folder / "metrics.json").write_text(json.dumps(metrics))
+        values.append(_value(folder, "drive/score"))
+    assert values == sorted(values, reverse=True)
+    assert len(set(values)) == len(values)
+    assert values[0] == pytest.approx(1 - 6 / 180 * (0.1 / 1.1))
+    undriven = write_run(tmp_path / "undriven")
+    assert _value(undriven, "drive/score") is None
+
+
+def test_a_study_that_seeks_something_else_is_refused_and_kept(
+    recorded: Written, study: "optuna.Study", capsys: pytest.CaptureFixture
+) -> None:
+    study.set_user_attr("monitor", "drive/cte_mean")
+    assert search(recorded, "hydra.sweeper.n_trials=3") == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "the study drivezoo seeks drive/cte_mean, not val/mse" in line
+    assert len(study.get_trials()) == 2
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
         ("hydra.sweeper.monitor=drive/autonomy", "but nothing drives while training; add"),
-        ("hydra.sweeper.monitor=val/mae", "there are drive/autonomy"),
+        ("hydra.sweeper.monitor=val/mae", "there are drive/score, drive/autonomy"),
         ("hydra.sweeper.pruner=axe", "pruner=axe: there are median"),
         ("hydra.sweeper.sampler=dice", "sampler=dice: there are tpe"),
         ("hydra.sweeper.n_trials=0", "must be 1 or more"),

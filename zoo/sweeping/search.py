@@ -15,8 +15,9 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.ranking import read_run
+from zoo.ranking import Run, read_run
 from zoo.ranking_table import below
+from zoo.scoring.driving_score import driving_score
 from zoo.status import read_status
 from zoo.sweeping.grid import launch_jobs, recordings_of
 from zoo.sweeping.job import SERIAL
@@ -38,8 +39,9 @@ class SearchSettings:
     Args:
         n_trials: of the study in all, whoever runs them.
         at_once: so many trials are chosen together and handed to the launcher.
-        monitor: what is sought: `drive/autonomy` (the most), `drive/cte_mean` or `val/mse` (the
-            least).
+        monitor: what is sought, and what trials are given up by: `drive/score`, autonomy with ties
+            broken by cross-track error (see `zoo.scoring.driving_score`), or `drive/autonomy` (the
+            most), `drive/cte_mean` or `val/mse` (the least).
         storage: the study's database; processes that name the same one share the study.
         study: its name in there.
         sampler: tpe, random or gp of Optuna.
@@ -51,7 +53,7 @@ class SearchSettings:
 
     n_trials: int = 20
     at_once: int = 1
-    monitor: str = "drive/autonomy"
+    monitor: str = "drive/score"
     storage: str = "sqlite:///study.db"
     study: str = "drivezoo"
     sampler: str = "tpe"
@@ -91,6 +93,7 @@ def sweep_search(
     _check_monitor(settings.monitor, fixed, config, context)
     study = _open_study(settings)
     _check_space(study, space, settings)
+    _check_sought(study, settings)
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
     console = Console(soft_wrap=True)
     console.print(f"sweep: {below(folder, Path.cwd())}", highlight=False, markup=False)
@@ -166,6 +169,18 @@ def _check_space(study: "optuna.Study", space: dict, settings: SearchSettings) -
                 ) from None
 
 
+def _check_sought(study: "optuna.Study", settings: SearchSettings) -> None:
+    """Values of one figure say nothing about another's."""
+    earlier = study.user_attrs.get("monitor", settings.monitor)
+    if earlier != settings.monitor:
+        raise InputError(
+            f"{settings.storage}: the study {settings.study} seeks {earlier}, not "
+            f"{settings.monitor}; set hydra.sweeper.monitor={earlier}, or name another study with "
+            "hydra.sweeper.study=NAME"
+        )
+    study.set_user_attr("monitor", settings.monitor)
+
+
 def _ask(study: "optuna.Study", space: dict, settings: SearchSettings, folder: Path) -> list[int]:
     """The numbers of new trials, as many as run at once, or as are left."""
     left = settings.n_trials - len(study.get_trials(deepcopy=False))
@@ -216,11 +231,24 @@ def _value(folder: Path, monitor: str) -> float | None:
     run = read_run(folder)
     if run is None:
         return None
-    scored = {"drive/autonomy": run.autonomy, "drive/cte_mean": run.cte_m}.get(monitor)
+    scored = {
+        "drive/score": _score(run),
+        "drive/autonomy": run.autonomy,
+        "drive/cte_mean": run.cte_m,
+    }.get(monitor)
     if scored is not None:
         return scored
     by_epoch = run.curves.get(monitor, {}).values()
     return (max if _is_better_high(monitor) else min)(by_epoch, default=None)
+
+
+def _score(run: Run) -> float | None:
+    """The mean over the tracks that were driven; None where none was."""
+    keys = ("interventions", "driven_s", "cte_mean_m")
+    if not run.tracks or any(key not in one for one in run.tracks.values() for key in keys):
+        return None
+    scores = [driving_score(*(one[key] for key in keys)) for one in run.tracks.values()]
+    return sum(scores) / len(scores)
 
 
 def _say(study: "optuna.Study", settings: SearchSettings, console: Console) -> None:
@@ -264,7 +292,7 @@ def _distribution(override: Override) -> "optuna.distributions.BaseDistribution"
 def _check_monitor(
     monitor: str, fixed: Sequence[str], config: DictConfig, context: HydraContext
 ) -> None:
-    known = ("drive/autonomy", "drive/cte_mean", "val/mse")
+    known = ("drive/score", "drive/autonomy", "drive/cte_mean", "val/mse")
     if monitor not in known:
         raise InputError(f"hydra.sweeper.monitor={monitor}: there are {', '.join(known)}")
     job = context.config_loader.load_sweep_config(config, list(fixed))
@@ -276,4 +304,4 @@ def _check_monitor(
 
 
 def _is_better_high(monitor: str) -> bool:
-    return monitor.endswith("autonomy")
+    return monitor in ("drive/score", "drive/autonomy")
