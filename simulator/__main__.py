@@ -2,14 +2,12 @@
 
 import difflib
 import importlib
-import inspect
-import re
 import sys
 from collections.abc import Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import is_dataclass
 from types import ModuleType
 
-from simulator.command_line import run_command
+from simulator.command_line import options_help, run_command
 from simulator.errors import SimulatorError
 
 # What each imports takes a second: --help and a typo need none of it.
@@ -42,29 +40,14 @@ def simulator(arguments: Sequence[str]) -> None:
 
 
 def help_text(module: ModuleType) -> str:
-    """What a command does, and its options: meanings are those under `Args:` in the docstring of
-    the module's dataclass `...Options`."""
-    kind = next(
-        one for name, one in vars(module).items() if name.endswith("Options") and is_dataclass(one)
+    """What a command does and its options, of the module's dataclass `...Options`."""
+    return options_help(
+        next(
+            one
+            for name, one in vars(module).items()
+            if name.endswith("Options") and is_dataclass(one)
+        )
     )
-    intro, _, args = inspect.getdoc(kind).partition("Args:")
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
-    meanings = {name: " ".join(meaning.split()) for name, meaning in found}
-    lines = []
-    for one in fields(kind):
-        default = one.default
-        if one.default_factory is not MISSING:
-            default = one.default_factory()
-        default = "needed" if default is MISSING else _text(default)
-        lines.append(f"  {one.name + '=' + default:<22} {meanings.get(one.name, '')}")
-    return "\n".join([intro.strip(), "", *lines])
-
-
-def _text(value: object) -> str:
-    """As it is typed: true, null, []."""
-    if value is None:
-        return "null"
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
 """`key=value` arguments into a dataclass of options, and one line for a user's mistake."""
 
 import difflib
+import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, fields
@@ -46,6 +48,29 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), given))
     except OmegaConfBaseException as error:
         raise SimulatorError(f"{error.full_key}={given.get(error.full_key)}: {error.msg}") from None
+
+
+def options_help(kind: type) -> str:
+    """What a dataclass of options is for, and a line for each: its default, and its meaning, which
+    stands under `Args:` in the docstring."""
+    intro, _, args = inspect.getdoc(kind).partition("Args:")
+    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
+    meanings = {name: " ".join(meaning.split()) for name, meaning in found}
+    lines = []
+    for one in fields(kind):
+        default = one.default
+        if one.default_factory is not MISSING:
+            default = one.default_factory()
+        default = "needed" if default is MISSING else _text(default)
+        lines.append(f"  {one.name + '=' + default:<22} {meanings.get(one.name, '')}".rstrip())
+    return "\n".join([intro.strip(), "", *lines])
+
+
+def _text(value: object) -> str:
+    """As it is typed: true, null, []."""
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[str]) -> int:

@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.errors import InputError
 from zoo.command_line import run_command
 from zoo.config import conf_folder, quote_paths
+from zoo.options import is_help
 from zoo.process import wait_without_spinning
 from zoo.status import StoppedError
 
@@ -19,6 +20,11 @@ from zoo.status import StoppedError
 
 def zoo(arguments: list[str]) -> None:
     """`resume=FOLDER [overrides]`, or what Hydra makes of the arguments."""
+    if is_help(arguments):
+        from zoo.config_help import config_help
+
+        print(config_help(arguments))
+        return
     wait_without_spinning()
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:

@@ -9,6 +9,9 @@ from hydra.errors import ConfigCompositionException, HydraException, MissingConf
 # Their values are places on this disk; one that exists is taken as it stands, whatever is in it.
 PATH_KEYS = ("data.root", "data.images", "data.cache", "data.split", "model.weights")
 
+# Groups in `conf` that are no part of the config: the driver's, the simulator's, Hydra's own.
+OTHER_GROUPS = ("drive", "track", "hydra")
+
 _NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
 _NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in struct")
 
@@ -77,8 +80,13 @@ def valid_keys() -> list[str]:
                 walk(value, f"{prefix}{key}.")
 
     walk(config, "")
-    groups = [path.name for path in conf_folder().iterdir() if path.is_dir()]
-    return list(dict.fromkeys(keys + groups))
+    return list(dict.fromkeys(keys + config_groups()))
+
+
+def config_groups() -> list[str]:
+    """Those whose choices make up the config."""
+    folders = sorted(path.name for path in conf_folder().iterdir() if path.is_dir())
+    return [name for name in folders if name not in OTHER_GROUPS]
 
 
 def compose_config(overrides: list[str]) -> dict:

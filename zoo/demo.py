@@ -17,8 +17,14 @@ from rich.table import Table
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.options import is_help
 
 SPEED_MPH = 20
+HELP = """usage: python -m zoo.demo
+
+The main job from nothing: records laps of the embedded lake, trains PilotNet on them, scores it by
+driving, then serves it over the socket, drives a lap and films it. Takes no options; prints each
+command before it runs."""
 
 
 def demo(arguments: list[str]) -> None:
@@ -27,6 +33,9 @@ def demo(arguments: list[str]) -> None:
     Raises:
         InputError: a stage failed; it has said why.
     """
+    if is_help(arguments):
+        print(HELP)
+        return
     if arguments:
         raise InputError("takes no arguments; python -m zoo --help has the settings")
     console = Console(soft_wrap=True)

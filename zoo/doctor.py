@@ -17,6 +17,14 @@ from zoo.checkup import inputs, installation, machine, renderer, round_trip
 from zoo.checkup.finding import FAULT, OK, WARNING, Finding, careful
 
 USAGE = "usage: python -m zoo.doctor [CKPT] [RECORDING] [port=4567]"
+HELP = f"""{USAGE}
+
+Says what is installed and works here, which renderer opens and who holds the port, and makes a
+round trip with the original simulator's protocol; each fault with its fix.
+
+  CKPT        what this checkpoint expects, and whether it can be read
+  RECORDING   a recording's folder: is it whole?
+  port=4567   the one to try"""
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
 NAME_WIDTH, STATE_WIDTH = 12, 9
 
@@ -97,7 +105,7 @@ def print_finding(finding: Finding) -> None:
 def main(arguments: list[str]) -> int:
     """The command."""
     if {"-h", "--help"} & set(arguments):
-        print(USAGE)
+        print(HELP)
         return 0
     if hasattr(sys.stdout, "reconfigure"):  # a path may hold what the terminal cannot show
         sys.stdout.reconfigure(errors="replace")

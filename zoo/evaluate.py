@@ -42,7 +42,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     policy = load_policy(checkpoint)
     check_options(options)
     check_throttle(policy, options.throttle)
-    names = perturbations_named(options.perturb)
+    names = perturbations_named(options.perturb, options.throttle)
     usual = Setup.of(options, options.tracks[0], 0)
     swept = sweeps(names, usual)
     folder = _new_folder(options.out)
@@ -74,9 +74,16 @@ def _show_sweeps(results: dict, usual: "Setup", folder: Path, console: Console) 
     figure = degradation_curves(
         {PERTURBATIONS[name].label: by_value for name, by_value in results.items()},
         {PERTURBATIONS[name].label: PERTURBATIONS[name].usual(usual) for name in results},
-        f"{Path(usual.track).stem}, {usual.laps:g} laps at {usual.speed_mph:g} mph; dotted: usual",
+        f"{Path(usual.track).stem}, {_how(usual)}; dotted: usual",
     )
     save_figure(figure, folder / "robustness.png")
+
+
+def _how(usual: "Setup") -> str:
+    laps = f"{usual.laps:g} lap{'' if usual.laps == 1 else 's'}"
+    if usual.throttle == "network":
+        return f"{laps} with its own throttle"
+    return f"{laps} at {usual.speed_mph:g} mph"
 
 
 def _new_folder(out: str | None) -> Path:

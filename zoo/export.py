@@ -201,11 +201,6 @@ def _check_parity(checkpoint_path: str, parity: "Parity") -> None:
 
 def command(arguments: list[str]) -> None:
     """The command: a checkpoint's path, then options."""
-    if {"-h", "--help"} & set(arguments):
-        from simulator.__main__ import help_text
-
-        print(f"usage: {USAGE}\n\n{help_text(sys.modules[__name__])}")
-        return
     (checkpoint,), options = read_arguments(ExportOptions, ["CKPT"], arguments, USAGE)
     export(checkpoint, options, Console())
 

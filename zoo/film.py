@@ -46,10 +46,11 @@ class Shot:
 
 @dataclass
 class FilmOptions:
-    """What `python -m zoo.film` takes after the folder.
+    """Writes a film of a drive, a recording or a folder of pictures: an H.264 mp4 that plays in a
+    browser, with steering, throttle and speed drawn in.
 
     Args:
-        out: the film; by default FOLDER.mp4, beside the folder.
+        out: the film; null is FOLDER.mp4, beside the folder.
         fps: frames per second; null plays as fast as it was driven.
     """
 

@@ -6,10 +6,17 @@ from pathlib import Path
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.options import is_help
 
 USAGE = "usage: python -m zoo.leaderboard [FOLDER...]; without, outputs"
 OUTPUTS = Path("outputs")
 PAGE = "leaderboard.html"
+HELP = f"""{USAGE}
+
+Ranks every run below the folders, the best driver first, in the terminal and as a page,
+{PAGE} in the first of them.
+
+  FOLDER=outputs   of runs, sweeps, or of many of these; any number of them"""
 # No run is in there, and a recording has many files.
 SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
 
@@ -21,6 +28,9 @@ def show_leaderboard(arguments: list[str]) -> None:
     Raises:
         InputError: a folder that is none, or no run below them.
     """
+    if is_help(arguments):
+        print(HELP)
+        return
     if any(one.startswith("-") for one in arguments):
         raise InputError(USAGE)
     from zoo.ranking_page import write_page

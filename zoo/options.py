@@ -1,5 +1,6 @@
-"""Arguments of commands that take paths first and `key=value` options after them."""
+"""Arguments of commands that take paths first and `key=value` options after them, and `--help`."""
 
+import sys
 from collections.abc import Sequence
 from types import ModuleType
 from typing import TypeVar
@@ -8,11 +9,15 @@ from datamodules.errors import InputError
 
 Options = TypeVar("Options")
 
+HELP = ("-h", "--help")
+
 
 def read_arguments(
     kind: type[Options], paths: Sequence[str], arguments: Sequence[str], usage: str
 ) -> tuple[list[str], Options]:
     """As many paths as `paths` names, taken as they stand, and the options after them.
+
+    `--help` prints the usage and the options, as `kind`'s docstring has them, and ends the process.
 
     >>> from dataclasses import dataclass
     >>> @dataclass
@@ -24,15 +29,23 @@ def read_arguments(
     Raises:
         InputError: a path is missing; see `simulator.command_line.read_options` for the rest.
     """
-    from simulator.command_line import read_options
+    from simulator.command_line import options_help, read_options
     from simulator.errors import SimulatorError
 
-    if len(arguments) < len(paths) or {"-h", "--help"} & set(arguments):
-        raise InputError(f"usage: {usage}")
+    if is_help(arguments):
+        print(f"usage: {usage}\n\n{options_help(kind)}")
+        sys.exit(0)
+    if len(arguments) < len(paths):
+        raise InputError(f"usage: {usage}; --help lists the options")
     try:
         return list(arguments[: len(paths)]), read_options(kind, arguments[len(paths) :])
     except SimulatorError as error:
         raise InputError(f"{error} (usage: {usage})") from None
+
+
+def is_help(arguments: Sequence[str]) -> bool:
+    """Whether help is asked for, anywhere in the arguments."""
+    return not set(HELP).isdisjoint(arguments)
 
 
 def shown_help(arguments: Sequence[str], usage: str, options: ModuleType) -> bool:
@@ -45,7 +58,7 @@ def shown_help(arguments: Sequence[str], usage: str, options: ModuleType) -> boo
 
     if not arguments:
         raise InputError(f"usage: {usage}; --help lists the options")
-    if not {"-h", "--help"} & set(arguments):
+    if not is_help(arguments):
         return False
     print(f"usage: {usage}\n\n{help_text(options)}")
     return True

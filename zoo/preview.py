@@ -4,12 +4,23 @@ import sys
 from pathlib import Path
 
 from zoo.command_line import run_command
+from zoo.options import is_help
 
 COUNT = 32
+HELP = """usage: python -m zoo.preview [key=value...]
+
+Writes outputs/preview/fed_batch.png, the first pictures of an epoch as the network would be fed
+them, labels on them, and steering_histogram.png, the steering before and after balancing.
+
+  data.root=FOLDER             your recording
+  augment=[brightness,shadow]  and every other key of python -m zoo, whose --help lists them"""
 
 
 def preview(arguments: list[str]) -> None:
     """Write `outputs/preview/fed_batch.png` and `steering_histogram.png` for the overrides."""
+    if is_help(arguments):
+        print(HELP)
+        return
     from omegaconf import OmegaConf
     from rich.console import Console
 

@@ -29,8 +29,9 @@ class Run:
         overrides: what was typed, key by key, launcher and folders apart.
         settings: the config as text, the seed left out: equal for repeats of a run.
         autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
-        tracks: by track, its `autonomy`, `cte_mean_m` and `interventions`, means over its drives.
-        mph: the speed it was driven at.
+        tracks: by track, its `autonomy`, `cte_mean_m`, `interventions` and `driven_s`, means over
+            its drives.
+        mph: the speed that was held; None where it drove with its own throttle, or was not driven.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
     """
 
@@ -83,7 +84,7 @@ def read_run(folder: Path) -> Run | None:
         metrics = json.loads((folder / "metrics.json").read_text())
         open_loop = metrics["open_loop"]
         tracks, mph = _driven(metrics.get("drive"))
-        shown = ("autonomy", "cte_mean_m", "interventions")
+        shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
         config, overrides, choices = _configs(folder)
         return Run(
             folder=folder,
@@ -153,14 +154,18 @@ def shared_tracks(runs: Sequence[Run]) -> list[str]:
 
 def protocols(runs: Sequence[Run]) -> list[str]:
     """How the runs were driven, in words, where that is not the same for all."""
-    said = {f"{', '.join(run.tracks)} at {run.mph:g} mph" for run in runs if run.tracks and run.mph}
+    said = {
+        f"{', '.join(run.tracks)} {f'at {run.mph:g} mph' if run.mph else 'with its own throttle'}"
+        for run in runs
+        if run.tracks
+    }
     return sorted(said) if len(said) > 1 else []
 
 
 def read_curves(folder: Path) -> dict[str, dict[int, float]]:
     """Losses and driving by epoch (1 is the first), of all a run's `metrics*.csv`."""
     curves: dict[str, dict[int, float]] = {}
-    names = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean")
+    names = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
     earlier = sorted(folder.glob("metrics.*.csv"), key=lambda path: int(path.stem.split(".")[1]))
     for path in [*earlier, folder / "metrics.csv"]:
         if not path.is_file():

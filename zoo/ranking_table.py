@@ -107,7 +107,8 @@ def ranking_table(entries: Sequence[Entry], title: str, under: Path | None = Non
     for heading in [*(["model"] if names else []), *settings, *(["seeds"] if many else [])]:
         table.add_column(heading, overflow="fold")
     for column in figures:
-        table.add_column(column.heading, justify="right", no_wrap=True)
+        heading = column.heading.replace(", ", ",\n")  # room for the settings' own
+        table.add_column(heading, justify="right", no_wrap=True)
     for place, entry in enumerate(entries, 1):
         cells = [str(place), run_name(entry, under)]
         cells += [entry.first.name] if names else []

@@ -27,7 +27,8 @@ FRAMES = "frames"
 
 @dataclass
 class ReplayOptions:
-    """How a checkpoint is scored on a recording.
+    """Scores a checkpoint on a recording, without a simulator: the recorded frames are warped to
+    where the network steers the car.
 
     Args:
         margin: metres off the recorded path that count as an intervention, up to 2.

@@ -8,7 +8,13 @@ from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.options import is_help
 
+USAGE = "usage: python -m zoo.results RUN_FOLDER..."
+HELP = f"""{USAGE}
+
+Prints a Markdown table of finished runs, a row for each: parameters, samples per second, and the
+test figures beside those of always zero and of the mean."""
 HEADER = (
     "experiment | split | parameters | samples/s | s/epoch | best of epochs "
     "| test MSE (zero, mean) | test MAE (zero, mean) | test balanced MAE (zero, mean)"
@@ -21,8 +27,11 @@ def print_results(arguments: list[str]) -> None:
     Raises:
         InputError: a folder without the figures of a finished run.
     """
+    if is_help(arguments):
+        print(HELP)
+        return
     if not arguments:
-        raise InputError("name the folders of finished runs: python -m zoo.results RUN_FOLDER...")
+        raise InputError(f"name the folders of finished runs; {USAGE}")
     rows = [result_row(Path(folder)) for folder in arguments]
     print(f"| {HEADER} |")
     print("|---|---|" + "---:|" * (HEADER.count("|") - 1))

@@ -10,8 +10,10 @@ from datamodules.errors import InputError
 from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
 from zoo.evaluate import command
+from zoo.scoring import tracks
 from zoo.scoring.drives import Setup
-from zoo.scoring.robustness import PERTURBATIONS, sweeps
+from zoo.scoring.options import EvaluateOptions
+from zoo.scoring.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.scoring.table import ROWS
 
 
@@ -57,6 +59,30 @@ def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> Non
     assert 3 <= len(by_value) <= 6
     assert list(by_value.values()).count(usual) == 1
     assert len(set(by_value.values())) == len(by_value)
+
+
+def test_the_speed_is_not_swept_where_none_is_held() -> None:
+    assert "speed" in perturbations_named("all")
+    assert set(PERTURBATIONS) - set(perturbations_named("all", "network")) == {"speed"}
+    with pytest.raises(InputError, match="perturb=speed: with its own throttle it holds none"):
+        perturbations_named("fog,speed", "network")
+
+
+@pytest.mark.parametrize(
+    ("throttle", "said", "mph"),
+    [("hold", " at 20 mph: ", 20), ("network", " with its own throttle, at 14.5 mph: ", None)],
+)
+def test_a_run_says_how_fast_it_was_driven(
+    throttle: str, said: str, mph: float | None, tmp_path: Path, console, monkeypatch
+) -> None:
+    keys = ("laps", "autonomy", "interventions", "cte_mean_m", "cte_max_m")
+    figures = dict.fromkeys(keys, (1.0, 0.0)) | {"speed_mph": (14.5, 0.0)}
+    scores = tracks.TrackScores([], {"lake": figures}, {})
+    monkeypatch.setattr(tracks, "score_on_tracks", lambda *_: scores)
+    options = EvaluateOptions(throttle=throttle, speed=20)
+    found = tracks.score_run(options, tmp_path, console)
+    assert said in console.file.getvalue()
+    assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from zoo.export import ExportOptions, onnx_bytes
 from zoo.onnx_policy import CARD
 from zoo.parity import RENDERED, Frames, compare, take_frames
 from zoo.policy import Policy, load_policy
-from zoo.saliency import Saliency
+from zoo.visual_backprop import Saliency
 
 NARROW = {"commaai": ["model.width=0.25"], "vgg": ["model.units=8"]}
 
@@ -256,10 +256,3 @@ def test_a_mistake_is_one_line(
     with pytest.raises(InputError) as error:
         export.command(given)
     assert said in str(error.value)
-
-
-def test_help_names_the_options(capsys: pytest.CaptureFixture) -> None:
-    export.command(["--help"])
-    printed = capsys.readouterr().out
-    assert "out=model.onnx" in printed
-    assert "frames=null" in printed

@@ -55,6 +55,14 @@ def test_tracks_that_only_some_were_driven_on_decide_nothing(tmp_path: Path) -> 
     assert len(protocols(read_runs([both, lake])[0])) == 2
 
 
+def test_a_run_with_its_own_throttle_was_driven_otherwise(tmp_path: Path) -> None:
+    held, own = write_run(tmp_path / "held", 1.0), write_run(tmp_path / "own", 1.0)
+    metrics = json.loads((own / "metrics.json").read_text())
+    metrics["drive"]["speed_mph"] = None
+    (own / "metrics.json").write_text(json.dumps(metrics))
+    assert protocols(read_runs([held, own])[0]) == ["lake at 20 mph", "lake with its own throttle"]
+
+
 def test_a_real_run_is_read_whole(run_folder: Path) -> None:
     run = read_run(run_folder)
     metrics = json.loads((run_folder / "metrics.json").read_text())

@@ -2,19 +2,31 @@
 
 import inspect
 import sys
+from typing import TYPE_CHECKING
 
-import torch
 from rich.console import Console
 from rich.table import Table
-from torch.utils.flop_counter import FlopCounterMode
 
+from datamodules.errors import InputError
 from datamodules.view import View
-from zoo.checkpoint import VIEW_KEYS, make_network
+from zoo.command_line import run_command
 from zoo.config import choices, compose_config
+from zoo.options import is_help
+
+if TYPE_CHECKING:  # torch takes seconds to import; --help does not need it
+    import torch
+
+HELP = """usage: python -m zoo.models
+
+Prints the zoo: each network's input, parameters, multiply-adds, and the paper it is from. Takes no
+options."""
 
 
-def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
+def multiply_adds(network: "torch.nn.Module", shape: tuple[int, int, int]) -> int:
     """Multiply-adds of one forward pass of convolutions and dense layers."""
+    import torch
+    from torch.utils.flop_counter import FlopCounterMode
+
     images, speed = torch.zeros(1, *shape), torch.zeros(1)
     network.eval()
     with torch.no_grad(), FlopCounterMode(display=False) as counter:
@@ -22,13 +34,15 @@ def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
     return counter.get_total_flops() // 2
 
 
-def paper(network: torch.nn.Module) -> str:
+def paper(network: "torch.nn.Module") -> str:
     """The first line of the network's module, which names its source."""
     return inspect.getdoc(sys.modules[type(network).__module__]).splitlines()[0].rstrip(".")
 
 
 def zoo_table() -> tuple[Table, dict[str, str]]:
     """Each model of `conf/model` with its own view, and the source of each."""
+    from zoo.checkpoint import VIEW_KEYS, make_network
+
     sources = {}
     table = Table(title="the zoo", title_justify="left")
     for column in ("model", "input (CxHxW)", "colour", "parameters", "multiply-adds"):
@@ -52,9 +66,19 @@ def zoo_table() -> tuple[Table, dict[str, str]]:
     return table, sources
 
 
-if __name__ == "__main__":
+def print_zoo(arguments: list[str]) -> None:
+    """The command."""
+    if is_help(arguments):
+        print(HELP)
+        return
+    if arguments:
+        raise InputError("takes no arguments; python -m zoo model=NAME trains one")
     table, sources = zoo_table()
     console = Console(soft_wrap=True)
     console.print(table)
     for name, source in sources.items():
         console.print(f"{name}: {source}", highlight=False)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.models", print_zoo, sys.argv[1:]))

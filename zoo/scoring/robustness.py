@@ -84,20 +84,24 @@ PERTURBATIONS = {
 }
 
 
-def perturbations_named(text: str | None) -> list[str]:
-    """Of `brightness,fog` or `all`.
+def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
+    """Of `brightness,fog` or `all`, which leaves out what the throttle makes no difference to.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is none of that name, or it would change nothing.
     """
     if text == "all":
-        return list(PERTURBATIONS)
+        return [name for name in PERTURBATIONS if name != "speed" or throttle == "hold"]
     names = list(dict.fromkeys(text.split(","))) if text else []
     for name in names:
         if name not in PERTURBATIONS:
             near = difflib.get_close_matches(name, PERTURBATIONS, n=1)
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(PERTURBATIONS)}"
             raise InputError(f"perturb={name}: {hint}")
+        if name == "speed" and throttle != "hold":
+            raise InputError(
+                "perturb=speed: with its own throttle it holds none; try throttle=hold"
+            )
     return names
 
 

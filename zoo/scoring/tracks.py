@@ -100,15 +100,22 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
         return None
     for track, figures in found.tracks.items():
         console.print(
-            f"drove {figures['laps'][0]:.2f} laps of the {track} at {options.speed:g} mph: "
+            f"drove {figures['laps'][0]:.2f} laps of the {track} {_at(options, figures)}: "
             f"autonomy {figures['autonomy'][0]:.1%}, {figures['interventions'][0]:g} "
             f"interventions, cross-track error {figures['cte_mean_m'][0]:.2f} m on average, "
             f"{figures['cte_max_m'][0]:.2f} m at most",
             highlight=False,
         )
     return {
-        "speed_mph": options.speed,
+        "speed_mph": None if options.throttle == "network" else options.speed,
+        "throttle": options.throttle,
         "laps": options.laps,
         "seeds": options.seeds,
         "tracks": found.tracks,
     }
+
+
+def _at(options: EvaluateOptions, figures: dict) -> str:
+    if options.throttle == "network":
+        return f"with its own throttle, at {figures['speed_mph'][0]:.1f} mph"
+    return f"at {options.speed:g} mph"

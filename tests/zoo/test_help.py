@@ -1,0 +1,101 @@
+"""`--help` of every command: short, useful, at once, and no failure."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.zoo.commands import ROOT, environment
+
+GUARD = '\nif __name__ == "__main__":'
+PROBE = "zoo.checkup.renderer"  # which the doctor runs beside itself, and nobody else
+SIMULATOR = ("record", "drive", "client")
+# What must be named beside the usage: an option, or what the command leaves.
+NAMED = {
+    "zoo": ("data.offset=0.275", "experiment: commaai", "seed=1"),
+    "zoo.correct": ("track=", "out="),
+    "zoo.demo": ("Takes no options",),
+    "zoo.doctor": ("CKPT", "RECORDING", "port=4567"),
+    "zoo.drive": ("port: 4567", "speed: one of"),
+    "zoo.evaluate": ("laps=1.0", "perturb=null"),
+    "zoo.export": ("out=", "frames="),
+    "zoo.film": ("out=null", "fps=null", "plays as fast as it was driven"),
+    "zoo.leaderboard": ("FOLDER", "leaderboard.html"),
+    "zoo.models": ("Takes no options",),
+    "zoo.preview": ("data.root=FOLDER", "fed_batch.png"),
+    "zoo.replay": ("margin=1.0", "frame_rate=null", "frames=false", "out=null"),
+    "zoo.report": ("RUN_FOLDER",),
+    "zoo.rerun": ("out=null",),
+    "zoo.results": ("RUN_FOLDER",),
+    "zoo.saliency": ("out=saliency.png", "published=false", "to the letter"),
+    "zoo.sweep": ("resume=FOLDER", "hydra/launcher=NAME"),
+    "datamodules.check": ("FOLDER", "--images"),
+    "simulator": SIMULATOR,
+    "simulator record": ("laps=", "noise="),
+    "simulator drive": ("track=lake", "seconds=0.0"),
+    "simulator client": ("url=", "track="),
+}
+# Asks each in turn, in one process: what they import is imported once.
+ASK = """
+import contextlib, io, json, runpy, sys
+found = {}
+for command in json.loads(sys.argv[1]):
+    module, *rest = command.split()
+    sys.argv = [module, *rest, "--help"]
+    for name in [one for one in sys.modules if one == module]:
+        del sys.modules[name]  # as `python -m` begins
+    status = 0
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        try:
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
+        except SystemExit as end:
+            status = end.code or 0
+    found[command] = status, out.getvalue(), "torch" in sys.modules
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture(scope="module")
+def helps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, bool]]:
+    """By command: its exit status, what it printed, and whether torch was imported for it."""
+    cwd = tmp_path_factory.mktemp("empty")
+    result = subprocess.run(
+        [sys.executable, "-W", "ignore::RuntimeWarning", "-c", ASK, json.dumps(list(NAMED))],
+        cwd=cwd,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert list(cwd.iterdir()) == [], "help leaves nothing behind"
+    return json.loads(result.stdout)
+
+
+@pytest.mark.parametrize("command", NAMED)
+def test_help_says_how_it_is_used_and_ends_well(command: str, helps: dict) -> None:
+    status, said, imported_torch = helps[command]
+    assert status == 0
+    assert said.startswith(f"usage: python -m {command}")
+    for words in NAMED[command]:
+        assert words in " ".join(said.split())
+    assert not imported_torch, "it must come at once"
+    assert len(said.splitlines()) < (150 if command == "zoo" else 45)
+
+
+def test_no_command_is_forgotten() -> None:
+    for package in ("zoo", "datamodules", "simulator"):
+        for path in (ROOT / package).rglob("*.py"):
+            if GUARD in path.read_text():
+                name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+                assert name.removesuffix(".__main__") in [*NAMED, PROBE], path
+
+
+def test_the_help_of_zoo_names_what_is_part_of_its_config_and_nothing_else(helps: dict) -> None:
+    _, said, _ = helps["zoo"]
+    groups = said.partition("Choices")[2].partition("Keys")[0]
+    assert "model: commaai" in groups
+    for other in ("drive/speed", "\ntrack:", "hydra"):
+        assert other not in groups
