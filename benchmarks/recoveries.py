@@ -17,7 +17,7 @@ from rich.console import Console
 from datamodules.image import decode_image
 from datamodules.recording import Recording, read_recordings
 from zoo.embedded_recording import apply_recording
-from zoo.open_loop import open_loop_metrics
+from zoo.open_loop import open_loop_metrics, side_response
 from zoo.policy import load_policy
 
 RECORD = {
@@ -56,8 +56,7 @@ def measure(
     """Figures of a network on `rows`, whose pictures are `frames` (of centre, left and right).
 
     `mse`, `mae` and `balanced_mae` of the centre camera; `side_mae` of the side cameras, whose
-    steering is the recorded one and `OFFSET`; `side_response`, half of what the left camera's
-    picture makes a network steer more than the right one's: how hard it turns back.
+    steering is the recorded one and `OFFSET`; `side_response` as `zoo.open_loop` has it.
     """
     policy = load_policy(str(checkpoint))
     true, speed = recording.steering[rows], recording.speed_mph[rows]
@@ -69,6 +68,6 @@ def measure(
     sides = np.abs([left - (true + OFFSET), right - (true - OFFSET)])
     figures |= {
         "side_mae": float(sides.mean()),
-        "side_response": float((left - right).mean() / 2),
+        "side_response": side_response(left, right),
     }
     return {name: figures[name] for name in MEASURED}

@@ -12,7 +12,7 @@ from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches, BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
-from datamodules.samples import CENTER, Samples
+from datamodules.samples import CENTER, LEFT, RIGHT, Samples
 
 # uint8 [N, C, H, W], in memory as [N, H, W, C], which is what convolutions run fastest on; the
 # speed in mph, float32 [N]; steering and throttle, float32 [N, 2].
@@ -83,11 +83,12 @@ def as_it_is(batch: Batch | list[Batch]) -> Batch | list[Batch]:
 
 @dataclass(frozen=True)
 class EvaluationBatches(Dataset):
-    """Rows in order, centre camera, true labels: never flipped, augmented, balanced or offset."""
+    """Rows in order, one camera, true labels: never flipped, augmented, balanced or offset."""
 
     views: RowViews
     recording: Recording
     rows: np.ndarray
+    camera: int = CENTER
     least: int = 0  # batches, of which one is then empty
 
     def share(self, rank: int, world: int) -> "EvaluationBatches":
@@ -98,6 +99,13 @@ class EvaluationBatches(Dataset):
         """
         return replace(self, rows=np.array_split(self.rows, world)[rank], least=1)
 
+    def sides(self) -> tuple["EvaluationBatches", "EvaluationBatches"]:
+        """The rows as the left camera sees them, and as the right one does: those of which both
+        pictures were recorded, and loaded to train on."""
+        seen = (self.views.file[self.rows][:, [LEFT, RIGHT]] >= 0).all(axis=1)
+        both = replace(self, rows=self.rows[seen])
+        return replace(both, camera=LEFT), replace(both, camera=RIGHT)
+
     def __len__(self) -> int:
         return max(self.least, -(-len(self.rows) // EVALUATION_BATCH))
 
@@ -107,7 +115,7 @@ class EvaluationBatches(Dataset):
         rows = self.rows[number * EVALUATION_BATCH : (number + 1) * EVALUATION_BATCH]
         recording = self.recording
         return make_batch(
-            self.views.take(rows, CENTER),
+            self.views.take(rows, self.camera),
             recording.steering[rows],
             (recording.throttle - recording.brake)[rows],
             recording.speed_mph[rows],

@@ -37,6 +37,16 @@ def baseline_metrics(true: np.ndarray, train_mean: float) -> dict[str, dict[str,
     }
 
 
+def side_response(left: np.ndarray, right: np.ndarray) -> float | None:
+    """How hard a network turns back: half of what the left camera's pictures make it steer more
+    than the right one's, -1..1 (the cameras stand 0.8 m aside); None without such pictures.
+
+    It needs no label. Of all figures that need no drive it was the best guide to who drives well
+    (`docs/offline_metrics.md`).
+    """
+    return float((left - right).mean() / 2) if len(left) else None
+
+
 @torch.inference_mode()
 def predict_steering(module: torch.nn.Module, batches: EvaluationBatches) -> np.ndarray:
     """The steering (float32 [N]) that a `SteeringModule` gives for rows, on its own device."""

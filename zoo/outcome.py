@@ -21,7 +21,7 @@ from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoint import read_checkpoint_file
 from zoo.code_fingerprint import code_fingerprint
-from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering
+from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering, side_response
 from zoo.report import write_report
 from zoo.scoring.options import EvaluateOptions
 from zoo.scoring.tracks import score_run
@@ -46,16 +46,19 @@ def report_outcome(
     Returns the validation MSE, NaN without validation rows.
     """
     train_mean = float(data.recording.steering[data.split.train].mean())
-    figures, baselines = {}, {}
+    figures, baselines, responses = {}, {}, {}
     for part in PARTS:
         rows = getattr(data.split, part)
         if not len(rows):
             continue
-        predicted = predict_steering(module, data.evaluation_batches(part))
+        batches = data.evaluation_batches(part)
+        predicted = predict_steering(module, batches)
         true = data.recording.steering[rows]
         figures[part] = open_loop_metrics(predicted, true)
         baselines[part] = baseline_metrics(true, train_mean)
         if part != "train":
+            sides = (predict_steering(module, side) for side in batches.sides())
+            responses[part] = side_response(*sides)
             figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
             plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
     zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
@@ -66,12 +69,18 @@ def report_outcome(
     samples, seconds = module.train_samples, module.train_seconds
     best = _best_epoch(folder) if curves["val/mse"] else None
     console.print(metrics_table(config.model.name, figures, baselines))
+    if (response := responses.get("test")) is not None:
+        console.print(
+            f"response to the side cameras, test rows: {response:+.3f} (turns back if above 0)",
+            highlight=False,
+        )
     closed_loop = best_drive(trainer, module, data.view)
     drive = score_run(score, folder, console)
     metrics = {
         "model": config.model.name,
         "parameters": sum(p.numel() for p in module.network.parameters()),
         "open_loop": figures,
+        "side_response": responses,
         "baselines": baselines,
         "drive": drive,
         "closed_loop": closed_loop,

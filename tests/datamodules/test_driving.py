@@ -10,6 +10,7 @@ from datamodules.batches import EVALUATION_BATCH
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from datamodules.image import decode_image
+from datamodules.samples import LEFT
 from datamodules.view import View
 from tests.recordings import write_recording
 
@@ -141,6 +142,21 @@ def test_validation_is_centre_even_when_only_side_cameras_are_trained_on(load, r
     row = data.split.val[0]
     picture = VIEW(decode_image(recorded.image(row).read_bytes()))
     np.testing.assert_array_equal(batch["images"][0].permute(1, 2, 0).numpy(), picture)
+
+
+def test_sides_are_the_same_rows_through_the_other_cameras(load):
+    data = load()
+    batches = data.evaluation_batches("val")
+    for number, side in enumerate(batches.sides(), start=LEFT):
+        [batch] = side
+        pictures = data.views.take(data.split.val, np.full(len(data.split.val), number))
+        assert torch.equal(batch["images"], torch.from_numpy(pictures).permute(0, 3, 1, 2))
+        assert torch.equal(batch["targets"], batches[0]["targets"])
+
+
+def test_without_both_side_cameras_there_are_no_sides(load):
+    left, right = load(cameras=["center", "left"]).evaluation_batches("val").sides()
+    assert len(left) == len(right) == 0
 
 
 def test_validation_comes_in_large_batches(load, tmp_path):

@@ -97,6 +97,8 @@ def test_metrics_stand_beside_both_baselines(run_folder: Path) -> None:
     for part, figures in metrics["open_loop"].items():
         assert set(figures) == {"mse", "mae", "balanced_mae", "bias"}
         assert set(metrics["baselines"][part]) == {"always zero", "mean"}
+    assert set(metrics["side_response"]) == {"val", "test"}
+    assert all(-1 < response < 1 for response in metrics["side_response"].values())
     for key in ("samples_per_second", "seconds_per_epoch", "wall_s"):
         assert metrics[key] > 0
     assert metrics["seed"] == 1

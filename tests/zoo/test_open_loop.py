@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zoo.open_loop import baseline_metrics, open_loop_metrics
+from zoo.open_loop import baseline_metrics, open_loop_metrics, side_response
 
 
 def test_figures_of_four_rows_by_hand() -> None:
@@ -26,3 +26,8 @@ def test_baselines_look_at_nothing() -> None:
     baselines = baseline_metrics(true, train_mean=0.2)
     assert baselines["always zero"]["mae"] == pytest.approx(0.4)
     assert baselines["mean"]["bias"] == pytest.approx(0.0)
+
+
+def test_the_side_response_is_half_of_what_the_left_camera_adds() -> None:
+    assert side_response(np.array([0.3, 0.5]), np.array([-0.3, 0.1])) == pytest.approx(0.25)
+    assert side_response(np.array([]), np.array([])) is None
