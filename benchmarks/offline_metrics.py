@@ -27,7 +27,7 @@ METRICS = {
     "test_mse": "MSE",
     "test_mae": "MAE",
     "test_balanced_mae": "balanced MAE",
-    "test_bias": "|bias|",
+    "test_bias": "bias, either way",
 }
 # On the recording of recoveries; and the sign that makes it "more is worse".
 RECOVERIES = {

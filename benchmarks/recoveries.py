@@ -44,13 +44,13 @@ def measure_missing(folders: list[Path], console: Console) -> None:
         for camera in range(3)
     ]
     for folder in missing:
-        figures = measure(folder / "checkpoints" / "best.ckpt", recording, rows, frames)
+        figures = figures_of(folder / "checkpoints" / "best.ckpt", recording, rows, frames)
         (folder / FILE).write_text(json.dumps(figures, indent=2))
         said = ", ".join(f"{name} {value:.4f}" for name, value in figures.items())
         console.print(f"{folder}: recoveries: {said}", highlight=False)
 
 
-def measure(
+def figures_of(
     checkpoint: Path, recording: Recording, rows: np.ndarray, frames: list[list[np.ndarray]]
 ) -> dict[str, float]:
     """Figures of a network on `rows`, whose pictures are `frames` (of centre, left and right).

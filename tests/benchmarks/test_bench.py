@@ -39,7 +39,7 @@ def test_the_short_version_measures_what_it_says(tmp_path: Path) -> None:
     assert text.endswith("<!-- end of bench -->\nafter\n")
     assert found["cores"] >= 1
     assert found["versions"]["torch"]
-    assert len(found["rows"]) == 1 + 1 + 2
+    assert len(found["rows"]) == 1 + 2 + 2
     for row in found["rows"]:
         assert row["ratio"] > 0
         assert row["what"] in result.stdout.replace("\n", " ") or len(row["what"]) > 40
