@@ -34,7 +34,7 @@ def imagenet_file(
             reason = " ".join(str(error).split())
             raise InputError(
                 f"{path} is missing and was not downloaded ({reason}): fetch {url}, put it "
-                "there or name it, model.weights=FILE; or start from random ones, model.weights=null"
+                "there or name it, model.weights=FILE; or model.weights=null for random ones"
             ) from None
         return path
     # A second over 528 MB, beside the minutes of any training with this network.
