@@ -1,10 +1,11 @@
 """What several networks of the zoo share."""
 
 import math
+from typing import Sequence  # noqa: UP035 torch 2.4 knows an operator's lists by no other
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor, library, nn
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
 
@@ -44,8 +45,8 @@ class Dropout(nn.Dropout):
         return values * _kept(seed, values.shape, self.p, last, values.dtype)
 
 
-@torch.library.custom_op("drivezoo::kept_values", mutates_args=())
-def kept_values(seed: Tensor, shape: list[int], rate: float, channels_last: bool) -> Tensor:
+@library.custom_op("drivezoo::kept_values", mutates_args=())
+def kept_values(seed: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     """What a dropout multiplies with, float32, for a compiled step, which need not look within.
 
     It takes no values, so that the compiler can make one loop of what comes before and after; and a
@@ -55,13 +56,13 @@ def kept_values(seed: Tensor, shape: list[int], rate: float, channels_last: bool
 
 
 @kept_values.register_fake
-def _(seed: Tensor, shape: list[int], rate: float, channels_last: bool) -> Tensor:
+def _(seed: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     layout = torch.channels_last if channels_last else torch.contiguous_format
     return torch.empty(shape, memory_format=layout)
 
 
 def _kept(
-    seed: Tensor, shape: list[int], rate: float, channels_last: bool, dtype: torch.dtype
+    seed: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
 ) -> Tensor:
     """0 with the chance `rate`, otherwise what keeps the mean."""
     count, dropped = math.prod(shape), round(rate * 2**16)
