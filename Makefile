@@ -1,10 +1,10 @@
-# make demo | setup | test | lint | train | sweep | drive | clean; PYTHON=python3.12 chooses the interpreter.
+# make demo | setup | test | test-all | lint | train | sweep | drive | clean; PYTHON=python3.12 chooses the interpreter.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 export NO_ALBUMENTATIONS_UPDATE = 1
 
-.PHONY: setup test lint train sweep demo drive bench clean
+.PHONY: setup test test-all lint train sweep demo drive bench clean
 
 setup: $(READY)
 
@@ -15,8 +15,11 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 	@echo "set up in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
-# Two processes, a file of tests each; ARGS="-n 4" takes more.
+# Two processes, a file of tests each; ARGS="-n 4" takes more. test-all runs the slow ones, too.
 test: $(READY)
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
+
+test-all: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 lint: $(READY)

@@ -23,7 +23,6 @@ def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     )
 
 
-@pytest.mark.slow
 def test_the_short_version_measures_what_it_says(tmp_path: Path) -> None:
     parts = ("feed", "cache", "tiny")
     (tmp_path / "README.md").write_text(

@@ -145,8 +145,7 @@ def test_a_network_learns_the_drawn_road(recorded: Written, tmp_path: Path) -> N
         assert metrics["open_loop"]["test"]["mse"] < 0.5 * baseline["mse"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("schedule", ["constant", "cosine"])
+@pytest.mark.parametrize("schedule", [pytest.param("constant", marks=pytest.mark.slow), "cosine"])
 def test_a_run_killed_and_resumed_ends_with_the_same_weights(
     schedule: str, recorded: Written, tmp_path: Path
 ) -> None:
@@ -298,7 +297,6 @@ def test_the_weights_of_a_checkpoint_start_another_run(run_folder: Path, tmp_pat
     assert equal(weights(tmp_path / "run", "best"), weights(run_folder, "best"))
 
 
-@pytest.mark.slow
 def test_two_processes_train_on_the_cpu(recorded: Written, tmp_path: Path) -> None:
     result = run(
         tmp_path,

@@ -13,7 +13,6 @@ from zoo.command_line import run_command
 from zoo.rerun import _report, differences, rerun
 
 
-@pytest.mark.slow
 def test_a_run_is_repeated_to_the_digit_and_a_difference_is_told(
     recorded: Written,
     tmp_path: Path,

@@ -62,7 +62,6 @@ def status(folder: Path) -> str:
     return read_status(folder).get("status")
 
 
-@pytest.mark.slow
 def test_a_killed_sweep_goes_on_where_it_stopped(
     recorded: Written, place: Path, capsys: pytest.CaptureFixture
 ) -> None:
