@@ -91,9 +91,11 @@ def _balance(run: Run) -> list[Block]:
     said = "no cap on straight driving"
     if cap is not None:
         said = f"at most {cap:.0%} of a batch is steered less than {threshold:g}"
+    both = data["flip"] == "both"
+    flipped = "every sample both ways" if both else f"flipped with probability {data['flip']}"
     picture = run.plot(
         "steering_histogram",
-        f"Steering before and after balancing: {said}; flipped with probability {data['flip']}.",
+        f"Steering before and after balancing: {said}; {flipped}.",
         "The run drew no histogram of its steering (callbacks.steering_histogram).",
     )
     return [Heading("Balance"), Pictures([picture])]
