@@ -20,7 +20,7 @@ from pathlib import Path
 from material import OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
-from timing import Row, contestant, let_threads_sleep, run_part
+from timing import Row, contestants, run_part
 
 from datamodules.cores import usable_cores
 
@@ -64,9 +64,9 @@ def stages_of(rows: int) -> dict[str, float]:
     folder = linked_recording(rows, ("center",))
     with (
         tempfile.TemporaryDirectory(dir=OUT) as place,
-        contestant(run_stages, str(folder), place) as ask,
+        contestants({"stages": (run_stages, str(folder), place)}, asleep=True) as ask,
     ):
-        return ask()
+        return ask["stages"]()
 
 
 def run_stages(pipe: Connection, folder: str, place: str) -> None:
@@ -158,7 +158,6 @@ def read_log_of(rows: int) -> float:
 
 def main(sizes: list[int], docs: bool) -> None:
     """A table of the sizes asked for, a column each."""
-    let_threads_sleep()
     load = os.getloadavg()[0]
     head = ["seconds of a core", *(f"{rows:,} rows" for rows in sizes), "a row, last against first"]
     columns = [stages_of(rows) for rows in sizes]

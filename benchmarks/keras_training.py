@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from material import OUT, linked_recording
-from timing import Row, contestant, median_ratio, medians, run_part, take_turns
+from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
 ROWS = 2_000
 INSTALL = (
@@ -32,8 +32,8 @@ def measure(short: bool) -> list[Row]:
     log = linked_recording(ROWS) / "driving_log.csv"
     with ExitStack() as stack:
         theirs, name = stack.enter_context(keras_process(python, log, steps))
-        ours = stack.enter_context(contestant(run_zoo, batches))
-        found = take_turns({"zoo/s": ours, "Keras/s": theirs}, rounds)
+        ours = stack.enter_context(contestants({"zoo/s": (run_zoo, batches)}))
+        found = take_turns({**ours, "Keras/s": theirs}, rounds)
     what = f"training nvidia, batch {BATCH}, augmented"
     reference = f"{name}, its own generator, batch 40"
     return [Row(what, reference, median_ratio(*found.values()), 3.2, True, medians(found))]

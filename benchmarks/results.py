@@ -55,8 +55,7 @@ class ResultOptions:
 def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
     """Make the runs that are not there yet."""
     threads = max(1, usable_cores() // jobs)
-    # Spinning threads would take the cores from the other trainings.
-    environment = os.environ | {"OMP_NUM_THREADS": str(threads), "OMP_WAIT_POLICY": "passive"}
+    environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
 
     def run(recipe: Recipe, seed: int) -> None:
         folder = run_folder(recipe, seed)

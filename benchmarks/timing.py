@@ -10,10 +10,13 @@ import os
 import statistics
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from unittest.mock import patch
 
 from rich.console import Console
 from rich.table import Table
@@ -64,38 +67,46 @@ def medians(found: dict[str, list[float]]) -> dict[str, float]:
 
 
 @contextmanager
-def contestant(
-    target: Callable[..., None], *arguments: object, spinning: bool = False
-) -> Iterator[Callable[[], float]]:
-    """A process of its own, for settings that a process makes once; what is yielded measures in it.
+def contestants(
+    targets: dict[str, tuple], asleep: bool = False
+) -> Iterator[dict[str, Callable[[], float]]]:
+    """A process each, for settings that a process makes once; what is yielded measures in them.
 
     `target(pipe, *arguments)` sends None when it is ready; each time it receives True it measures
     and sends the figure; it ends when it receives False.
 
     Args:
-        spinning: its threads wait for each other as torch has it by default, not asleep.
+        targets: by name, the target and its arguments.
+        asleep: their threads sleep while they wait for each other, where torch would have them
+            spin, which is time of the processor's too.
     """
     context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=target, args=(theirs, *arguments))
-    policy = os.environ.pop("OMP_WAIT_POLICY", None) if spinning else None
-    process.start()
-    if policy:
-        os.environ["OMP_WAIT_POLICY"] = policy
-    theirs.close()
-    try:
-        ours.recv()
-        yield lambda: _ask(ours)
-        ours.send(False)
-        process.join(30)
-    finally:
-        process.kill()
-        process.join()
+    with ExitStack() as stack:
+        pipes = {}
+        for name, (target, *arguments) in targets.items():
+            pipes[name], theirs = context.Pipe()
+            process = context.Process(target=target, args=(theirs, *arguments))
+            policy = {"OMP_WAIT_POLICY": "PASSIVE"} if asleep else {}
+            with patch.dict(os.environ, policy):
+                process.start()
+            stack.callback(_end, process, pipes[name])
+            theirs.close()
+        for pipe in pipes.values():  # which start at the same time
+            pipe.recv()
+        yield {name: partial(_ask, pipe) for name, pipe in pipes.items()}
 
 
 def _ask(pipe: Connection) -> float:
     pipe.send(True)
     return pipe.recv()
+
+
+def _end(process: BaseProcess, pipe: Connection) -> None:
+    with suppress(OSError):  # it has ended
+        pipe.send(False)
+        process.join(30)
+    process.kill()
+    process.join()
 
 
 def make_console() -> Console:
@@ -118,16 +129,8 @@ def print_rows(rows: list[Row], console: Console) -> None:
     console.print(table)
 
 
-def let_threads_sleep() -> None:
-    """Start this program anew, where its threads would spin: torch, once imported, asks no more."""
-    if "OMP_WAIT_POLICY" not in os.environ:
-        environment = os.environ | {"OMP_WAIT_POLICY": "PASSIVE"}
-        os.execve(sys.executable, [sys.executable, *sys.argv], environment)
-
-
 def run_part(measure: Callable[[bool], list[Row]]) -> None:
     """`__main__` of a part: `[short] [out=FILE]`."""
-    let_threads_sleep()
     rows = measure("short" in sys.argv[1:])
     out = [one.removeprefix("out=") for one in sys.argv[1:] if one.startswith("out=")]
     if out:

@@ -3,16 +3,14 @@
 Processes take turns: `python -m zoo` itself, epoch by epoch; the same network in a bare loop on
 tensors that are in memory, with the settings of the first; that loop as torch has it by default;
 and the usual one, fed by a DataLoader with four workers that decodes, resizes and augments sample
-by sample. That one runs as whoever writes it finds it: its threads spin while they wait for each
-other, on cores that the workers need. It runs again with threads that sleep, as in all others, to
-tell what feeding costs from what waiting costs.
+by sample. Threads wait for each other as torch has it, which is to spin; those of the first as it
+decides itself (`zoo.waiting`).
 """
 
 import itertools
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -20,71 +18,68 @@ import lightning
 import torch
 from material import AUGMENT, OUT, config_for, linked_recording
 from rich.console import Console
-from timing import Row, contestant, median_ratio, medians, run_part, take_turns
+from timing import Row, contestants, median_ratio, medians, run_part, take_turns
+
+from zoo.waiting import LOOK_EVERY_S, QUIET_LOOKS
 
 BATCH, WORKERS = 64, 4
 ROUND_S = 1.5  # a loop goes on for so long, however slow a busy machine makes it
+SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 
 def measure(short: bool) -> list[Row]:
-    """Four rows: against the DataLoader, twice, against the bare loop, and that against torch's."""
+    """Three rows: against the DataLoader, against the bare loop, and that against torch's."""
     batches, rounds = (2, 1) if short else (24, 4)
     seconds = 0.1 if short else ROUND_S
-    with ExitStack() as stack:
-
-        def enter(target: Callable, *arguments: object, **more: bool) -> Callable[[], float]:
-            return stack.enter_context(contestant(target, *arguments, **more))
-
-        found = take_turns(
-            {
-                "zoo/s": enter(run_zoo, batches),
-                "bare loop/s": enter(run_bare, seconds, True),
-                "bare by default/s": enter(run_bare, seconds, False),
-                "sample by sample/s": enter(run_samples, seconds, spinning=True),
-                "threads asleep/s": enter(run_samples, seconds),
-            },
-            rounds,
-        )
+    targets = {
+        "zoo/s": (run_zoo, batches),
+        "bare loop/s": (run_bare, seconds, True),
+        "bare by default/s": (run_bare, seconds, False),
+        "sample by sample/s": (run_samples, seconds),
+    }
+    with contestants(targets) as measures:
+        found = take_turns(measures, rounds)
     what = f"training nvidia, batch {BATCH}, augmented"
     loader = f"DataLoader, {WORKERS} workers, sample by sample"
     whole = "the same, a whole run after start-up"
     memory = "a bare loop on tensors in memory"
     bare = "that bare loop: memory kept, channels last, fused Adam, our dropout"
-    defaults = "eager, torch's defaults, threads asleep"
+    defaults = "eager, torch's defaults"
     return [
-        _row(found, what, f"{loader}, torch's defaults", "zoo/s", "sample by sample/s", aim=3.6),
-        _row(found, what, f"{loader}, threads asleep", "zoo/s", "threads asleep/s"),
+        _row(found, what, loader, "zoo/s", "sample by sample/s", aim=3.6),
         _row(found, whole, f"{memory}, same settings", "zoo/s", "bare loop/s", aim=0.9),
         _row(found, bare, defaults, "bare loop/s", "bare by default/s", aim=1.75),
     ]
 
 
-def _row(
-    found: dict[str, list[float]], what: str, reference: str, *names: str, aim: float | None = None
-) -> Row:
+def _row(found: dict[str, list[float]], what: str, reference: str, *names: str, aim: float) -> Row:
     """One of the contestants as a multiple of another."""
     both = {name: found[name] for name in names}
     return Row(what, reference, median_ratio(*both.values()), aim, figures=medians(both))
 
 
 class EpochByEpoch(lightning.Callback):
-    """Lets a training go on for an epoch when it is told to, and says its samples a second."""
+    """Lets a training go on when it is told to, until an epoch has begun in which threads spin if
+    the machine is quiet, and says that epoch's samples a second."""
 
-    def __init__(self, pipe: Connection, warm_up: int) -> None:
-        self.pipe, self.warm_up = pipe, warm_up
+    def __init__(self, pipe: Connection) -> None:
+        self.pipe, self.settled_s, self.counts = pipe, 0.0, False
 
     def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
-        if trainer.current_epoch == self.warm_up:
-            self.pipe.send(None)
-        if trainer.current_epoch >= self.warm_up and not self.pipe.recv():
-            os._exit(0)
+        if self.counts or not self.settled_s:
+            if not self.settled_s:
+                self.pipe.send(None)
+            if not self.pipe.recv():
+                os._exit(0)
+            self.settled_s = time.perf_counter() + SETTLE_S
+        self.counts = time.perf_counter() > self.settled_s
         self.samples, self.began = module.train_samples, time.perf_counter()
 
     def on_train_batch_end(self, trainer: lightning.Trainer, module: object, *_: object) -> None:
         self.seconds = time.perf_counter() - self.began
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:
-        if trainer.current_epoch >= self.warm_up:
+        if self.counts:
             self.pipe.send((module.train_samples - self.samples) / self.seconds)
 
 
@@ -108,7 +103,7 @@ def run_zoo(pipe: Connection, batches: int) -> None:
 
     def with_turns(*arguments: object, **more: object) -> lightning.Trainer:
         trainer = made(*arguments, **more)
-        trainer.callbacks.insert(0, EpochByEpoch(pipe, warm_up=2))
+        trainer.callbacks.insert(0, EpochByEpoch(pipe))
         return trainer
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -2,6 +2,7 @@
 
 import io
 import os
+import signal
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
@@ -10,6 +11,11 @@ from hypothesis import settings
 from rich.console import Console
 
 from tests.recordings import Written, write_recording
+
+# Who starts the tests in the background has Ctrl-C ignored, which every process inherits; some
+# tests send it to one.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples every time: a red run can be run again.
 settings.register_profile("drivezoo", deadline=None, derandomize=True)

@@ -12,8 +12,8 @@ from datamodules.errors import InputError
 from zoo.command_line import run_command
 from zoo.config import conf_folder, quote_paths
 from zoo.options import is_help
-from zoo.process import wait_without_spinning
 from zoo.status import StoppedError
+from zoo.waiting import choose_waiting
 
 # torch, lightning and albumentations take seconds to import; --help and a typo need none of them.
 
@@ -25,7 +25,7 @@ def zoo(arguments: list[str]) -> None:
 
         print(config_help(arguments))
         return
-    wait_without_spinning()
+    choose_waiting()
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]

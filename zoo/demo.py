@@ -5,7 +5,6 @@ Runs the commands that a person would type, and prints each before it runs.
 """
 
 import datetime
-import os
 import shlex
 import subprocess
 import sys
@@ -60,13 +59,11 @@ def demo(arguments: list[str]) -> None:
         ],
         "film it": ["zoo.film", str(drive), f"out={run / 'lap.mp4'}", "fps=30"],
     }
-    # On a busy machine threads that spin while they wait for one another take it all down.
-    environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
     table = Table("stage", "seconds")
     for stage, words in stages.items():
         console.print(f"\n> python -m {shlex.join(words)}", highlight=False, markup=False)
         began = time.perf_counter()
-        if subprocess.run([sys.executable, "-m", *words], env=environment, check=False).returncode:
+        if subprocess.run([sys.executable, "-m", *words], check=False).returncode:
             raise InputError(f"could not {stage}; the line above says why")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)

@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 import lightning
+import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -23,6 +24,7 @@ from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
 from zoo.sweeping.job import needs_processes
 from zoo.together import ending_together
+from zoo.waiting import spinning_while_quiet
 
 
 def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> float:
@@ -66,13 +68,14 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
         _say_what_runs(console, config, module, data, trainer)
         set_pace(config, module, data, trainer, console)
-        feed_cached_features(config, module, data, trainer, console)
-        with ending_together(trainer, folder, _resume_command(folder)):
-            _fit(trainer, module, data, start, folder)
-        if not trainer.is_global_zero:
-            return float("nan")
-        _take_best(module, folder)
-        return report_outcome(config, score, folder, module, data, trainer, console, started)
+        with spinning_while_quiet(torch.get_num_threads()):
+            feed_cached_features(config, module, data, trainer, console)
+            with ending_together(trainer, folder, _resume_command(folder)):
+                _fit(trainer, module, data, start, folder)
+            if not trainer.is_global_zero:
+                return float("nan")
+            _take_best(module, folder)
+            return report_outcome(config, score, folder, module, data, trainer, console, started)
 
 
 def _checked_last(last: Path, card: dict) -> Path:

@@ -1,22 +1,11 @@
 """Settings of this process that decide how fast it trains, on Linux with glibc most of all."""
 
 import ctypes
-import os
 import platform
 
 # glibc's names for them, from malloc.h, and the largest block that its heap may hold.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
-
-
-def wait_without_spinning() -> None:
-    """Let threads of OpenMP sleep while they wait for each other. Before torch is imported.
-
-    They would spin, which is a little quicker on cores that nobody else wants, and many times
-    slower on others: a thread that has something to do waits for one that spins.
-    """
-    if "GOMP_SPINCOUNT" not in os.environ:
-        os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def keep_freed_memory() -> bool:

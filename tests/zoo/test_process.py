@@ -1,6 +1,5 @@
-"""The allocator and the waiting threads, in processes of their own."""
+"""The allocator, in processes of its own."""
 
-import os
 import platform
 import subprocess
 import sys
@@ -21,19 +20,11 @@ for step in range(30):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
-WAITING = """
-import os
-from zoo.process import wait_without_spinning
-wait_without_spinning()
-print(os.environ.get("OMP_WAIT_POLICY"))
-"""
 
 
-def run(code: str, *arguments: str, **environment: str) -> str:
-    kept = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+def run(code: str, *arguments: str) -> str:
     result = subprocess.run(
         [sys.executable, "-c", code, *arguments],
-        env=kept | environment,
         cwd=Path(__file__).parents[2],
         capture_output=True,
         text=True,
@@ -45,12 +36,3 @@ def run(code: str, *arguments: str, **environment: str) -> str:
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone gives memory back")
 def test_freed_memory_is_kept() -> None:
     assert int(run(STEPS, "keep")) < 0.1 * int(run(STEPS))
-
-
-def test_threads_sleep_while_they_wait() -> None:
-    assert run(WAITING) == "PASSIVE"
-
-
-def test_who_said_how_threads_wait_is_heeded() -> None:
-    assert run(WAITING, OMP_WAIT_POLICY="ACTIVE") == "ACTIVE"
-    assert run(WAITING, GOMP_SPINCOUNT="5000") == "None"
