@@ -8,18 +8,13 @@ by picture, and calls the same OpenCV functions, without its checks and copies, 
 as much as the change itself: 50 us a picture of 66 x 200 for all three, against 600.
 """
 
-import functools
 import os
-from concurrent.futures import ThreadPoolExecutor
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # it asks the network for its own version
 
 import albumentations
 import cv2
 import numpy as np
-
-THREADED_BYTES = 500_000  # of a batch; to share out less costs more than it saves
-MOST_THREADS = 2  # more wait for each other: between OpenCV's calls Python has but one
 
 
 class Brightness(albumentations.ImageOnlyTransform):
@@ -168,10 +163,9 @@ class Augment:
         pictures: np.ndarray,
         steering: np.ndarray,
         seed: int,
-        threads: int = 1,
         place: tuple[int, int] | None = None,
     ) -> None:
-        """As a call, but into the arrays that are given; the same with any number of threads.
+        """As a call, but into the arrays that are given.
 
         Args:
             place: of a share of a batch: where in it the share begins, and the batch's size. A
@@ -186,7 +180,7 @@ class Augment:
         # what is shifted would always be blurred too.
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for change, stream in zip(self.changes, streams, strict=True):
-            change(pictures, steering, np.random.default_rng(stream), threads, place)
+            change(pictures, steering, np.random.default_rng(stream), place)
         if self.colour == "yuv":
             _convert(pictures, cv2.COLOR_RGB2YUV)
 
@@ -203,7 +197,6 @@ class _OneByOne:
         pictures: np.ndarray,
         steering: np.ndarray,
         rng: np.random.Generator,
-        _: int,
         place: tuple[int, int],
     ) -> None:
         first, whole = place
@@ -227,32 +220,17 @@ class _AllAtOnce:
         pictures: np.ndarray,
         steering: np.ndarray,
         rng: np.random.Generator,
-        threads: int,
         place: tuple[int, int],
     ) -> None:
         first, whole = place
         chosen = np.flatnonzero(rng.random(whole) < self.transform.p)
         draws = self.transform.draw_batch((len(chosen), *pictures.shape[1:]), rng)
         ours = slice(*np.searchsorted(chosen, [first, first + len(pictures)]))
-        chosen, draws = (chosen[ours] - first).tolist(), draws[ours]
-        shares = min(threads, MOST_THREADS) if pictures.nbytes > THREADED_BYTES else 1
-
-        def change(first: int) -> None:
-            for index, drawn in zip(chosen[first::shares], draws[first::shares], strict=True):
-                self.transform.change_one(pictures[index], **drawn)
-
-        if shares > 1:  # OpenCV gives up the interpreter's lock while it works
-            list(_threads(shares).map(change, range(shares)))
-        else:
-            change(0)
-        if self.steers:
-            for index, drawn in zip(chosen, draws, strict=True):
+        # One thread: several wait for each other, as Python has but one between OpenCV's calls.
+        for index, drawn in zip((chosen[ours] - first).tolist(), draws[ours], strict=True):
+            self.transform.change_one(pictures[index], **drawn)
+            if self.steers:
                 steering[index] = self.transform.apply_to_steering(steering[index], **drawn)
-
-
-@functools.cache
-def _threads(count: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(count, thread_name_prefix="augment")
 
 
 def _change_of(transform: albumentations.BasicTransform) -> "_OneByOne | _AllAtOnce":

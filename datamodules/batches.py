@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from torch.utils.data import Dataset, get_worker_info
+from torch.utils.data import Dataset
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches, BatchKey
@@ -37,10 +37,8 @@ class TrainingBatches(Dataset):
         samples, own = self.samples, key.own
         mirrored, steering, seed = self.draw(key)
         pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)
-        # A process that prepares batches beside others has one core.
-        threads = 1 if get_worker_info() else torch.get_num_threads()
         place = (key.share.start, len(key.samples))
-        self.augment.in_place(pictures, steering, seed, threads, place)
+        self.augment.in_place(pictures, steering, seed, place)
         return make_batch(pictures, steering, samples.throttle[own], samples.speed_mph[own])
 
     def steering(self, key: BatchKey) -> np.ndarray:
