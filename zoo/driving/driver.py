@@ -41,6 +41,9 @@ class Session:
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
         self.overridden = False
+        # What a policy was asked last, and what it said.
+        self.asked: tuple[DrivingPolicy, bytes, float] | None = None
+        self.predicted: tuple[float, float | None] = 0.0, None
         self._clock_s: float | None = None  # of the simulator, which the original does not tell
         self._ahead_s = 0.0
 
@@ -185,7 +188,7 @@ class Driver:
             self.notices.say(kind, detail)
         if telemetry.speed_mph is not None:
             session.speed_mph = telemetry.speed_mph
-        steering, throttle = self.policy(telemetry.frame, session.speed_mph)
+        steering, throttle = self._predict(session, telemetry)
         if not math.isfinite(steering):
             raise ValueError(f"it steers by {steering}")
         steering = session.steer(float(steering), now_s)
@@ -211,6 +214,15 @@ class Driver:
         picture = telemetry.picture if self.recording and leads else None
         values = reply_values(steering, throttle, session.decimal or ".")
         return Reply("steer", values, row, picture)
+
+    def _predict(self, session: Session, telemetry: Telemetry) -> tuple[float, float | None]:
+        """What the policy says. The original's two loops send most pictures twice, and its look at
+        one is what takes longest: it takes one look."""
+        asked = self.policy, telemetry.picture, session.speed_mph
+        if asked != session.asked:
+            session.predicted = self.policy(telemetry.frame, session.speed_mph)
+            session.asked = asked
+        return session.predicted
 
     def _leads(self, session: Session) -> bool:
         """Whether this is the session that is recorded and shown: the first, while it drives."""

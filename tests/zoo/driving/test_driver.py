@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from datamodules.errors import InputError
@@ -137,3 +138,27 @@ def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(
         for time, now_s in (("5.0", 10.0), ("5.1", 10.01), ("0.0", 10.02), ("0.1", 10.03))
     ]
     assert rows == sorted(rows)
+
+
+def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driver]) -> None:
+    driver = make()
+    looks: list[float] = []
+
+    def look(_: np.ndarray, speed_mph: float) -> tuple[float, None]:
+        looks.append(speed_mph)
+        return len(looks) / 10, None
+
+    driver.policy = look
+    session = driver.connect("a")
+
+    def steer(speed: str, colour: tuple[int, int, int] = (9, 9, 9)) -> str:
+        message = telemetry(jpeg=picture(colour), speed=speed)
+        return driver.answer(session, message).values["steering_angle"]
+
+    assert [steer("1.0000"), steer("1.0000")] == ["0.1000", "0.1000"]
+    assert steer("2.0000") == "0.2000"
+    assert steer("2.0000", (200, 0, 0)) == "0.3000"
+    assert steer("2.0000") == "0.4000"
+    driver.policy = lambda frame, speed_mph: (0.7, None)  # as a page switches it
+    assert steer("2.0000") == "0.7000"
+    assert looks == [1, 2, 2, 2]
