@@ -7,6 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import cv2
 from material import OUT, linked_recording
 from timing import Row, median_ratio, medians, run_part, take_turns
 
@@ -31,12 +32,13 @@ def measure(short: bool) -> list[Row]:
         shutil.rmtree(cache, ignore_errors=True)
         return rows / seconds_of(lambda: load_views(paths, VIEW, cache))
 
-    with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(cores, spawn, cv2.setNumThreads, (1,)) as pool:
         list(pool.map(decode, [share[:5] for share in shares]))  # started, imported
         found = take_turns(
             {
                 "ours/s": ours,
-                "one thread/s": lambda: rows / seconds_of(lambda: decode(paths)),
+                "one thread/s": lambda: rows / seconds_of(lambda: decode_in_one_thread(paths)),
                 "processes/s": lambda: rows / seconds_of(lambda: list(pool.map(decode, shares))),
             },
             rounds,
@@ -66,6 +68,14 @@ def decode(paths: list[str]) -> None:
     """Views of pictures, kept nowhere."""
     for path in paths:
         VIEW(decode_image(Path(path).read_bytes()))
+
+
+def decode_in_one_thread(paths: list[str]) -> None:
+    """OpenCV has threads of its own, otherwise."""
+    its_own = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    decode(paths)
+    cv2.setNumThreads(its_own)
 
 
 def seconds_of(work: Callable[[], object]) -> float:

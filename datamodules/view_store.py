@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 from filelock import FileLock, Timeout
 
@@ -158,8 +159,10 @@ def decode_all(
 
     all_faults: dict[int, str] = {}
     threads = usable_cores()
-    # OpenCV gives up the interpreter's lock while it decodes, so threads are enough.
-    pool = ThreadPoolExecutor(threads)
+    # OpenCV gives up the interpreter's lock while it decodes, so threads are enough; and it would
+    # share each picture out among threads of its own.
+    pool, its_own = ThreadPoolExecutor(threads), cv2.getNumThreads()
+    cv2.setNumThreads(1)
     try:
         starts = iter(range(0, len(paths), CHUNK))
         # A few ahead of those that are read, not all: an error ends it, and memory is bounded.
@@ -172,6 +175,7 @@ def decode_all(
                 progress(done, len(paths))
     finally:
         pool.shutdown(cancel_futures=True)
+        cv2.setNumThreads(its_own)
     return all_faults
 
 
