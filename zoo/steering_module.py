@@ -221,13 +221,15 @@ class SteeringModule(lightning.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": scheduler}
 
     def _parameter_groups(self) -> list[dict]:
-        """Weights decay and biases do not; a backbone may learn at its own rate."""
+        """Weights decay and biases do not; a backbone may learn at its own rate. As few as can be:
+        each is another call of the optimizer's."""
         backbone = getattr(self.network, "backbone", None)
         slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()
         groups: dict[tuple[bool, bool], list[nn.Parameter]] = {}
         for parameter in self.network.parameters():
             if parameter.requires_grad:
-                key = (id(parameter) in slow and self.backbone_lr is not None, parameter.ndim > 1)
+                own_rate = id(parameter) in slow and self.backbone_lr is not None
+                key = own_rate, parameter.ndim > 1 and self.l2 > 0
                 groups.setdefault(key, []).append(parameter)
         if not groups:
             raise InputError("no parameter is left to train; set model.trainable_blocks above 0")
