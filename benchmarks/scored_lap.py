@@ -27,7 +27,7 @@ MANY = 4
 def measure(short: bool) -> list[Row]:
     """The two ratios."""
     torch.set_num_threads(1)
-    laps, rounds = (SHORT_LAPS, 1) if short else (LAPS, 5)
+    laps, rounds = (SHORT_LAPS, 1) if short else (LAPS, 3)
     setup = Setup("lake", laps=laps, speed_mph=20.0)
     policy, world = random_policy("nvidia"), open_setup(setup, "auto")
     frames: list = []

@@ -20,7 +20,7 @@ def measure(short: bool) -> list[Row]:
     run_python(zoo)  # decodes the views, once
     found = take_turns(
         {"zoo s": lambda: run_python(zoo), "imports s": lambda: run_python(["-c", IMPORTS])},
-        1 if short else 3,
+        1 if short else 2,
     )
     what = "python -m zoo to its first step, views cached"
     return [Row(what, IMPORTS, median_ratio(*found.values()), 1.5, False, medians(found))]
