@@ -23,7 +23,7 @@ from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.config import choices, compose_config
 
-FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 2.0
+FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 1.5
 CONSTANT = "a constant"
 TURNS = 3  # of nvidia, driving and not
 

@@ -33,7 +33,7 @@ DOCS = Path("docs/growth.md")
 
 def measure(short: bool) -> list[Row]:
     """Each stage's time for ten times the rows; the memory; and a long log."""
-    few, many = (200, 400) if short else (3_000, 30_000)
+    few, many = (200, 400) if short else (2_000, 20_000)
     less, more = (stages_of(rows) for rows in (few, many))
     rows = [
         Row(

@@ -29,7 +29,7 @@ SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 def measure(short: bool) -> list[Row]:
     """Three rows: against the DataLoader, against the bare loop, and that against torch's."""
-    batches, rounds = (2, 1) if short else (24, 4)
+    batches, rounds = (2, 1) if short else (24, 3)
     seconds = 0.1 if short else ROUND_S
     targets = {
         "zoo/s": (run_zoo, batches),

@@ -44,7 +44,7 @@ def spinning_while_quiet(threads: int) -> Iterator[None]:
     changed. What is computed never is.
     """
     openmp = _find_openmp()
-    if threads < 2 or openmp is None or not STAT.exists() or _was_chosen():
+    if threads < 2 or openmp is None or not os.access(STAT, os.R_OK) or _was_chosen():
         yield
         return
     over = threading.Event()
