@@ -66,8 +66,7 @@ def _kept(
 ) -> Tensor:
     """0 with the chance `rate`, otherwise what keeps the mean."""
     count, dropped = math.prod(shape), round(rate * 2**16)
-    rng = np.random.Generator(np.random.SFC64(int(seed)))
-    words = rng.integers(2**64 - 1, size=-(-count // 4), dtype=np.uint64, endpoint=True)
+    words = np.random.SFC64(int(seed)).random_raw(-(-count // 4))
     bits = torch.from_numpy(words).view(torch.int16)[:count]
     kept = torch.empty(count, dtype=dtype)
     torch.ge(bits, dropped - 2**15, out=kept).mul_(1 / (1 - dropped / 2**16))
