@@ -84,7 +84,7 @@ class EpochByEpoch(lightning.Callback):
 
 
 def run_zoo(pipe: Connection, batches: int) -> None:
-    """`python -m zoo`, whose every epoch is a round; what it prints is dropped."""
+    """`python -m zoo`, of which a round is an epoch or two; what it prints is dropped."""
     from unittest.mock import patch
 
     from zoo import build, experiment
