@@ -22,7 +22,7 @@ from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
 from zoo.waiting import LOOK_EVERY_S, QUIET_LOOKS
 
-BATCH, WORKERS = 64, 4
+BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.5  # a loop goes on for so long, however slow a busy machine makes it
 SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
@@ -37,6 +37,7 @@ def measure(short: bool) -> list[Row]:
         "bare by default/s": (run_bare, seconds, False),
         "sample by sample/s": (run_samples, seconds),
     }
+    linked_recording(ROWS)  # once, not by each of them
     with contestants(targets) as measures:
         found = take_turns(measures, rounds)
     what = f"training nvidia, batch {BATCH}, augmented"
@@ -90,7 +91,7 @@ def run_zoo(pipe: Connection, batches: int) -> None:
     from zoo import build, experiment
 
     config = config_for(
-        linked_recording(2_000),
+        linked_recording(ROWS),
         AUGMENT,
         "model=nvidia",
         "callbacks=published",
@@ -137,7 +138,7 @@ def run_samples(pipe: Connection, seconds: float) -> None:
 
     from zoo.build import build_data
 
-    config = config_for(linked_recording(2_000), AUGMENT, "model=nvidia")
+    config = config_for(linked_recording(ROWS), AUGMENT, "model=nvidia")
     data = build_data(config)
     data.load(Console(quiet=True))
     loader = DataLoader(SampleBySample(data), BATCH, shuffle=True, num_workers=WORKERS)
