@@ -3,8 +3,8 @@
 `auto` does not. Four fifths of PilotNet's step on a CPU are convolutions, which a compiler leaves
 to the same library, and half of the rest is dropout. Against the plain step, both with memory kept,
 channels last and the dropout of `zoo.models.layers`, the compiled one took 5 % less of the
-processor's time on two threads and 9 % on one, and 20 to 45 s to compile on a busy machine: a run
-of ten minutes would gain nothing. With torch's dropout it took two thirds more, since torch draws
+processor's time on two threads and 9 % on one, as by the clock on four that spin, and 20 to 45 s
+to compile: a run of ten minutes would gain nothing. With torch's dropout it took two thirds more, since torch draws
 within the compiled loops.
 """
 
