@@ -4,8 +4,8 @@
 to the same library, and half of the rest is dropout. Against the plain step, both with memory kept,
 channels last and the dropout of `zoo.models.layers`, the compiled one took 5 % less of the
 processor's time on two threads and 9 % on one, as by the clock on four that spin, and 20 to 45 s
-to compile: a run of ten minutes would gain nothing. With torch's dropout it took two thirds more, since torch draws
-within the compiled loops.
+to compile: a run of ten minutes would gain nothing. With torch's dropout it took two thirds more,
+since torch draws within the compiled loops.
 """
 
 import os

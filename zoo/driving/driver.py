@@ -14,6 +14,7 @@ import numpy as np
 from zoo.driving.drive_log import FALLBACK, PERSON, DriveRow
 from zoo.driving.notices import Notices
 from zoo.driving.scribe import Scribe
+from zoo.driving.session import DrivingPolicy, Session
 from zoo.driving.speed_controller import SpeedController, limit_pedal
 from zoo.driving.steering_filter import SteeringFilter
 from zoo.driving.summary import Tally, autonomy, summary_lines
@@ -21,41 +22,11 @@ from zoo.driving.telemetry import (
     Telemetry,
     TelemetryError,
     decimal_sign,
-    parse_number,
     read_telemetry,
 )
 
-# A frame uint8 [160, 320, 3] RGB and mph -> steering -1..1 and throttle -1..1 or None.
-DrivingPolicy = Callable[[np.ndarray, float], tuple[float, float | None]]
-
 GENTLE_BRAKE = -0.2
 SILENCE_S = 1.0  # after which another simulator is recorded and shown
-
-
-class Session:
-    """A simulator that is connected: what is remembered of it from telemetry to telemetry."""
-
-    def __init__(self, number: int, controller: SpeedController, steer: SteeringFilter) -> None:
-        self.number, self.controller, self.steer = number, controller, steer
-        self.decimal: str | None = None
-        self.steering = self.speed_mph = 0.0
-        self.last_s = self.heard_s = -math.inf
-        self.overridden = False
-        # What a policy was asked last, and what it said.
-        self.asked: tuple[DrivingPolicy, bytes, float] | None = None
-        self.predicted: tuple[float, float | None] = 0.0, None
-        self._clock_s: float | None = None  # of the simulator, which the original does not tell
-        self._ahead_s = 0.0
-
-    def now(self, data: object, wall_s: float) -> float:
-        """The time of a telemetry in seconds: by the simulator's own clock where it tells it, since
-        one that waits for each reply may drive faster than the wall clock; else `wall_s`."""
-        told = parse_number(data.get("time")) if isinstance(data, dict) else None
-        if told is not None:
-            if self._clock_s is None or told < self._clock_s:  # it has begun anew
-                self._ahead_s = max(wall_s, self.last_s) - told
-            self._clock_s = told
-        return wall_s if self._clock_s is None else self._clock_s + self._ahead_s
 
 
 @dataclass(frozen=True)
@@ -188,7 +159,7 @@ class Driver:
             self.notices.say(kind, detail)
         if telemetry.speed_mph is not None:
             session.speed_mph = telemetry.speed_mph
-        steering, throttle = self._predict(session, telemetry)
+        steering, throttle = session.predict(self.policy, telemetry)
         if not math.isfinite(steering):
             raise ValueError(f"it steers by {steering}")
         steering = session.steer(float(steering), now_s)
@@ -214,15 +185,6 @@ class Driver:
         picture = telemetry.picture if self.recording and leads else None
         values = reply_values(steering, throttle, session.decimal or ".")
         return Reply("steer", values, row, picture)
-
-    def _predict(self, session: Session, telemetry: Telemetry) -> tuple[float, float | None]:
-        """What the policy says. The original's two loops send most pictures twice, and its look at
-        one is what takes longest: it takes one look."""
-        asked = self.policy, telemetry.picture, session.speed_mph
-        if asked != session.asked:
-            session.predicted = self.policy(telemetry.frame, session.speed_mph)
-            session.asked = asked
-        return session.predicted
 
     def _leads(self, session: Session) -> bool:
         """Whether this is the session that is recorded and shown: the first, while it drives."""
