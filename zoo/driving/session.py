@@ -39,8 +39,8 @@ class Session:
         return wall_s if self._clock_s is None else self._clock_s + self._ahead_s
 
     def predict(self, policy: DrivingPolicy, telemetry: Telemetry) -> tuple[float, float | None]:
-        """What the policy says. The original's two loops send most pictures twice, and its look at
-        one is what takes longest: it takes one look."""
+        """What the policy says. It looks once at a picture that is sent again, as the original's
+        two loops do with most: looking is what takes longest."""
         asked = policy, telemetry.picture, self.speed_mph
         if asked != self._asked:
             self._predicted = policy(telemetry.frame, self.speed_mph)
