@@ -18,7 +18,7 @@ from zoo.steering_module import SteeringModule
 # A step of so small a network costs less than two threads' meeting: 52,000 samples/s with one
 # thread, 30,000 with two, and 1,200 with two on cores that another program is using.
 TINY_PARAMETERS = 1_000
-TOGETHER = 32  # batches a step of Lightning's, whose own work is that of two of 41 parameters
+TOGETHER = 32  # batches to a step of Lightning's, whose own work takes as long as two of them
 
 
 def set_pace(

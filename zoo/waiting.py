@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-STAT = Path("/proc/stat")
+STAT, MAPS = Path("/proc/stat"), Path("/proc/self/maps")
 LOOK_EVERY_S = 0.5
 QUIET_LOOKS = 2  # in a row, before threads spin
 SPARE_CORES = 0.7  # that others may use of those which our threads take
@@ -111,10 +111,11 @@ def _usage() -> tuple[float, float, float]:
 def _find_openmp() -> ctypes.CDLL | None:
     """GNU's OpenMP, if that is what torch has loaded."""
     try:
-        lines = Path("/proc/self/maps").read_text().splitlines()
-    except OSError:
+        lines = MAPS.read_text().splitlines()
+        # The sixth column is a path, which may have spaces.
+        found = sorted({line.split(maxsplit=5)[-1] for line in lines if "libgomp" in line})
+        # Other packages may have brought their own.
+        torchs = [path for path in found if "/torch/" in path] or found
+        return ctypes.CDLL(torchs[0]) if torchs else None
+    except OSError:  # of a system that has no such file, or a library that was replaced since
         return None
-    found = sorted({line.split()[-1] for line in lines if "libgomp" in line})
-    # Other packages may have brought their own.
-    torchs = [path for path in found if "/torch/" in path] or found
-    return ctypes.CDLL(torchs[0]) if torchs else None

@@ -71,6 +71,20 @@ def test_a_team_comes_and_goes() -> None:
     assert result.stdout.strip() in ("5 0", "none")
 
 
+def test_openmp_is_found_in_a_folder_with_spaces(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    place = "7f00-7f01 r-xp 00000000 08:01 42    "
+    maps = tmp_path / "maps"
+    maps.write_text(
+        f"{place}/my laps/.venv/cv2/libgomp-1.so\n{place}/my laps/.venv/torch/lib/libgomp.so.1\n"
+    )
+    monkeypatch.setattr(waiting, "MAPS", maps)
+    assert waiting._find_openmp() is None  # it is not there, and that is no error
+    monkeypatch.setattr("ctypes.CDLL", lambda path: path)
+    assert waiting._find_openmp() == "/my laps/.venv/torch/lib/libgomp.so.1"
+
+
 class OpenMP:
     """Four cores, and a team of nobody."""
 
