@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
-from zoo.config import conf_folder, quote_paths
+from zoo.config import conf_folder, config_groups, quote_paths
 from zoo.options import is_help
 from zoo.status import StoppedError
 from zoo.waiting import choose_waiting
@@ -71,6 +71,12 @@ def resume(folder: Path, overrides: list[str]) -> None:
     saved = folder / ".hydra" / "config.yaml"
     if not saved.is_file():
         raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
+    chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
+    if chosen:
+        raise InputError(
+            f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
+            "trainer.max_epochs=60, or start a new run"
+        )
     config = OmegaConf.load(saved)
     OmegaConf.set_struct(config, True)
     config.merge_with_dotlist(overrides)

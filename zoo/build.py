@@ -28,8 +28,14 @@ def apply_quick(config: DictConfig) -> None:
     """With `quick=true`, cap epochs and samples in place: a first try in minutes."""
     if not config.quick:
         return
-    config.trainer.max_epochs = min(config.trainer.max_epochs, QUICK_EPOCHS)
-    config.data.samples_per_epoch = min(config.data.samples_per_epoch or 10**9, QUICK_SAMPLES)
+    for node, key, most in (
+        (config.trainer, "max_epochs", QUICK_EPOCHS),
+        (config.data, "samples_per_epoch", QUICK_SAMPLES),
+    ):
+        if node[key] is None:
+            node[key] = most
+        elif isinstance(node[key], int | float):  # what is no number is refused further on
+            node[key] = min(node[key], most)
 
 
 def build_data(config: DictConfig) -> DrivingData:

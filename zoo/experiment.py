@@ -25,6 +25,7 @@ from zoo.steering_module import SteeringModule
 from zoo.sweeping.job import needs_processes
 from zoo.together import ending_together
 from zoo.waiting import spinning_while_quiet
+from zoo.weights import load_weights
 
 
 def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> float:
@@ -55,14 +56,12 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         )
         module = build_module(config, data, card)
         last = folder / "checkpoints" / "last.ckpt"
-        start = _checked_last(last, card) if resume and last.is_file() else None
-        if start is None and config.model.weights is not None:
-            from zoo.weights import load_weights
-
+        start = _checked_last(last, card, module) if resume and last.is_file() else None
+        if start is not None:  # what is computed before training begins wants its weights, too
+            load_weights(module.network, str(start))
+        elif config.model.weights is not None:
             said = load_weights(module.network, str(config.model.weights))
             console.print(f"weights: {said}", highlight=False, markup=False)
-        if start is not None:  # what is computed before training begins wants its weights, too
-            module.load_state_dict(read_checkpoint_file(start)["state_dict"])
         if first:
             write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
@@ -78,15 +77,29 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
             return report_outcome(config, score, folder, module, data, trainer, console, started)
 
 
-def _checked_last(last: Path, card: dict) -> Path:
+def _checked_last(last: Path, card: dict, module: SteeringModule) -> Path:
     """The checkpoint to resume from, read once without running anything in it."""
-    before = read_checkpoint_file(last)["drivezoo"]
+    checkpoint = read_checkpoint_file(last)
+    before = checkpoint["drivezoo"]
     if before["data"] != card["data"]:
         raise InputError(
             f"{last}: was trained on {before['data']['rows']} rows "
             f"({before['data']['fingerprint']}), data.root now holds {card['data']['rows']} "
             f"({card['data']['fingerprint']}); bring the recording back, or start a new run with "
             f"model.weights={last}"
+        )
+    then, now = (
+        [len(group["params"]) for group in groups]
+        for groups in (
+            checkpoint["optimizer_states"][0]["param_groups"],
+            module.configure_optimizers()["optimizer"].param_groups,
+        )
+    )
+    if then != now:
+        raise InputError(
+            f"{last}: its optimizer held groups of {then} parameters, with these settings (optim, "
+            f"model) and this version of drivezoo they are {now}: it cannot go on; set what it was "
+            f"begun with, or start a new run with model.weights={last}"
         )
     return last
 

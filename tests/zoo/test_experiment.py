@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -13,13 +14,17 @@ from pathlib import Path
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from PIL import Image
 
+from datamodules.errors import InputError
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import command, environment, only_line, run
-from zoo.__main__ import zoo
+from zoo.__main__ import resume, zoo
 from zoo.checkpoint import load_checkpoint
 from zoo.command_line import run_command
+from zoo.config import compose_config
+from zoo.experiment import run_experiment
 from zoo.outcome import read_curves
 
 # Small enough for seconds; blocks as short as the recording asks for.
@@ -445,6 +450,29 @@ def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: P
     assert "was trained on 120 rows" in line
     assert "now holds 110" in line
     assert equal(weights(tmp_path / "run"), before)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("model.width=2", "set model and data.crop as it was trained"),
+        ("optim.l2=0.001", "its optimizer held groups of [4] parameters, with these settings"),
+        ("model=lenet", "a run goes on with what it chose"),
+    ],
+)
+def test_resuming_as_what_it_was_not_is_refused(
+    recorded: Written, tmp_path: Path, override: str, words: str
+) -> None:
+    overrides = [*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1"]
+    folder = tmp_path / "run"
+    (folder / ".hydra").mkdir(parents=True)
+    config = OmegaConf.create(compose_config(overrides))
+    OmegaConf.save(config, folder / ".hydra" / "config.yaml")
+    run_experiment(config, folder)
+    before = weights(folder)
+    with pytest.raises(InputError, match=re.escape(words)):
+        resume(folder, ["trainer.max_epochs=2", override])
+    assert equal(weights(folder), before)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
