@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from zoo.compilation import find_compiler
+from zoo.models import layers
 from zoo.models.layers import Dropout
 
 SHAPE = (8, 24, 31, 98)
@@ -35,6 +36,25 @@ def test_places_are_drawn_independently() -> None:
         assert both == pytest.approx(0.09, abs=0.004)
 
 
+def test_calls_are_drawn_independently() -> None:
+    """All read the same tables, from other places."""
+    layer, ones = Dropout(0.3).train(), torch.ones(4, 100_000)
+    first, *others = [(layer(ones) == 0).float().flatten() for _ in range(20)]
+    for other in others:
+        assert (first * other).mean().item() == pytest.approx(0.09, abs=0.004)
+
+
+def test_a_larger_layer_changes_nothing_for_the_others() -> None:
+    """The tables grow to what the largest needs, whichever comes first."""
+    layer, ones = Dropout(0.5).train(), torch.ones(SHAPE)
+    layers._drawn.clear()
+    torch.manual_seed(5)
+    before = layer(ones)
+    layer(torch.ones(9, *SHAPE[1:]))
+    torch.manual_seed(5)
+    assert torch.equal(layer(ones), before)
+
+
 def test_repeats_with_the_seed_and_not_otherwise() -> None:
     layer, ones = Dropout(0.5).train(), torch.ones(SHAPE)
     torch.manual_seed(5)
@@ -64,10 +84,10 @@ def test_in_half_precision() -> None:
 @pytest.mark.skipif(not find_compiler(), reason="no C++ compiler")
 def test_compiled_it_draws_as_the_plain_one_does() -> None:
     """Two alike, one after the other, drop other values; a seed repeats them."""
-    layers = torch.nn.ModuleList([Dropout(0.5), Dropout(0.5)]).train()
+    pair = torch.nn.ModuleList([Dropout(0.5), Dropout(0.5)]).train()
 
     def both(values: torch.Tensor) -> list[torch.Tensor]:
-        return [layer(values) for layer in layers]
+        return [layer(values) for layer in pair]
 
     compiled, ones = torch.compile(both, dynamic=False), torch.ones(SHAPE, requires_grad=True)
     torch.manual_seed(5)

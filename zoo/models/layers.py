@@ -26,54 +26,73 @@ class Normalize(nn.Module):
 
 
 class Dropout(nn.Dropout):
-    """torch's dropout, whose draws cost a tenth on a CPU.
+    """torch's dropout, whose draws cost next to nothing on a CPU.
 
     torch draws one number after the other there, on one core where the processor is not Intel's: a
-    fifth of PilotNet's step on one core, more on several. Here numpy draws 64 bits for four values,
-    from a seed that torch draws. The rate is kept to 1/65536. To draw in several threads was no
-    gain: most of the time goes into memory, not into drawing.
+    fifth of PilotNet's step on one core, more on several. Here two tables are drawn once, and a
+    value's 16 bits are those of the one exclusive-or those of the other, each read from a place
+    that torch draws. So within a call all are independent, and so are those of two calls unless
+    both places lie equally far apart: one pair in a million. The rate is kept to 1/65536.
     """
 
     def forward(self, values: Tensor) -> Tensor:
-        small = values.numel() < 20_000  # where a call costs more than the draws
+        small = values.numel() < 4_000  # where torch's draws cost no more than these calls
         if not self.training or not 0 < self.p < 1 or values.device.type != "cpu" or small:
             return super().forward(values)
         last = values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last)
-        seed = torch.randint(2**62, ())
+        places = torch.randint(_PLACES, (2,))
         if torch.compiler.is_compiling():
-            return values * kept_values(seed, values.shape, self.p, last).to(values.dtype)
-        return values * _kept(seed, values.shape, self.p, last, values.dtype)
+            return values * kept_values(places, values.shape, self.p, last).to(values.dtype)
+        return values * _kept(places, values.shape, self.p, last, values.dtype)
 
 
 @library.custom_op("drivezoo::kept_values", mutates_args=())
-def kept_values(seed: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
+def kept_values(places: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     """What a dropout multiplies with, float32, for a compiled step, which need not look within.
 
-    It takes no values, so that the compiler can make one loop of what comes before and after; and a
-    seed that is drawn anew, so that it does not take two of the same shape for one.
+    It takes no values, so that the compiler can make one loop of what comes before and after; and
+    places that are drawn anew, so that it does not take two of the same shape for one.
     """
-    return _kept(seed, shape, rate, channels_last, torch.float32)
+    return _kept(places, shape, rate, channels_last, torch.float32)
 
 
 @kept_values.register_fake
-def _(seed: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
+def _(places: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     layout = torch.channels_last if channels_last else torch.contiguous_format
     return torch.empty(shape, memory_format=layout)
 
 
 def _kept(
-    seed: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
+    places: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
 ) -> Tensor:
     """0 with the chance `rate`, otherwise what keeps the mean."""
     count, dropped = math.prod(shape), round(rate * 2**16)
-    words = np.random.SFC64(int(seed)).random_raw(-(-count // 4))
-    bits = torch.from_numpy(words).view(torch.int16)[:count]
+    words = -(-count // 4)
+    one, other = (
+        table[place : place + words]
+        for table, place in zip(_tables(words), places.tolist(), strict=True)
+    )
+    bits = torch.bitwise_xor(one, other).view(torch.int16)[:count]
     kept = torch.empty(count, dtype=dtype)
     torch.ge(bits, dropped - 2**15, out=kept).mul_(1 / (1 - dropped / 2**16))
     if channels_last:
         samples, channels, height, width = shape
         return kept.view(samples, height, width, channels).permute(0, 3, 1, 2)
     return kept.view(shape)
+
+
+_PLACES = 2**20
+_drawn: list[Tensor] = []
+
+
+def _tables(words: int) -> list[Tensor]:
+    """Two of random words, int64, at least `words` from each place; a longer one begins alike."""
+    if not _drawn or len(_drawn[0]) < _PLACES + words:
+        _drawn[:] = (
+            torch.from_numpy(np.random.SFC64(seed).random_raw(_PLACES + words)).view(torch.int64)
+            for seed in (1, 2)
+        )
+    return _drawn
 
 
 def feature_shape(features: nn.Module, shape: tuple[int, int, int], name: str) -> torch.Size:
