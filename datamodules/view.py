@@ -50,15 +50,20 @@ class View:
         size = self.size or (FRAME_HEIGHT - sum(self.crop), FRAME_WIDTH)
         return (*size, 3 if self.colour in ("rgb", "yuv") else 1)
 
-    def __call__(self, frame: np.ndarray) -> np.ndarray:
-        """Frame uint8 [160, 320, 3] RGB -> uint8 [height, width, channels]."""
+    def __call__(self, frame: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Frame uint8 [160, 320, 3] RGB -> uint8 [height, width, channels], in `out` if given."""
         top, bottom = self.crop
         picture = CONVERSIONS[self.colour](frame[top : FRAME_HEIGHT - bottom])
         if self.size is not None:
             # By area: each pixel of the recording counts, so that thin lane lines do not flicker.
             height, width = self.size
-            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        return picture.reshape(self.shape)
+            picture = cv2.resize(picture, (width, height), dst=out, interpolation=cv2.INTER_AREA)
+        picture = picture.reshape(self.shape)
+        if out is None:
+            return picture
+        if not np.shares_memory(picture, out):
+            out[:] = picture
+        return out
 
     def to_dict(self) -> dict:
         """Plain containers, for a checkpoint; `View.from_dict` reads them back."""
