@@ -91,6 +91,10 @@ def machine() -> dict:
 def main(arguments: list[str]) -> int:
     """Print the table; 1 where a part failed."""
     console = make_console()
+    for word in arguments:
+        if word not in ("short", "readme") and not word.startswith("ONLY="):
+            console.print(f"bench: {word}: is none of ONLY=PART,PART, short and readme")
+            return 1
     names = part_names()
     wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
     chosen = [name for one in wanted for name in one.split(",") if name] or usual_parts(console)

@@ -23,7 +23,7 @@ from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.config import choices, compose_config
 
-FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 1.5
+FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 1.2
 CONSTANT = "a constant"
 TURNS = 3  # of nvidia, driving and not
 
@@ -67,7 +67,7 @@ def measure(short: bool) -> list[Row]:
         if name == "nvidia":
             ours.append(one)
             warm.append(forward_ms("nvidia", 20 if short else 300))
-            alone.append(forward_ms("nvidia", 20 if short else 90, 1 / FPS))
+            alone.append(forward_ms("nvidia", 20 if short else 60, 1 / FPS))
     rows = [
         Row(
             f"the driver with {name}, telemetry answered",

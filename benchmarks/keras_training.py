@@ -22,21 +22,35 @@ INSTALL = (
 
 
 def measure(short: bool) -> list[Row]:
-    """Samples a second of `python -m zoo`, as a multiple of the Keras solution's."""
+    """Samples a second of `python -m zoo`, as a multiple of the Keras solution's; and in bf16."""
     batches, steps, rounds = (2, 2, 1) if short else (24, 30, 5)
     python = os.environ.get("KERAS_PYTHON")
     if not python:
         raise SystemExit(f"keras_training: {INSTALL}")
     from training import BATCH, run_zoo  # takes seconds
 
+    from zoo.process import multiplies_bf16
+
+    half = "trainer.precision=bf16-mixed"
+    targets = {"zoo/s": (run_zoo, batches)}
+    targets |= {"zoo, bf16/s": (run_zoo, batches, half)} if multiplies_bf16() else {}
     log = linked_recording(ROWS) / "driving_log.csv"
     with ExitStack() as stack:
         theirs, name = stack.enter_context(keras_process(python, log, steps))
-        ours = stack.enter_context(contestants({"zoo/s": (run_zoo, batches)}))
+        ours = stack.enter_context(contestants(targets))
         found = take_turns({**ours, "Keras/s": theirs}, rounds)
     what = f"training nvidia, batch {BATCH}, augmented"
     reference = f"{name}, its own generator, batch 40"
-    return [Row(what, reference, median_ratio(*found.values()), 3.2, True, medians(found))]
+    return [
+        Row(
+            what + ours.removeprefix("zoo").removesuffix("/s"),
+            reference,
+            median_ratio(found[ours], found["Keras/s"]),
+            3.2,
+            figures=medians({name: found[name] for name in (ours, "Keras/s")}),
+        )
+        for ours in targets
+    ]
 
 
 @contextmanager

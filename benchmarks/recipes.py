@@ -34,6 +34,7 @@ class Recipe:
 # often is the first, as rows of an expert in the middle reward a network that hardly steers.
 LAST = ("schedule=cosine", "callbacks=published", "callbacks.best.monitor=train/loss")
 BENDS = "augment=[brightness,bend]"
+HALF = "trainer.precision=bf16-mixed"
 NO_BONNET = ("data.crop=[60,40]", "data.offset=0.4", "optim.lr=0.003", "trainer.max_epochs=20")
 
 
@@ -66,8 +67,9 @@ def table_recipes() -> list[Recipe]:
     return [
         Recipe("lenet", "published", ("experiment=lenet",)),
         Recipe("lenet", "with bends", ("experiment=lenet", BENDS)),
-        Recipe("nvidia", "published, quick", ("experiment=pilotnet", "quick=true")),
+        Recipe("nvidia", "published", ("experiment=pilotnet",)),
         Recipe("nvidia", "with bends", ("model=nvidia", BENDS, *best)),
+        Recipe("nvidia", "with bends, bf16", ("model=nvidia", BENDS, *best, HALF)),
         Recipe("commaai", "published, quick", ("experiment=commaai", "quick=true")),
         Recipe("commaai", "with bends, cropped", ("model=commaai", *cropped)),
         Recipe("tiny", "published", ("experiment=tiny41",)),

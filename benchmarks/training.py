@@ -20,15 +20,17 @@ from material import AUGMENT, OUT, config_for, linked_recording
 from rich.console import Console
 from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
+from zoo.process import multiplies_bf16
 from zoo.waiting import LOOK_EVERY_S, QUIET_LOOKS
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
-ROUND_S = 1.5  # a loop goes on for so long, however slow a busy machine makes it
+ROUND_S = 1.0  # a loop goes on for so long, however slow a busy machine makes it
 SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 
 def measure(short: bool) -> list[Row]:
-    """Three rows: against the DataLoader, against the bare loop, and that against torch's."""
+    """Against the DataLoader, against the bare loop, and that against torch's; and in bf16, where
+    the processor has instructions for that."""
     batches, rounds = (2, 1) if short else (24, 3)
     seconds = 0.1 if short else ROUND_S
     targets = {
@@ -37,6 +39,8 @@ def measure(short: bool) -> list[Row]:
         "bare by default/s": (run_bare, seconds, False),
         "sample by sample/s": (run_samples, seconds),
     }
+    if multiplies_bf16():
+        targets["zoo, bf16/s"] = run_zoo, batches, "trainer.precision=bf16-mixed"
     linked_recording(ROWS)  # once, not by each of them
     with contestants(targets) as measures:
         found = take_turns(measures, rounds)
@@ -46,11 +50,15 @@ def measure(short: bool) -> list[Row]:
     memory = "a bare loop on tensors in memory"
     bare = "that bare loop: memory kept, channels last, fused Adam, our dropout"
     defaults = "eager, torch's defaults"
-    return [
+    rows = [
         _row(found, what, loader, "zoo/s", "sample by sample/s", aim=3.6),
         _row(found, whole, f"{memory}, same settings", "zoo/s", "bare loop/s", aim=0.9),
         _row(found, bare, defaults, "bare loop/s", "bare by default/s", aim=1.75),
     ]
+    if "zoo, bf16/s" in found:
+        half = _row(found, f"{what}, bf16", loader, "zoo, bf16/s", "sample by sample/s", aim=3.6)
+        rows.insert(1, half)
+    return rows
 
 
 def _row(found: dict[str, list[float]], what: str, reference: str, *names: str, aim: float) -> Row:
@@ -84,8 +92,9 @@ class EpochByEpoch(lightning.Callback):
             self.pipe.send((module.train_samples - self.samples) / self.seconds)
 
 
-def run_zoo(pipe: Connection, batches: int) -> None:
-    """`python -m zoo`, of which a round is an epoch or two; what it prints is dropped."""
+def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
+    """`python -m zoo` with more overrides, of which a round is an epoch or two; what it prints is
+    dropped."""
     from unittest.mock import patch
 
     from zoo import build, experiment
@@ -99,6 +108,7 @@ def run_zoo(pipe: Connection, batches: int) -> None:
         f"data.samples_per_epoch={batches * BATCH}",
         "trainer.max_epochs=10000",
         "trainer.accelerator=cpu",
+        *more,
     )
     made = build.build_trainer
 
@@ -109,7 +119,7 @@ def run_zoo(pipe: Connection, batches: int) -> None:
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     with patch.object(experiment, "build_trainer", with_turns):
-        experiment.run_experiment(config, OUT / "run")
+        experiment.run_experiment(config, OUT / "-".join(["run", *more]))
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:

@@ -38,8 +38,11 @@ def zoo(arguments: list[str]) -> None:
         return
 
     failures: list[Exception] = []
+    began = False
 
     def train(config: DictConfig) -> float:
+        nonlocal began
+        began = True
         from zoo.experiment import run_experiment
 
         try:
@@ -57,6 +60,13 @@ def zoo(arguments: list[str]) -> None:
         hydra.main(version_base="1.3", config_path=conf, config_name="config")(train)()
     except KeyboardInterrupt as error:
         raise StoppedError(str(error) or "stopped") from None
+    except OSError as error:
+        if began:
+            raise
+        raise InputError(
+            f"{error.filename}: cannot be made the run's folder ({error.strerror}); set "
+            "hydra.run.dir=FOLDER to another"
+        ) from error
     if failures:
         raise failures[0]
 

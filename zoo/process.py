@@ -2,6 +2,7 @@
 
 import ctypes
 import platform
+from pathlib import Path
 
 # glibc's names for them, from malloc.h, and the largest block that its heap may hold.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
@@ -19,3 +20,12 @@ def keep_freed_memory() -> bool:
     mallopt = ctypes.CDLL(None).mallopt
     kept = mallopt(_M_MMAP_THRESHOLD, _LARGEST_HEAP_BLOCK)
     return bool(kept and mallopt(_M_TRIM_THRESHOLD, 2**31 - 1))
+
+
+def multiplies_bf16(cpuinfo: Path = Path("/proc/cpuinfo")) -> bool | None:
+    """Whether this processor has instructions for bfloat16; None where Linux does not tell."""
+    try:
+        words = set(cpuinfo.read_text().split())
+    except OSError:
+        return None
+    return not words.isdisjoint({"avx512_bf16", "amx_bf16", "bf16"})  # the last is ARM's

@@ -68,6 +68,13 @@ def test_a_typo_gets_one_line_with_the_nearest_valid(
     assert list(tmp_path.iterdir()) == [], "a typo leaves nothing behind"
 
 
+def test_a_file_where_the_runs_folder_is_to_be_gets_one_line(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("mine")
+    line = only_line(run(tmp_path, "hydra.run.dir=taken"))
+    assert "taken: cannot be made the run's folder (File exists); set hydra.run.dir=" in line
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
 def test_a_path_that_exists_is_taken_as_it_stands(tmp_path: Path) -> None:
     odd = tmp_path / "my 'run'=1 [a], (b)"
     odd.mkdir()

@@ -1,12 +1,15 @@
 """A training's pace, which must not change what is learnt."""
 
+from io import StringIO
 from pathlib import Path
 
 import pytest
 import torch
+from rich.console import Console
 
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
+from zoo import pace
 from zoo.compilation import find_compiler
 from zoo.pace import TOGETHER
 
@@ -77,3 +80,15 @@ def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
     assert plain.keys() == compiled.keys(), "a checkpoint of either loads anywhere"
     for name, tensor in plain.items():
         torch.testing.assert_close(compiled[name], tensor, rtol=0.02, atol=2e-4)
+
+
+@pytest.mark.parametrize(("precision", "said"), [("bf16-mixed", True), ("32-true", False)])
+def test_bf16_that_the_processor_does_not_know_is_said(
+    precision: str, said: bool, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pace, "multiplies_bf16", lambda: False)
+    console = Console(file=StringIO(), width=200)
+    overrides = ("model=tiny", "data.crop=[50,0]", "trainer.max_epochs=1")
+    overrides += ("trainer.accelerator=cpu", f"trainer.precision={precision}")
+    train_here(recorded, tmp_path, *overrides, console=console)
+    assert ("has no instructions for it" in console.file.getvalue()) is said

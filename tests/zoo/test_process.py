@@ -1,4 +1,4 @@
-"""The allocator, in processes of its own."""
+"""The allocator, in processes of its own; the processor."""
 
 import platform
 import subprocess
@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from zoo.process import multiplies_bf16
 
 # Takes and gives back the blocks of a training step, and says how often the kernel had to help.
 STEPS = """
@@ -36,3 +38,15 @@ def run(code: str, *arguments: str) -> str:
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone gives memory back")
 def test_freed_memory_is_kept() -> None:
     assert int(run(STEPS, "keep")) < 0.1 * int(run(STEPS))
+
+
+@pytest.mark.parametrize(
+    ("flags", "expected"),
+    [("flags : avx512f avx512_bf16 fma", True), ("Features : bf16 i8mm", True), ("avx2", False)],
+)
+def test_the_processor_says_whether_it_multiplies_bf16(
+    flags: str, expected: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "cpuinfo").write_text(flags)
+    assert multiplies_bf16(tmp_path / "cpuinfo") is expected
+    assert multiplies_bf16(tmp_path / "none") is None

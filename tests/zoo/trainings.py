@@ -14,7 +14,11 @@ from zoo.steering_module import SteeringModule
 
 
 def train_here(
-    recorded: Written, folder: Path, *overrides: str, together: int | None = None
+    recorded: Written,
+    folder: Path,
+    *overrides: str,
+    together: int | None = None,
+    console: Console | None = None,
 ) -> tuple[SteeringModule, DrivingData]:
     """What was trained, and on what; with `together`, on so many batches at a time."""
     base = (
@@ -30,7 +34,7 @@ def train_here(
     module = build_module(config, data, {})
     folder.mkdir(exist_ok=True)
     trainer = build_trainer(config, folder, has_validation=True)
-    set_pace(config, module, data, trainer, Console(quiet=True))
+    set_pace(config, module, data, trainer, console or Console(quiet=True))
     if together:
         data.batches_together = together
     trainer.fit(module, datamodule=data)
