@@ -113,3 +113,14 @@ def test_bad_size(size):
 def test_unknown_colour_names_those_there_are(colour):
     with pytest.raises(InputError, match=r"model\.colour=.*rgb, yuv, gray, hsv_s"):
         View((0, 0), colour, None)
+
+
+@pytest.mark.parametrize(("crop", "colour", "size", "shape"), SHAPE_CASES)
+def test_out_takes_the_same_and_nothing_beside_it(
+    crop: tuple, colour: str, size: tuple | None, shape: tuple, frame: np.ndarray
+) -> None:
+    """As the cache is filled: into one of several, whose neighbours stay as they are."""
+    view, several = View(crop, colour, size), np.full((3, *shape), 7, np.uint8)
+    assert view(frame, out=several[1]).base is several
+    assert np.array_equal(several[1], view(frame))
+    assert (several[[0, 2]] == 7).all()
