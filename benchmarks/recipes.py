@@ -67,7 +67,7 @@ def table_recipes() -> list[Recipe]:
     return [
         Recipe("lenet", "published", ("experiment=lenet",)),
         Recipe("lenet", "with bends", ("experiment=lenet", BENDS)),
-        Recipe("nvidia", "published", ("experiment=pilotnet",)),
+        Recipe("nvidia", "published", ("experiment=pilotnet",), seeds=2),
         Recipe("nvidia", "with bends", ("model=nvidia", BENDS, *best)),
         Recipe("nvidia", "with bends, bf16", ("model=nvidia", BENDS, *best, HALF)),
         Recipe("commaai", "published, quick", ("experiment=commaai", "quick=true")),
