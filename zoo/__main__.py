@@ -6,6 +6,7 @@ from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
@@ -61,7 +62,7 @@ def zoo(arguments: list[str]) -> None:
     except KeyboardInterrupt as error:
         raise StoppedError(str(error) or "stopped") from None
     except OSError as error:
-        if began:
+        if began or isinstance(error, HydraException):  # of a config that is missing
             raise
         raise InputError(
             f"{error.filename}: cannot be made the run's folder ({error.strerror}); set "
