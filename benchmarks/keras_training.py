@@ -27,13 +27,9 @@ def measure(short: bool) -> list[Row]:
     python = os.environ.get("KERAS_PYTHON")
     if not python:
         raise SystemExit(f"keras_training: {INSTALL}")
-    from training import BATCH, run_zoo  # takes seconds
+    from training import BATCH, zoo_targets  # takes seconds
 
-    from zoo.process import multiplies_bf16
-
-    half = "trainer.precision=bf16-mixed"
-    targets = {"zoo/s": (run_zoo, batches)}
-    targets |= {"zoo, bf16/s": (run_zoo, batches, half)} if multiplies_bf16() else {}
+    targets = zoo_targets(batches)
     log = linked_recording(ROWS) / "driving_log.csv"
     with ExitStack() as stack:
         theirs, name = stack.enter_context(keras_process(python, log, steps))

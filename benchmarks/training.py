@@ -25,6 +25,7 @@ from zoo.waiting import LOOK_EVERY_S, QUIET_LOOKS
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.0  # a loop goes on for so long, however slow a busy machine makes it
+HALF = "zoo, bf16/s"
 SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 
@@ -34,13 +35,11 @@ def measure(short: bool) -> list[Row]:
     batches, rounds = (2, 1) if short else (24, 3)
     seconds = 0.1 if short else ROUND_S
     targets = {
-        "zoo/s": (run_zoo, batches),
+        **zoo_targets(batches),
         "bare loop/s": (run_bare, seconds, True),
         "bare by default/s": (run_bare, seconds, False),
         "sample by sample/s": (run_samples, seconds),
     }
-    if multiplies_bf16():
-        targets["zoo, bf16/s"] = run_zoo, batches, "trainer.precision=bf16-mixed"
     linked_recording(ROWS)  # once, not by each of them
     with contestants(targets) as measures:
         found = take_turns(measures, rounds)
@@ -55,10 +54,18 @@ def measure(short: bool) -> list[Row]:
         _row(found, whole, f"{memory}, same settings", "zoo/s", "bare loop/s", aim=0.9),
         _row(found, bare, defaults, "bare loop/s", "bare by default/s", aim=1.75),
     ]
-    if "zoo, bf16/s" in found:
-        half = _row(found, f"{what}, bf16", loader, "zoo, bf16/s", "sample by sample/s", aim=3.6)
+    if HALF in found:
+        half = _row(found, f"{what}, bf16", loader, HALF, "sample by sample/s", aim=3.6)
         rows.insert(1, half)
     return rows
+
+
+def zoo_targets(batches: int) -> dict[str, tuple]:
+    """`python -m zoo` as contestants; in bf16, too, where the processor has instructions for it."""
+    targets = {"zoo/s": (run_zoo, batches)}
+    if multiplies_bf16():
+        targets[HALF] = run_zoo, batches, "trainer.precision=bf16-mixed"
+    return targets
 
 
 def _row(found: dict[str, list[float]], what: str, reference: str, *names: str, aim: float) -> Row:

@@ -88,13 +88,9 @@ def _checked_last(last: Path, card: dict, module: SteeringModule) -> Path:
             f"({card['data']['fingerprint']}); bring the recording back, or start a new run with "
             f"model.weights={last}"
         )
-    then, now = (
-        [len(group["params"]) for group in groups]
-        for groups in (
-            checkpoint["optimizer_states"][0]["param_groups"],
-            module.configure_optimizers()["optimizer"].param_groups,
-        )
-    )
+    saved = checkpoint["optimizer_states"][0]["param_groups"]
+    made = module.configure_optimizers()["optimizer"].param_groups
+    then, now = ([len(group["params"]) for group in groups] for groups in (saved, made))
     if then != now:
         raise InputError(
             f"{last}: its optimizer held groups of {then} parameters, with these settings (optim, "
