@@ -6,6 +6,7 @@ from pathlib import Path
 
 import lightning
 import torch
+from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -19,6 +20,7 @@ from zoo.embedded_recording import apply_recording
 from zoo.frozen_front import feed_cached_features, random_front_lines
 from zoo.outcome import report_outcome
 from zoo.pace import set_pace
+from zoo.scoring.candidates import choose_best, restore_monitored
 from zoo.scoring.tracks import run_options
 from zoo.status import StoppedError, is_first_process, run_status
 from zoo.steering_module import SteeringModule
@@ -57,6 +59,8 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         module = build_module(config, data, card)
         last = folder / "checkpoints" / "last.ckpt"
         start = _checked_last(last, card, module) if resume and last.is_file() else None
+        if start is not None and first:
+            restore_monitored(folder)
         if start is not None:  # what is computed before training begins wants its weights, too
             load_weights(module.network, str(start))
         elif config.model.weights is not None:
@@ -73,8 +77,11 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
                 _fit(trainer, module, data, start, folder)
             if not trainer.is_global_zero:
                 return float("nan")
+            choice = choose_best(score, _monitor(trainer), folder, console)
             _take_best(module, folder)
-            return report_outcome(config, score, folder, module, data, trainer, console, started)
+            return report_outcome(
+                config, score, choice, folder, module, data, trainer, console, started
+            )
 
 
 def _checked_last(last: Path, card: dict, module: SteeringModule) -> Path:
@@ -161,6 +168,16 @@ def _fit(
 
 def _resume_command(folder: Path) -> str:
     return shlex.join(["python", "-m", "zoo", f"resume={folder}"])
+
+
+def _monitor(trainer: lightning.Trainer) -> str | None:
+    """Return the figure by which `best.ckpt` was kept; None where the last epoch's was."""
+    names = {
+        Path(one.filename or "").stem: one.monitor
+        for one in trainer.callbacks
+        if isinstance(one, ModelCheckpoint)
+    }
+    return names.get("best")
 
 
 def _take_best(module: SteeringModule, folder: Path) -> None:

@@ -23,8 +23,8 @@ from zoo.checkpoint import read_checkpoint_file
 from zoo.code_fingerprint import code_fingerprint
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering, side_response
 from zoo.report import write_report
-from zoo.scoring.options import EvaluateOptions
-from zoo.scoring.tracks import score_run
+from zoo.scoring.candidates import Choice
+from zoo.scoring.tracks import RunScore, score_run
 from zoo.steering_module import SteeringModule
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
@@ -32,7 +32,8 @@ PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-h
 
 def report_outcome(
     config: DictConfig,
-    score: EvaluateOptions | None,
+    score: RunScore | None,
+    choice: Choice | None,
     folder: Path,
     module: SteeringModule,
     data: DrivingData,
@@ -87,6 +88,7 @@ def report_outcome(
         "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
         "epochs": trainer.current_epoch,
         "best_epoch": best,
+        "choice": choice.plain() if choice else None,
         "samples_per_second": samples / seconds if seconds else None,
         "seconds_per_epoch": seconds / module.train_epochs if seconds else None,
         "wall_s": time.perf_counter() - started,

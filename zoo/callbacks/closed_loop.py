@@ -2,6 +2,7 @@
 
 import copy
 import time
+from pathlib import Path
 
 import lightning
 import numpy as np
@@ -13,6 +14,7 @@ from datamodules.errors import InputError
 from datamodules.view import View
 
 MONITORED = "drive/"
+DRIVEN = "driven.ckpt"
 
 
 class ClosedLoop(lightning.Callback):
@@ -21,6 +23,9 @@ class ClosedLoop(lightning.Callback):
     Logs `drive/autonomy` (0..1), `drive/interventions`, `drive/cte_mean` and `drive/cte_max`
     (metres), and `drive/score` (see `zoo.scoring.driving_score`), which checkpoints and early
     stopping can monitor. They keep their last value through epochs that are not driven.
+
+    The weights with the highest `drive/score` are kept as `checkpoints/driven.ckpt`: a candidate
+    for `best.ckpt` at the end of the run.
 
     Drives a copy of the network on the CPU: training goes on as if nothing had been. Under several
     processes the first one drives, the others wait for its figures.
@@ -60,6 +65,7 @@ class ClosedLoop(lightning.Callback):
         self.metres, self.speed, self.share, self.quality = metres, speed, share, quality
         self.world = None
         self.drives, self.spent_s, self.last_s = 0, 0.0, 0.0
+        self.best_score = float("-inf")
         self.cost: dict[str, float] | None = None  # of all drives in training, once it is over
 
     def on_fit_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
@@ -93,6 +99,15 @@ class ClosedLoop(lightning.Callback):
         if figures is not None:
             logged = {f"{MONITORED}{key}": float(value) for key, value in figures.items()}
             module.log_dict(logged, on_step=False, on_epoch=True, sync_dist=True)
+            if figures["score"] > self.best_score:
+                self.best_score = figures["score"]
+                trainer.save_checkpoint(Path(trainer.default_root_dir) / "checkpoints" / DRIVEN)
+
+    def state_dict(self) -> dict:
+        return {"best_score": self.best_score}
+
+    def load_state_dict(self, state: dict) -> None:
+        self.best_score = state.get("best_score", float("-inf"))
 
     def on_train_end(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
         trained_s = self._trained_s()

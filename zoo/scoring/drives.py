@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import track as show_progress
 
 from datamodules.errors import InputError
+from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
@@ -91,18 +92,22 @@ def check_throttle(policy: Policy, throttle: str) -> None:
 
 
 def drive_all(
-    checkpoint: str,
+    checkpoint: str | Sequence[str],
     setups: Sequence[Setup],
     folders: Sequence[Path | None],
     workers: int,
     console: Console,
 ) -> list[dict]:
-    """The figures of each drive, in the order of the setups, whatever the number of workers.
+    """Return the figures of each drive, in the order of the setups, whatever the number of workers.
+
+    Args:
+        checkpoint: one for all drives, or a list with one for each.
 
     Raises:
         InputError: the processes were killed, as where memory ran out.
     """
-    jobs = [(checkpoint, *pair) for pair in zip(setups, folders, strict=True)]
+    drivers = [checkpoint] * len(setups) if isinstance(checkpoint, str) else checkpoint
+    jobs = list(zip(drivers, setups, folders, strict=True))
     done = show_progress(
         drive_in_processes(drive_once, jobs, workers),
         f"driving {len(setups)} x {setups[0].laps:g} laps",
@@ -144,9 +149,16 @@ def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, 
 
 
 def open_setup(setup: Setup, renderer: str) -> World:
-    return open_world(
-        setup.track, renderer, setup.quality, setup.frame_rate, setup.delay_s, setup.direction
-    )
+    """Open the world that a setup is driven in.
+
+    Raises:
+        InputError: it cannot be opened, as without a renderer.
+    """
+    place = (setup.quality, setup.frame_rate, setup.delay_s, setup.direction)
+    try:
+        return open_world(setup.track, renderer, *place)
+    except SimulatorError as error:
+        raise InputError(str(error)) from None
 
 
 def drive_setup(

@@ -60,8 +60,19 @@ def score_on_tracks(
     return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
 
 
-def run_options(score: DictConfig | None) -> EvaluateOptions | None:
-    """The options of a run's `score`, checked before it trains; None for `score=none`.
+@dataclass(frozen=True)
+class RunScore(EvaluateOptions):
+    """The options of a run's `score`: those of an evaluation, and the choice before it.
+
+    Args:
+        candidate_laps: laps that each candidate for `best.ckpt` is driven; 0 drives none.
+    """
+
+    candidate_laps: float = 1.0
+
+
+def run_options(score: DictConfig | None) -> RunScore | None:
+    """Read the options of a run's `score`, checked before it trains; None for `score=none`.
 
     Raises:
         InputError: a key that is none, or an option that cannot be.
@@ -69,15 +80,17 @@ def run_options(score: DictConfig | None) -> EvaluateOptions | None:
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
         return None
-    known = {field.name for field in fields(EvaluateOptions)} - {"out", "perturb"}
+    known = {field.name for field in fields(RunScore)} - {"out", "perturb"}
     unknown = sorted(set(settings) - known)
     if unknown:
         raise InputError(f"score.{unknown[0]}: no such key; there are {', '.join(sorted(known))}")
     if not isinstance(settings.get("track", ""), str):
         settings["track"] = ",".join(settings["track"])
-    options = EvaluateOptions(**settings)
+    options = RunScore(**settings)
     try:
         check_options(options)
+        if not 0 <= options.candidate_laps <= 1000:
+            raise InputError(f"candidate_laps={options.candidate_laps:g}: must be in 0..1000")
     except TypeError:
         raise InputError("score: a number is not one; look at conf/score/lake.yaml") from None
     except InputError as error:

@@ -1,0 +1,34 @@
+"""Checkpoints of a network that looks at nothing and always steers alike."""
+
+from pathlib import Path
+
+import torch
+
+from datamodules.view import View
+from zoo.checkpoint import make_card, make_network
+
+
+def write_constant(path: Path, steering: float, epoch: int = 0, **config: object) -> Path:
+    """Write a checkpoint of `model=linear` that always answers `steering`, -1..1.
+
+    Args:
+        epoch: the epoch after which it was saved, 0 is the first.
+        config: further sections of the card's config, beside `model`.
+    """
+    model = {
+        "_target_": "zoo.models.linear.Linear",
+        "name": "linear",
+        "colour": "hsv_s",
+        "size": [1, 14],
+        "weights": None,
+    }
+    view = View([60, 40], "hsv_s", [1, 14])
+    network = make_network(model, view)
+    with torch.no_grad():
+        network.head.weight.zero_()
+        network.head.bias.fill_(steering)
+    card = make_card({"model": model, **config}, view, {"fingerprint": "0" * 16, "rows": 10})
+    state = {f"network.{name}": one for name, one in network.state_dict().items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    torch.save({"drivezoo": card, "state_dict": state, "epoch": epoch}, path)
+    return path
