@@ -9,7 +9,8 @@ from zoo.scoring.intervals import wilson_interval
 def test_the_examples_in_the_docstrings_run() -> None:
     results = doctest.testmod(intervals)
 
-    assert results.attempted > 0 and not results.failed
+    assert results.attempted > 0
+    assert not results.failed
 
 
 def test_a_wider_confidence_gives_a_wider_interval() -> None:
