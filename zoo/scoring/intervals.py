@@ -1,0 +1,59 @@
+"""Confidence intervals of a share: how much a few drives can show."""
+
+import math
+from statistics import NormalDist
+
+
+def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Return the Wilson score interval of a share, from 0 to 1.
+
+    Wilson 1927, "Probable inference, the law of succession, and statistical inference". Unlike
+    mean ± deviation it says something where all trials, or none, succeeded.
+
+    Args:
+        successes: number of trials that succeeded.
+        trials: number of trials; 0 gives (0.0, 1.0).
+        confidence: how often such intervals contain the true share.
+
+    >>> low, high = wilson_interval(3, 3)
+    >>> round(low, 4), high
+    (0.4385, 1.0)
+    >>> [round(bound, 3) for bound in wilson_interval(2, 5)]
+    [0.118, 0.769]
+    >>> wilson_interval(0, 0)
+    (0.0, 1.0)
+    """
+    if not 0 <= successes <= trials:
+        raise ValueError(f"{successes} of {trials}: must be from 0 to the number of trials")
+    if not trials:
+        return 0.0, 1.0
+    z = NormalDist().inv_cdf(0.5 + confidence / 2)
+    share, scale = successes / trials, 1 + z**2 / trials
+    centre = (share + z**2 / (2 * trials)) / scale
+    half = z / scale * math.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
+    low = 0.0 if successes == 0 else centre - half
+    high = 1.0 if successes == trials else centre + half
+    return low, high
+
+
+def count_with_interval(successes: int, trials: int) -> str:
+    """Return a count with the 95 % interval of its share.
+
+    >>> count_with_interval(3, 3)
+    '3 of 3 (95 %: 44 % or more)'
+    >>> count_with_interval(0, 3)
+    '0 of 3 (95 %: 56 % or less)'
+    >>> count_with_interval(2, 5)
+    '2 of 5 (95 %: 12 to 77 %)'
+    >>> count_with_interval(0, 0)
+    '0 of 0'
+    """
+    counted = f"{successes} of {trials}"
+    if not trials:
+        return counted
+    low, high = (f"{100 * bound:.0f}" for bound in wilson_interval(successes, trials))
+    if successes == trials:
+        return f"{counted} (95 %: {low} % or more)"
+    if successes == 0:
+        return f"{counted} (95 %: {high} % or less)"
+    return f"{counted} (95 %: {low} to {high} %)"
