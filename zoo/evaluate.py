@@ -37,6 +37,8 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     from zoo.scoring.robustness import perturbations_named, sweeps
     from zoo.scoring.table import drives_table
     from zoo.scoring.tracks import score_on_tracks
+    from zoo.verdict.evidence import read_evidence
+    from zoo.verdict.judgement import judge, print_verdict
 
     # What is wrong with it is said before processes start.
     policy = load_policy(checkpoint)
@@ -60,8 +62,11 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
             for name, by_value in results.items()
         }
         _show_sweeps(results, usual, folder, console)
+    verdict = judge(scores.drives, read_evidence(checkpoint, policy.config))
+    metrics["verdict"] = verdict.plain()
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1, allow_nan=False) + "\n")
     console.print(str(folder), highlight=False, markup=False, soft_wrap=True)
+    print_verdict(verdict, console)
     return metrics
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import lightning
 import numpy as np
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
 
@@ -26,6 +26,8 @@ from zoo.report import write_report
 from zoo.scoring.candidates import Choice
 from zoo.scoring.tracks import RunScore, score_run
 from zoo.steering_module import SteeringModule
+from zoo.verdict.evidence import Evidence, read_overrides
+from zoo.verdict.judgement import judge, print_verdict
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
@@ -87,6 +89,7 @@ def report_outcome(
         "closed_loop": closed_loop,
         "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
         "epochs": trainer.current_epoch,
+        "train_samples": samples // max(module.train_epochs, 1) * trainer.current_epoch,
         "best_epoch": best,
         "choice": choice.plain() if choice else None,
         "samples_per_second": samples / seconds if seconds else None,
@@ -104,6 +107,14 @@ def report_outcome(
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},
     }
+    evidence = Evidence(
+        str(folder / "checkpoints" / "best.ckpt"),
+        OmegaConf.to_container(config, resolve=True),
+        metrics,
+        read_overrides(folder),
+    )
+    verdict = judge(drive["drives"] if drive else [], evidence)
+    metrics["verdict"] = verdict.plain()
     (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
     if seconds:
         console.print(
@@ -117,6 +128,7 @@ def report_outcome(
         page = f"no report: {error}"
     for line in (folder / "checkpoints" / "best.ckpt", page):
         console.print(str(line), highlight=False, markup=False)
+    print_verdict(verdict, console)
     return figures.get("val", {}).get("mse", float("nan"))
 
 

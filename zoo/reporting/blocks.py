@@ -126,6 +126,25 @@ class Heading:
 
 
 @dataclass(frozen=True)
+class Box:
+    """A coloured box on top of the page: what the reader came to know.
+
+    Attributes:
+        kind: `good`, `warn` or `bad`, which decides the colour.
+        title: in a few words.
+        lines: paragraphs.
+        items: short lines below them, a point each.
+        commands: what to type next, each with what it is for.
+    """
+
+    kind: str
+    title: str
+    lines: list[str]
+    items: list[str]
+    commands: list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class Fold:
     """What most readers pass over: shut until it is clicked."""
 
@@ -133,7 +152,7 @@ class Fold:
     blocks: list["Block"]
 
 
-Block = Text | Missing | Bullets | Tiles | Rows | Pictures | Film | Code | Heading | Fold
+Block = Text | Missing | Bullets | Tiles | Rows | Pictures | Film | Code | Heading | Box | Fold
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,5 @@
 """The last sections: settings and the command to repeat a run, and the model card."""
 
-import re
-import shlex
-
 import numpy as np
 from omegaconf import OmegaConf
 
@@ -19,6 +16,7 @@ from zoo.reporting.blocks import (
 )
 from zoo.reporting.run import Run
 from zoo.reporting.training_section import worse_than_nothing
+from zoo.verdict.evidence import training_command
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
 KEYBOARD = 0.4  # of steering exactly 0 and above: a keyboard's, as a rule
@@ -35,9 +33,7 @@ def card_blocks(run: Run) -> list[Block]:
 
 
 def _command(run: Run) -> list[Block]:
-    # Paths were quoted for Hydra on the way in; one of plain signs needs that no more than before.
-    typed = [re.sub(r"='([\w./-]+)'$", r"=\1", str(one)) for one in run.overrides]
-    command = shlex.join(["python", "-m", "zoo", *typed])
+    command = training_command([str(one) for one in run.overrides], {})
     return [
         Text(
             "From the folder that it was started in. With the same versions, on a CPU with the "

@@ -1,7 +1,11 @@
 """The first words of a write-up: what this is, and how well it drives."""
 
-from zoo.reporting.blocks import Block, Missing, MissingError, Text, Tile, Tiles
+from zoo.reporting.blocks import Block, Box, Missing, MissingError, Text, Tile, Tiles
 from zoo.reporting.run import Run
+from zoo.verdict.evidence import Evidence
+from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
+
+KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
 
 
 def title(run: Run) -> str:
@@ -12,13 +16,31 @@ def title(run: Run) -> str:
 
 def headline_blocks(run: Run) -> list[Block]:
     """What it is in a sentence, and the figures: autonomy, cross-track error, open-loop."""
-    blocks: list[Block] = [Text(_what(run))]
+    blocks: list[Block] = [*_verdict(run), Text(_what(run))]
     if run.ended_early:
         blocks.append(Missing(run.ended_early))
-    elif not run.tracks:
-        blocks.append(Missing("It was not driven: nothing here says that it stays on a road."))
     tiles = [*_driving(run), *_open_loop(run)]
     return blocks + ([Tiles(tiles)] if tiles else [])
+
+
+def _verdict(run: Run) -> list[Block]:
+    """The verdict as a box; nothing for a run that has not finished."""
+    if not run.metrics or run.ended_early:
+        return []
+    path = str(run.folder / "checkpoints" / "best.ckpt")
+    evidence = Evidence(path, run.config, run.metrics, tuple(map(str, run.overrides)))
+    verdict = judge([one.summary for one in run.drives], evidence)
+    lines = [*verdict.tracks, verdict.certainty]
+    lines += ["Likely causes:"] if verdict.causes else []
+    return [
+        Box(
+            KINDS[verdict.level],
+            verdict.headline,
+            lines,
+            list(verdict.causes),
+            list(verdict.commands),
+        )
+    ]
 
 
 def _what(run: Run) -> str:

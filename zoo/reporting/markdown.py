@@ -5,6 +5,7 @@ from pathlib import Path
 
 from zoo.reporting.blocks import (
     Block,
+    Box,
     Bullets,
     Code,
     Film,
@@ -52,6 +53,11 @@ def _block(block: Block, folder: Path) -> str:
         case Code(text):
             fence = "````" if "```" in text else "```"
             return f"{fence}\n{text.rstrip()}\n{fence}"
+        case Box(_, title, lines, items, commands):
+            bullets = "\n".join(f"- {_plain(item)}" for item in items)
+            typed = [f"{_plain(purpose)}:\n\n    {command}" for purpose, command in commands]
+            parts = [f"**{_plain(title)}**", *map(_plain, lines), bullets, *typed]
+            return "\n\n".join(part for part in parts if part)
         case Fold(title, blocks):
             inner = "\n\n".join(_block(one, folder) for one in blocks)
             return f"<details><summary>{_plain(title)}</summary>\n\n{inner}\n\n</details>"

@@ -125,6 +125,7 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
         "laps": options.laps,
         "seeds": options.seeds,
         "tracks": found.tracks,
+        "drives": found.drives,
     }
 
 

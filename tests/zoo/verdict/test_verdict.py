@@ -1,0 +1,155 @@
+"""The verdict: what it concludes from drives, which cause it names, what to type next."""
+
+import io
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.zoo.checkpoints import write_constant
+from tests.zoo.commands import run
+from zoo.verdict.evidence import Evidence, read_evidence, training_command
+from zoo.verdict.judgement import judge, print_verdict
+
+
+def drive(interventions: int = 0, track: str = "lake", seed: int = 0, laps: float = 1.0) -> dict:
+    autonomy = max(0.0, 1 - 6 * interventions / 180)
+    return {
+        "track": track,
+        "seed": seed,
+        "autonomy": autonomy,
+        "interventions": interventions,
+        "laps": laps,
+    }
+
+
+def evidence(config: dict | None = None, overrides: tuple = (), **metrics: object) -> Evidence:
+    return Evidence("run/checkpoints/best.ckpt", config or {}, metrics, overrides)
+
+
+@pytest.mark.parametrize(
+    ("drives", "level"),
+    [
+        ([drive()], "drives"),
+        ([drive(3)], "almost"),
+        ([drive(20)], "fails"),
+        ([drive(), drive(20, "mountain")], "almost"),
+        ([drive(laps=0.1)], "unknown"),
+        ([], "unknown"),
+    ],
+)
+def test_the_level_follows_from_the_drives(drives: list[dict], level: str) -> None:
+    assert judge(drives, evidence()).level == level
+
+
+def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
+    verdict = judge([drive(seed=seed) for seed in range(3)], evidence())
+    assert "3 of 3 (95 %: 44 % or more)" in verdict.certainty
+    assert "3 start seeds, one training" in verdict.certainty
+    assert "100" not in " ".join([verdict.headline, *verdict.tracks])
+
+
+@pytest.mark.parametrize(
+    ("known", "cause", "typed"),
+    [
+        (evidence({"quick": True}, ("quick=true", "seed=3")), "quick=true", "seed=3"),
+        (
+            evidence({}, ("model=nvidia",), side_response={"val": 0.2, "test": 0.01}),
+            "side cameras",
+            "data.offset=0.3",
+        ),
+        (
+            evidence({}, (), train_samples=9_600, parameters=250_000, epochs=3),
+            "9,600 samples",
+            "trainer.max_epochs=16",
+        ),
+        (
+            evidence({}, (), findings=[{"kind": "keyboard", "text": "84 % of steering is 0."}]),
+            "84 % of steering is 0.",
+            "augment=[brightness,shadow,shift]",
+        ),
+        (
+            evidence({"data": {"record": {"passes": [{"track": "mountain"}]}}}),
+            "lake",
+            "augment=[brightness,bend]",
+        ),
+        (evidence({"data": {"crop": [50, 0]}}), "bonnet", "data.crop=[50,25]"),
+        (
+            evidence({"model": {"weights": "old.h5"}, "trainer": {"max_epochs": 0}}),
+            "trained elsewhere",
+            None,
+        ),
+    ],
+)
+def test_a_likely_cause_is_named_with_a_command_against_it(
+    known: Evidence, cause: str, typed: str | None
+) -> None:
+    verdict = judge([drive(20)], known)
+    assert cause in " ".join(verdict.causes)
+    commands = [shlex.split(command) for _, command in verdict.commands]
+    if typed:
+        assert commands[0][:3] == ["python", "-m", "zoo"]
+        assert typed in commands[0]
+    assert commands[-1][:4] == ["python", "-m", "zoo.correct", known.checkpoint]
+
+
+def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> None:
+    verdict = judge([drive()], evidence({"quick": True}))
+    assert not verdict.causes
+    assert [shlex.split(command)[2] for _, command in verdict.commands] == [
+        "zoo.evaluate",
+        "zoo.drive",
+    ]
+
+
+@pytest.mark.parametrize(
+    "config", [{"data": 3}, {"data": {"crop": "x", "augment": 5}}, {"quick": []}]
+)
+def test_what_a_stranger_wrote_into_a_checkpoint_breaks_no_verdict(config: dict) -> None:
+    known = Evidence("a.ckpt", config, {"side_response": "x", "findings": 7, "epochs": {}}, None)
+    assert judge([drive(20)], known).level == "fails"
+
+
+def test_the_command_repeats_what_was_typed_with_a_key_changed() -> None:
+    typed = ["experiment=lenet", "data.root='/a/b'", "quick=true"]
+    command = training_command(typed, {"quick": None, "augment": "[brightness]"})
+    assert shlex.split(command)[3:] == [
+        "experiment=lenet",
+        "data.root=/a/b",
+        "augment=[brightness]",
+    ]
+
+
+@pytest.mark.parametrize("width", [60, 100, 200])
+def test_the_box_fits_and_its_commands_stay_whole(width: int) -> None:
+    checkpoint = f"{'deep/' * 20}[/red]/best.ckpt"
+    console = Console(file=io.StringIO(), width=width)
+    print_verdict(judge([drive(20)], Evidence(checkpoint, {}, {}, None)), console)
+    lines = console.file.getvalue().splitlines()
+    assert any(shlex.quote(checkpoint) in line for line in lines)
+    assert all(len(line) <= min(width, 100) for line in lines if line.startswith(("│", "╭", "╰")))
+
+
+def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text(json.dumps({"side_response": {"test": 0.01}}))
+    path = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0)
+    assert read_evidence(path, {}).metrics["side_response"] == {"test": 0.01}
+    result = run(tmp_path, str(path), "laps=0.05", "out=out", module="zoo.evaluate")
+    assert result.returncode == 0, result.stderr
+    written = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
+    assert written["level"] == "fails"
+    assert "It does not drive." in result.stdout
+    assert result.stdout.strip().splitlines()[-1].endswith(written["commands"][-1][1])
+
+
+def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: Path) -> None:
+    verdict = json.loads((run_folder / "metrics.json").read_text())["verdict"]
+    printed = (run_folder / "stdout.txt").read_text()
+    page = (run_folder / "report" / "index.html").read_text()
+    assert verdict["headline"] in printed
+    assert verdict["commands"][0][1] in printed
+    assert page.index('class="box') < page.index('class="tiles"')
+    assert verdict["headline"] in page
+    assert verdict["headline"] in (run_folder / "report" / "report.md").read_text()[:500]

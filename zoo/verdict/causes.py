@@ -1,0 +1,135 @@
+"""Likely causes of a network that does not drive, each with a command against it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from zoo.verdict.evidence import Evidence
+
+# Below these a network rarely drives: docs/offline_metrics.md, docs/first_try.md.
+STEERS_BACK = 0.08
+ENOUGH_SAMPLES = 50_000
+SMALL = 1_000  # parameters of a network that learns from fewer samples
+ROBUST = ("brightness", "shadow", "shift")
+BONNET_ROWS = 20  # at the bottom of a frame
+MOST_CAUSES = 3
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A likely reason why a network does not drive, and the command that tries to remove it."""
+
+    text: str
+    command: str | None = None
+
+
+def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
+    """Return the likeliest causes first, three at most.
+
+    Args:
+        tracks: names of those that the network does not drive.
+    """
+    found = []
+    for rule in RULES:
+        try:
+            cause = rule(evidence, tracks)
+        # A stranger's config and metrics may hold anything; no verdict fails for a cause.
+        except (TypeError, ValueError, KeyError, IndexError, AttributeError):
+            continue
+        found += [cause] if cause else []
+    return found[:MOST_CAUSES]
+
+
+def _imported(evidence: Evidence, _: Sequence[str]) -> Cause | None:
+    if evidence.at("model.weights") is None or evidence.at("trainer.max_epochs") != 0:
+        return None
+    seen = f"colour {evidence.at('model.colour')}, crop {evidence.at('data.crop')}"
+    return Cause(
+        f"Its weights were trained elsewhere: it may have seen other images than {seen} gives "
+        "(model.colour, data.crop), or pixels of another scale."
+    )
+
+
+def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
+    responses = evidence.metrics.get("side_response")
+    values = [] if not isinstance(responses, Mapping) else list(responses.values())
+    known = [float(one) for one in values if isinstance(one, int | float)]
+    if not known or known[-1] >= STEERS_BACK:
+        return None
+    said = (
+        f"It hardly steers back to the middle: response to the side cameras {known[-1]:+.3f}; "
+        "networks that drive have 0.2 and more."
+    )
+    if list(evidence.at("data.cameras", [])) == ["center"]:
+        every = "[center,left,right]"
+        return Cause(
+            f"{said} It was trained on the centre camera.", evidence.again(data__cameras=every)
+        )
+    return Cause(said, evidence.again({"quick": None, "data.offset": "0.3"}))
+
+
+def _quick(evidence: Evidence, _: Sequence[str]) -> Cause | None:
+    if not evidence.at("quick"):
+        return None
+    samples = evidence.number("train_samples")
+    count = f" ({samples:,.0f} samples)" if samples else ""
+    text = f"quick=true is a first try{count}, not the whole recipe."
+    return Cause(text, evidence.again({"quick": None}))
+
+
+def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
+    samples, size = evidence.number("train_samples"), evidence.number("parameters")
+    epochs = evidence.number("epochs")
+    if not samples or not size or not epochs or size < SMALL or samples >= ENOUGH_SAMPLES:
+        return None
+    if evidence.at("quick"):
+        return None
+    needed = int(-(-ENOUGH_SAMPLES * epochs // samples))
+    more = evidence.again({"trainer.max_epochs": str(needed), "callbacks": "published"})
+    return Cause(f"It trained on {samples:,.0f} samples: a network of its size needs more.", more)
+
+
+def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
+    findings = evidence.metrics.get("findings")
+    texts = [one["text"] for one in findings or [] if isinstance(one, Mapping) and "text" in one]
+    if not texts:
+        return None
+    used = evidence.at("data.augment", {})
+    missing = not isinstance(used, Mapping) or not set(ROBUST) <= set(used)
+    more = evidence.again({"quick": None, "augment": f"[{','.join(ROBUST)}]"}) if missing else None
+    return Cause(" ".join(["The recording:", *map(str, texts[:2])]), more)
+
+
+def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
+    passes = evidence.at("data.record.passes", [])
+    recorded = {str(one.get("track")) for one in passes if isinstance(one, Mapping)}
+    unseen = [one for one in tracks if recorded and one not in recorded]
+    if not unseen:
+        return None
+    names = " and ".join(unseen)
+    return Cause(
+        f"No image of the {names} was among its training images; augment=[brightness,bend] helps.",
+        evidence.again({"augment": "[brightness,bend]"}),
+    )
+
+
+def _bonnet(evidence: Evidence, _: Sequence[str]) -> Cause | None:
+    crop = evidence.at("data.crop")
+    if not isinstance(crop, list | tuple) or len(crop) != 2 or crop[1] >= BONNET_ROWS:
+        return None
+    better = f"[{crop[0]},25]"
+    return Cause(
+        f"data.crop=[{crop[0]},{crop[1]}] leaves the car's bonnet in the image, which never moves.",
+        evidence.again({"data.crop": better}),
+    )
+
+
+# The likeliest first.
+RULES: tuple[Callable[[Evidence, Sequence[str]], Cause | None], ...] = (
+    _imported,
+    _quick,
+    _steers_back,
+    _few_samples,
+    _unseen,
+    _recording,
+    _bonnet,
+)

@@ -1,0 +1,88 @@
+"""What is known of a network beside its drives, and the commands that train it again."""
+
+import json
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of a network beside its drives.
+
+    Attributes:
+        checkpoint: how to name it in a command: its path, or its run's folder.
+        config: the experiment's, of the checkpoint; another program's may hold anything.
+        metrics: its run's `metrics.json`; empty where there is none.
+        overrides: what was typed after `python -m zoo`; None where that is not known.
+    """
+
+    checkpoint: str
+    config: Mapping = field(default_factory=dict)
+    metrics: Mapping = field(default_factory=dict)
+    overrides: tuple[str, ...] | None = None
+
+    def at(self, key: str, otherwise: object = None) -> object:
+        """Return a value of the config by its dotted key.
+
+        >>> Evidence("best.ckpt", {"data": {"offset": 0.2}}).at("data.offset")
+        0.2
+        """
+        found: object = self.config
+        for part in key.split("."):
+            if not isinstance(found, Mapping):
+                return otherwise
+            found = found.get(part)
+        return otherwise if found is None else found
+
+    def number(self, key: str) -> float | None:
+        """Return a figure of `metrics.json`; None where it holds no such number."""
+        found = self.metrics.get(key)
+        return float(found) if isinstance(found, int | float) else None
+
+    def again(self, changed: Mapping[str, str | None]) -> str | None:
+        """Return the command that trained it with keys changed or (None) taken out; None where the
+        command is not known."""
+        return None if self.overrides is None else training_command(self.overrides, changed)
+
+
+def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:
+    """Read what the run of a checkpoint left beside it, as far as it can be read."""
+    folder = Path(checkpoint).parent.parent
+    metrics = read_json(folder / "metrics.json")
+    return Evidence(str(checkpoint), config, metrics, read_overrides(folder))
+
+
+def read_json(path: Path) -> dict:
+    """Return a JSON object; empty where the file holds none."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def read_overrides(folder: Path) -> tuple[str, ...] | None:
+    """Return what was typed to start a run; None where that is not known."""
+    import yaml
+
+    try:
+        found = yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text())
+    except (OSError, ValueError, yaml.YAMLError):
+        return None
+    return tuple(map(str, found)) if isinstance(found, list) else None
+
+
+def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]) -> str:
+    """Return `python -m zoo ...` for the shell, with some keys changed or (None) taken out.
+
+    >>> training_command(["experiment=lenet", "quick=true"], {"quick": None, "seed": "2"})
+    'python -m zoo experiment=lenet seed=2'
+    """
+    # Paths were quoted for Hydra on the way in; one of plain letters needs no quotes.
+    typed = [re.sub(r"='([\w./-]+)'$", r"=\1", one) for one in overrides]
+    kept = [one for one in typed if one.partition("=")[0].lstrip("+~") not in changed]
+    kept += [f"{key}={value}" for key, value in changed.items() if value is not None]
+    return shlex.join(["python", "-m", "zoo", *kept])

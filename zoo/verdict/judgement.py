@@ -1,0 +1,140 @@
+"""The verdict on a network: does it drive, how sure is that, why not, and what to type next."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.panel import Panel
+from rich.text import Text
+
+from zoo.scoring.intervals import count_with_interval
+from zoo.verdict.causes import Cause, likely_causes
+from zoo.verdict.evidence import Evidence
+
+DRIVES, ALMOST, FAILS, UNKNOWN = "drives", "almost", "fails", "unknown"
+HEADLINES = {
+    DRIVES: "It drives.",
+    ALMOST: "It nearly drives.",
+    FAILS: "It does not drive.",
+    UNKNOWN: "Not known whether it drives.",
+}
+COLOURS = {DRIVES: "green", ALMOST: "yellow", FAILS: "red", UNKNOWN: "yellow"}
+NEARLY = 0.9  # autonomy
+WHOLE_LAP = 0.95  # a drive ends within a frame of its last lap
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the drives of a network show.
+
+    Attributes:
+        level: `drives`, `almost`, `fails` or `unknown`.
+        headline: the level in a sentence.
+        tracks: a line for each track.
+        certainty: how much the drives can show.
+        causes: likely reasons, the likeliest first; empty for a network that drives.
+        commands: what to type next, each with what it is for.
+    """
+
+    level: str
+    headline: str
+    tracks: tuple[str, ...]
+    certainty: str
+    causes: tuple[str, ...]
+    commands: tuple[tuple[str, str], ...]
+
+    def plain(self) -> dict:
+        """Return plain containers, for `metrics.json`."""
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in vars(self).items()}
+
+
+def judge(drives: Sequence[Mapping], evidence: Evidence) -> Verdict:
+    """Judge a network by its drives.
+
+    Args:
+        drives: figures of each drive: `track`, `autonomy`, `interventions`, `laps`.
+        evidence: what else is known, for the causes and the commands.
+    """
+    by_track: dict[str, list[Mapping]] = {}
+    for one in drives:
+        by_track.setdefault(str(one["track"]), []).append(one)
+    level = _level(by_track)
+    lost = [name for name, own in by_track.items() if any(one["interventions"] for one in own)]
+    causes = [] if level in (DRIVES, UNKNOWN) else likely_causes(evidence, lost)
+    return Verdict(
+        level,
+        HEADLINES[level],
+        tuple(_track_line(track, own) for track, own in by_track.items()),
+        _certainty(drives),
+        tuple(cause.text for cause in causes),
+        tuple(_commands(level, evidence, causes, lost or list(by_track))),
+    )
+
+
+def print_verdict(verdict: Verdict, console: Console) -> None:
+    """Print a coloured box, and below it the commands, which a narrow terminal must not break."""
+    lines = [*verdict.tracks, verdict.certainty]
+    if verdict.causes:
+        lines += ["", "Likely cause:" if len(verdict.causes) == 1 else "Likely causes:"]
+        lines += [f"- {cause}" for cause in verdict.causes]
+    box = Text("\n".join(line for line in lines if line or verdict.causes))
+    colour = COLOURS[verdict.level]
+    title = Text(verdict.headline, style=f"bold {colour}")
+    width = min(console.width, 100)
+    panel = Panel(box, title=title, title_align="left", border_style=colour, width=width)
+    console.print(panel, soft_wrap=False)
+    for purpose, command in verdict.commands:
+        line = f"{purpose}: {command}"
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _level(by_track: Mapping[str, Sequence[Mapping]]) -> str:
+    if not by_track:
+        return UNKNOWN
+    drives = [one for own in by_track.values() for one in own]
+    if all(one["interventions"] == 0 for one in drives):
+        whole = all(sum(one["laps"] or 0 for one in own) >= WHOLE_LAP for own in by_track.values())
+        return DRIVES if whole else UNKNOWN
+    if any(all(one["interventions"] == 0 for one in own) for own in by_track.values()):
+        return ALMOST
+    mean = sum(one["autonomy"] or 0 for one in drives) / len(drives)
+    return ALMOST if mean >= NEARLY else FAILS
+
+
+def _track_line(track: str, drives: Sequence[Mapping]) -> str:
+    laps = sum(one["laps"] or 0 for one in drives)
+    count = sum(int(one["interventions"]) for one in drives)
+    driven = f"{laps:.2f} laps" + (f" in {len(drives)} drives" if len(drives) > 1 else "")
+    if count == 0:
+        return f"{track}: no intervention in {driven}"
+    mean = sum(one["autonomy"] or 0 for one in drives) / len(drives)
+    return (
+        f"{track}: autonomy {mean:.1%}, {count} intervention{'' if count == 1 else 's'} in {driven}"
+    )
+
+
+def _certainty(drives: Sequence[Mapping]) -> str:
+    if not drives:
+        return "It was not driven: open-loop figures do not say whether a car stays on the road."
+    clean = sum(one["interventions"] == 0 for one in drives)
+    starts = len({one.get("seed") for one in drives})
+    seeds = f"{starts} start seed{'' if starts == 1 else 's'}, one training"
+    return f"Drives without an intervention: {count_with_interval(clean, len(drives))}; {seeds}."
+
+
+def _commands(
+    level: str, evidence: Evidence, causes: Sequence[Cause], tracks: Sequence[str]
+) -> list[tuple[str, str]]:
+    path = shlex.quote(evidence.checkpoint)
+    track = tracks[0] if tracks else "lake"
+    fixes = [cause.command for cause in causes if cause.command]
+    if level in (ALMOST, FAILS):
+        correct = f"python -m zoo.correct {path} track={shlex.quote(track)}"
+        better = [("train better", fixes[0])] if fixes else []
+        return [*better, ("or let the expert correct it", correct)]
+    sure = f"python -m zoo.evaluate {path} track={shlex.quote(track)} seeds=5"
+    drive = f"python -m zoo.drive {path} drive.sim={shlex.quote(track)}"
+    if level == UNKNOWN:
+        return [("drive it", sure)]
+    return [("how sure is that", sure), ("watch it drive", drive)]
