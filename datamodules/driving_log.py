@@ -139,7 +139,9 @@ def read_log(log: Path) -> Iterator[LogRow]:
         numbers = _parse_numbers(log, line, values, previous_speed)
         previous_speed = numbers[3]
         any_row = True
-        yield LogRow(line, tuple(_as_text(log, line, path) for path in paths), numbers)
+        if not (text := "".join(paths)).isascii() or "\0" in text:
+            paths = tuple(_as_text(log, line, path) for path in paths)
+        yield LogRow(line, paths, numbers)
     if not any_row:
         raise InputError(f"{log}: the log has no rows; record some driving first")
 
@@ -265,20 +267,7 @@ def _parse_numbers(
                 f"{','.join(NUMBERS)}; correct or delete the row"
             )
         numbers = min(readings, key=lambda one: (one[1] * one[2] > 0, abs(one[3] - previous_speed)))
-    for name, number in zip(NUMBERS, numbers, strict=True):
-        if not _is_in_range(name, number):
-            low, high = RANGES[name]
-            hint = " (degrees? divide by 25)" if name == "steering" else ""
-            raise InputError(
-                f"{log}, row {line}: {name} is {number:g}, beyond {low}..{high}{hint}; "
-                "correct or delete the row"
-            )
     return numbers
-
-
-def _is_in_range(name: str, number: float) -> bool:
-    low, high = RANGES[name]
-    return low <= number <= high
 
 
 def _number(log: Path, line: int, name: str, text: str) -> float:
@@ -286,11 +275,14 @@ def _number(log: Path, line: int, name: str, text: str) -> float:
         value = float(text.replace(",", "."))
     except ValueError:
         value = math.nan
+    low, high = RANGES[name]
+    if low <= value <= high:
+        return value
+    found = f"{log}, row {line}: {name} is "
     if not math.isfinite(value):
-        raise InputError(
-            f"{log}, row {line}: {name} is {text!r}, not a finite number; correct or delete the row"
-        )
-    return value
+        raise InputError(f"{found}{text!r}, not a finite number; correct or delete the row")
+    hint = " (degrees? divide by 25)" if name == "steering" else ""
+    raise InputError(f"{found}{value:g}, beyond {low}..{high}{hint}; correct or delete the row")
 
 
 def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
@@ -310,7 +302,8 @@ def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
             if not _NUMBER.match(text):
                 break
             value = float(text.replace(",", "."))
-            if not _is_in_range(NUMBERS[position], value):
+            low, high = RANGES[NUMBERS[position]]
+            if not low <= value <= high:
                 break
             numbers.append(value)
         else:
