@@ -1,10 +1,12 @@
-"""`python -m datamodules.check FOLDER [FOLDER...]`: are a recording's rows and images whole?
+"""`python -m datamodules.check FOLDER [FOLDER...]`: is a recording whole, and good to train on?
 
 Reads each image's header and end, not its pixels, so that thousands take seconds.
 """
 
 import argparse
 import os
+import re
+import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -16,7 +18,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.errors import InputError
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, TAIL, ends_early
+from datamodules.findings import find_oddities
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, HEAD, NO_IMAGE, TAIL, find_fault
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
 
@@ -24,14 +27,16 @@ SHOWN = 20  # bad images that are listed, before a count
 
 
 def check(roots: list[str], images: str | None, console: Console) -> bool:
-    """Print what the recordings hold and what is wrong with their images; True if nothing is.
+    """Print what the recordings hold, what is wrong with their images and what is odd about them.
+
+    Return whether all images are whole; what is odd is an opinion.
 
     Raises:
         InputError: a folder, a log or a row cannot be read, or there is no image at all.
     """
     recording = read_recordings(roots, images, on_bad_image="skip")
     for line in report_lines(replace(recording, bad_images=())):
-        console.print(line, highlight=False, markup=False)
+        console.out(line, highlight=False)
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
     for row, path, found in _look_at_images(recording, console):
@@ -42,32 +47,63 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
     for (width, height), count in sizes.most_common():
         usual = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT)
         note = "" if usual else f" (will be resized to {FRAME_WIDTH} x {FRAME_HEIGHT})"
-        console.print(f"{count:,} images of {width} x {height}{note}", highlight=False)
+        console.out(f"{count:,} images of {width} x {height}{note}", highlight=False)
     for line in bad[:SHOWN]:
-        console.print(line, highlight=False, markup=False)
+        console.out(line, highlight=False)
     if len(bad) > SHOWN:
-        console.print(f"and {len(bad) - SHOWN:,} more", highlight=False)
+        console.out(f"and {len(bad) - SHOWN:,} more", highlight=False)
     verdict = f"{len(bad):,} bad; record or copy again, or train with data.on_bad_image=skip"
-    console.print(verdict if bad else "all images are whole", highlight=False)
+    console.out(verdict if bad else "all images are whole", highlight=False)
+    oddities = find_oddities(recording)
+    if oddities:
+        console.out("before you train:", highlight=False)
+    for oddity in oddities:
+        console.out(f"- {oddity.text}", highlight=False)
+    for line in _next_commands(roots, images, bool(bad)):
+        console.out(line, highlight=False)
     return not bad
+
+
+def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Iterator[str]:
+    """Yield what to type next, a line a command, quoted for a shell and for Hydra."""
+    keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
+    keys += [f"data.images={images}"] if images else []
+    keys += ["data.on_bad_image=skip"] if any_bad else []
+    for what, module in (("see what a network is fed", "zoo.preview"), ("train on it", "zoo")):
+        yield f"{what}: {shlex.join(['python', '-m', module, *keys])}"
+
+
+def _hydra_list(texts: list[str]) -> str:
+    r"""Return a list in Hydra's grammar.
+
+    >>> _hydra_list(["one", "it's [2]"])
+    "[one,'it\\'s [2]']"
+    """
+    return f"[{','.join(map(_hydra_text, texts))}]"
+
+
+def _hydra_text(text: str) -> str:
+    if re.fullmatch(r"[\w./-]+", text, re.ASCII):
+        return text
+    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
+    return f"'{escaped}'"
 
 
 def look_at_image(path: str) -> tuple[int, int] | str:
     """`(width, height)` of a JPEG or PNG as its header says, or what is wrong with the file."""
     try:
         with open(path, "rb") as file:  # noqa: PTH123 - Path.open costs twice as much
-            head = file.read(2)
-            if not head:
-                return "the file is empty"
+            head = file.read(HEAD)
             file.seek(max(os.fstat(file.fileno()).st_size - TAIL, 0))
-            if ends_early(head, file.read()):
-                return "the image is truncated"
+            if fault := find_fault(head, file.read()):
+                return fault
             file.seek(0)
             with PIL.Image.open(file, formats=("JPEG", "PNG")) as image:
                 return image.size
     except PIL.UnidentifiedImageError:
-        return "the file is no JPEG or PNG"
-    except (OSError, SyntaxError, ValueError) as error:  # PIL's, for a header that is damaged
+        return NO_IMAGE
+    # PIL's, for a header that is damaged or that claims a huge image.
+    except (OSError, SyntaxError, ValueError, PIL.Image.DecompressionBombError) as error:
         return getattr(error, "strerror", None) or str(error)
 
 
@@ -90,11 +126,13 @@ def _look_at_images(
 def main(arguments: list[str]) -> int:
     """Exit status 0 where all is whole, 1 where not."""
     parser = argparse.ArgumentParser(
-        prog="python -m datamodules.check", description="Are a recording's rows and images whole?"
+        prog="python -m datamodules.check",
+        description="Is a recording whole, and good to train on?",
     )
     parser.add_argument("folders", nargs="+", metavar="FOLDER", help="it holds driving_log.csv")
     parser.add_argument("--images", metavar="FOLDER", help="the pictures, if not in IMG")
     options = parser.parse_args(arguments)
+    sys.stdout.reconfigure(errors="backslashreplace")  # a folder's name may be no UTF-8
     try:
         return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1
     except InputError as error:

@@ -173,7 +173,7 @@ class DrivingData(lightning.LightningDataModule):
             recording, views = self._without(faults, recording, views)
         self.recording, self.views = recording, views
         for line in report_lines(recording):
-            console.print(line, highlight=False, markup=False)
+            console.print(line, highlight=False, markup=False, emoji=False)
         self.split: Split = split_rows(recording, **self.split_settings)
         self.samples = make_samples(
             recording,

@@ -1,5 +1,6 @@
 """Parse `driving_log.csv`, as the original simulator, the course and their forks write it."""
 
+import codecs
 import csv
 import itertools
 import math
@@ -7,6 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from datamodules.errors import InputError
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
 NUMBERS = COLUMNS[3:]
+# What a number may be. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
+RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0, 200)}
 
 ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 
@@ -22,6 +26,9 @@ ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 # one digit before the comma where there is an exponent.
 _NUMBER = re.compile(r"-?((0|[1-9]\d*)(,\d*[1-9])?|[1-9](,\d*[1-9])?E[-+]?\d+)$", re.IGNORECASE)
 _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
+# What `surrogateescape` makes of bytes that are no UTF-8, and NUL, in a path's last part.
+_NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True)
@@ -67,9 +74,11 @@ def _read_plain_log(log: Path) -> LogColumns | None:
     """The columns of a log of full rows with decimal points; None where anything is unusual."""
     paths: tuple[list[str], ...] = tuple([] for _ in CAMERAS)
     lines, numbers, order = [], [], None
-    with log.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        reader = csv.reader(file, skipinitialspace=True)
+    with log.open(newline="", encoding="utf-8-sig") as file:
         try:
+            if _delimiter(file) != ",":
+                return None
+            reader = csv.reader(file, skipinitialspace=True)
             while True:
                 before = reader.line_num
                 rows = list(itertools.islice(reader, ROWS_AT_ONCE))
@@ -89,16 +98,19 @@ def _read_plain_log(log: Path) -> LogColumns | None:
                 cells = dict(zip(order, zip(*rows, strict=True), strict=True)) if rows else {}
                 for camera, column in zip(CAMERAS, paths, strict=True):
                     column += map(str.strip, cells.get(camera, [""] * len(rows)))
+                    if "\0" in "".join(column[-len(rows) :]):
+                        return None
                 if rows:
                     values = [list(map(float, cells[name])) for name in NUMBERS]
                     numbers.append(np.array(values))
                     lines.append(np.arange(before + 1, before + 1 + len(rows)))
-        except (csv.Error, ValueError):
+        except (csv.Error, ValueError):  # a byte that is no UTF-8 is a ValueError, too
             return None
     if not numbers:
         return None
     values = np.concatenate(numbers, axis=1).T
-    if not np.isfinite(values).all() or (np.abs(values[:, 0]) > 1).any():
+    low, high = np.array([RANGES[name] for name in NUMBERS]).T
+    if not ((values >= low) & (values <= high)).all():
         return None
     return LogColumns(np.concatenate(lines), paths, values)
 
@@ -106,44 +118,91 @@ def _read_plain_log(log: Path) -> LogColumns | None:
 def read_log(log: Path) -> Iterator[LogRow]:
     """The rows of `driving_log.csv`, with or without a header, in any locale's numbers.
 
-    A decimal comma splits a number in two fields. The pieces are joined so that steering, throttle
-    and brake stay within -1..1; where two readings remain, one that does not press throttle and
-    brake at once (the simulator cannot), and then the one whose speed is nearest to the row before.
+    A decimal comma splits a number in two fields. The pieces are joined so that each number stays
+    within its range; where two readings remain, one that does not press throttle and brake at once
+    (the simulator cannot), and then the one whose speed is nearest to the row before.
 
     Raises:
-        InputError: a row has the wrong number of columns, or a value that is no number, not finite,
-            or a steering beyond -1..1; or there is no row.
+        InputError: a row has the wrong number of columns, a quote that runs on into the next row,
+            an image name that is no UTF-8, or a value that is no number or beyond its range; the
+            header names a column twice or lacks one; the log is UTF-16; or there is no row.
     """
     previous_speed = 0.0
     order = None
     any_row = False
-    with log.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        delimiter = ";" if file.readline().count(";") >= 3 else ","
-        file.seek(0)
-        reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
+    for line, fields in _read_fields(log):
+        if order is None:
+            order = _column_order(log, fields)
+            if _is_header(fields):
+                continue
+        paths, values = _arrange(log, line, fields, order)
+        numbers = _parse_numbers(log, line, values, previous_speed)
+        previous_speed = numbers[3]
+        any_row = True
+        if not (text := "".join(paths)).isascii() or "\0" in text:
+            paths = tuple(_as_text(log, line, path) for path in paths)
+        yield LogRow(line, paths, numbers)
+    if not any_row:
+        raise InputError(f"{log}: the log has no rows; record some driving first")
+
+
+def _read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield each row's line and stripped fields, without empty rows."""
+    _refuse_utf_16(log)
+    # A folder's name in an old code page does no harm: images are found by their own names.
+    with log.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
+        reader = csv.reader(file, delimiter=_delimiter(file), skipinitialspace=True)
         while True:
+            line = reader.line_num + 1
             try:
                 fields = next(reader, None)
             except csv.Error as error:
                 raise InputError(
-                    f"{log}, row {reader.line_num}: not a CSV row ({error}); delete the row"
+                    f"{log}, row {line}: not a CSV row ({error}); delete a stray quote or the row"
                 ) from None
             if fields is None:
-                break
+                return
+            if reader.line_num > line:
+                raise InputError(
+                    f"{log}, row {line}: a quote opens here and runs on to row {reader.line_num}; "
+                    "delete the quote or the row"
+                )
             fields = [field.strip() for field in fields]
-            if not any(fields):
-                continue
-            if order is None:
-                order = _column_order(log, fields)
-                if _is_header(fields):
-                    continue
-            paths, values = _arrange(log, reader.line_num, fields, order)
-            numbers = _parse_numbers(log, reader.line_num, values, previous_speed)
-            previous_speed = numbers[3]
-            any_row = True
-            yield LogRow(reader.line_num, paths, numbers)
-    if not any_row:
-        raise InputError(f"{log}: the log has no rows; record some driving first")
+            if any(fields):
+                yield line, fields
+
+
+def _delimiter(file: TextIO) -> str:
+    """Return what stands between the first line's fields; its numbers may have commas of theirs."""
+    line = file.readline()
+    file.seek(0)
+    return ";" if line.count(";") >= max(3, line.count(",")) else ","
+
+
+def _refuse_utf_16(log: Path) -> None:
+    """Raise InputError for a log that Notepad or Excel saved as "Unicode"."""
+    with log.open("rb") as file:
+        head = file.read(4)
+    one_byte_apart = (head[::2] == b"\0\0") != (head[1::2] == b"\0\0")
+    if head.startswith(_UTF_16) or one_byte_apart:
+        raise InputError(
+            f"{log}, row 1: the log is UTF-16, not UTF-8; save it as UTF-8 in an editor, or with "
+            "iconv -f UTF-16 -t UTF-8"
+        )
+
+
+def _as_text(log: Path, line: int, path: str) -> str:
+    """Return a path that can be printed, or raise InputError where its file cannot be found."""
+    if found := _NO_TEXT.search(path):
+        raise InputError(
+            f"{log}, row {line}: the image name {_printable(found.group())} is no UTF-8; save the "
+            "log as UTF-8, or delete the row"
+        )
+    return _printable(path)
+
+
+def _printable(text: str) -> str:
+    return text.encode(errors="surrogateescape").decode(errors="replace").replace("\0", "\ufffd")
 
 
 def _is_header(fields: list[str]) -> bool:
@@ -153,7 +212,14 @@ def _is_header(fields: list[str]) -> bool:
 def _column_order(log: Path, fields: list[str]) -> list[str]:
     """The names of the columns, from the header or, without one, from how many images a row has."""
     if _is_header(fields):
-        names = ["center" if name == "centre" else name for name in map(str.lower, fields)]
+        names = [_printable(field).lower() for field in fields]
+        names = ["center" if name == "centre" else name for name in names]
+        twice = [name for name in COLUMNS if names.count(name) > 1]
+        if twice:
+            raise InputError(
+                f"{log}, row 1: the header names {', '.join(twice)} more than once; "
+                f"expected {','.join(COLUMNS)}"
+            )
         missing = [name for name in ("center", *NUMBERS) if name not in names]
         if missing:
             raise InputError(
@@ -184,7 +250,7 @@ def _arrange(
         return tuple(cells.get(camera, "") for camera in CAMERAS), fields[len(cameras) :]
     raise InputError(
         f"{log}, row {line}: {len(fields)} columns, expected {len(order)} ({','.join(order)}); "
-        "mend or delete the row"
+        "correct or delete the row"
     )
 
 
@@ -198,14 +264,9 @@ def _parse_numbers(
         if not readings:
             raise InputError(
                 f"{log}, row {line}: {','.join(values)!r} are not the four numbers "
-                f"{','.join(NUMBERS)}; mend or delete the row"
+                f"{','.join(NUMBERS)}; correct or delete the row"
             )
         numbers = min(readings, key=lambda one: (one[1] * one[2] > 0, abs(one[3] - previous_speed)))
-    if abs(numbers[0]) > 1:
-        raise InputError(
-            f"{log}, row {line}: steering is {numbers[0]:g}, beyond -1..1 "
-            "(degrees? divide by 25); mend or delete the row"
-        )
     return numbers
 
 
@@ -214,11 +275,14 @@ def _number(log: Path, line: int, name: str, text: str) -> float:
         value = float(text.replace(",", "."))
     except ValueError:
         value = math.nan
+    low, high = RANGES[name]
+    if low <= value <= high:
+        return value
+    found = f"{log}, row {line}: {name} is "
     if not math.isfinite(value):
-        raise InputError(
-            f"{log}, row {line}: {name} is {text!r}, not a finite number; mend or delete the row"
-        )
-    return value
+        raise InputError(f"{found}{text!r}, not a finite number; correct or delete the row")
+    hint = " (degrees? divide by 25)" if name == "steering" else ""
+    raise InputError(f"{found}{value:g}, beyond {low}..{high}{hint}; correct or delete the row")
 
 
 def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
@@ -238,7 +302,8 @@ def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
             if not _NUMBER.match(text):
                 break
             value = float(text.replace(",", "."))
-            if not math.isfinite(value) or (position < 3 and abs(value) > 1):
+            low, high = RANGES[NUMBERS[position]]
+            if not low <= value <= high:
                 break
             numbers.append(value)
         else:

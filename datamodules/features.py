@@ -153,7 +153,8 @@ def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowVi
     file = np.full((len(views.file), 2 * len(CAMERAS)), -1)
     position = file.copy()
     arrays: list[np.ndarray] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    text = TextColumn("{task.description}", markup=False)  # a folder's name is no markup
+    columns = (text, BarColumn(), TimeRemainingColumn())
     shown = console.is_terminal
     with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
         task = progress.add_task("", total=plan.missing, visible=False)

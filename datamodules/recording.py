@@ -12,6 +12,7 @@ from datamodules.driving_log import CAMERAS, LogColumns, read_log_columns
 from datamodules.errors import InputError
 
 LOG_NAME = "driving_log.csv"
+SUGGESTED = 3  # folders with a log that are named where the given one has none
 GAP_S = 1.0  # a pause between two rows that is longer than this is a gap in the recording
 
 _TIME = re.compile(r"(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d{3})(?=\.\w+$)")
@@ -106,7 +107,7 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
     if not root.exists():
         raise InputError(f"{root}: no such folder; set data.root to the folder of a {LOG_NAME}")
     if not log.is_file():
-        raise InputError(f"{root}: holds no {LOG_NAME}; set data.root to the folder that does")
+        raise InputError(f"{root}: holds no {LOG_NAME}; {_suggest(root)}")
     finder = ImageFinder(log, images)
     rows = read_log_columns(log)
     paths = np.empty((len(rows), len(CAMERAS)), dtype=object)
@@ -136,6 +137,17 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
     return recording.keep(good, tuple(bad.values()))
+
+
+def _suggest(root: Path) -> str:
+    """Return what to set `data.root` to: folders one level down, where they have a log."""
+    found = [str(path.parent) for path in sorted(root.glob(f"*/{LOG_NAME}"))]
+    if not found:
+        return "set data.root to the folder that does"
+    named, more = ", ".join(found[:SUGGESTED]), len(found) - SUGGESTED
+    return f"set data.root to {'one of ' * (len(found) > 1)}{named}" + (
+        f" ({more} more)" if more > 0 else ""
+    )
 
 
 def _refuse_or_note(
@@ -220,8 +232,10 @@ class ImageFinder:
     def _listing(self, folder: Path) -> dict[str, str]:
         if folder not in self._listings:
             try:
+                # Regular files only: to open a pipe waits for its writer.
                 with os.scandir(folder) as entries:
-                    self._listings[folder] = {entry.name: entry.path for entry in entries}
+                    files = (entry for entry in entries if entry.is_file())
+                    self._listings[folder] = {entry.name: entry.path for entry in files}
             except OSError:
                 self._listings[folder] = {}
         return self._listings[folder]

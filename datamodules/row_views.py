@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
@@ -83,7 +83,11 @@ def load_row_views(
     position = file.copy()
     files: list[np.ndarray] = []
     faults: dict[int, str] = {}
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+    # Folders' names are not markup.
+    text = TextColumn("{task.description}", markup=False)
+    columns = (text, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not shown) as progress:
         task = progress.add_task("", total=None, visible=False)
 
         def show(done: int, total: int) -> None:

@@ -28,7 +28,7 @@ from datamodules.image import decode_image
 from datamodules.view import View
 
 # Raise it when `decode_image` or `View` changes what comes out: old files are then not read again.
-VERSION = 1
+VERSION = 2
 CHUNK = 32  # pictures that a thread decodes, and writes, at a time
 
 Progress = Callable[[int, int], None]

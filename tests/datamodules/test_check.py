@@ -1,11 +1,15 @@
 """`python -m datamodules.check`, as a person runs it."""
 
+import shlex
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import cv2
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from datamodules.check import look_at_image
 from tests.recordings import Written, write_recording
@@ -29,7 +33,7 @@ def cut_off(image: Path) -> None:
 
 def test_whole_recording(written):
     done = run_check(written.folder)
-    report, sizes, verdict = done.stdout.splitlines()
+    report, sizes, verdict, *_ = done.stdout.splitlines()
     assert report.startswith(f"{written.folder}: 12 rows, 3 cameras")
     assert sizes == "36 images of 320 x 160"
     assert verdict == "all images are whole"
@@ -64,7 +68,8 @@ def test_each_bad_image_is_named_with_its_row(written):
     assert f"{log}, row 5: {written.image(4)}: the file is empty" in done.stdout
     assert f"{log}, row 6: {written.image(5)}: the file is no JPEG or PNG" in done.stdout
     assert f"{log}, row 8: no image {written.image(7, 'right').name}" in done.stdout
-    assert done.stdout.splitlines()[-1].startswith("4 bad; ")
+    assert "\n4 bad; " in done.stdout
+    assert done.stdout.splitlines()[-1].endswith(" data.on_bad_image=skip")
 
 
 def test_after_twenty_bad_images_comes_a_count(written):
@@ -73,8 +78,8 @@ def test_after_twenty_bad_images_comes_a_count(written):
         cut_off(written.image(row, "left"))
     lines = run_check(written.folder).stdout.splitlines()
     assert len([line for line in lines if "truncated" in line]) == 20
-    assert lines[-2:-1] == ["and 4 more"]
-    assert lines[-1].startswith("24 bad; ")
+    after = lines.index("and 4 more")
+    assert lines[after + 1].startswith("24 bad; ")
 
 
 def test_other_picture_sizes_are_counted(written):
@@ -100,6 +105,51 @@ def test_what_cannot_be_read_is_one_line_on_stderr(written, broken):
     assert done.stdout == ""
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"check: {folder}")
+
+
+@pytest.mark.parametrize("name", ["x[/red]", "Straße ï :car: [bold]", "a 'b' \\[c", "lr=0.1,x"])
+def test_a_folder_is_printed_as_it_is_named(tmp_path, name):
+    folder = write_recording(tmp_path / name, rows=2).folder
+    done = run_check(folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"{folder}: 2 rows")
+
+
+def test_oddities_follow_the_figures_and_are_no_fault(tmp_path):
+    folder = write_recording(tmp_path / "lake", rows=4, cameras=("center",)).folder
+    done = run_check(folder)
+    lines = done.stdout.splitlines()
+    heading = lines.index("before you train:")
+    assert heading > lines.index("all images are whole")
+    assert "quick=true" in lines[heading + 1]
+    assert "augment=[shift]" in lines[heading + 2]
+    assert done.returncode == 0
+
+
+def test_the_next_commands_close(tmp_path):
+    folder = write_recording(tmp_path / "my lake", rows=2).folder
+    images = folder / "IMG"
+    see, train = run_check(folder, "--images", images).stdout.splitlines()[-2:]
+    keys = [f"data.root={folder}", f"data.images={images}"]
+    assert shlex.split(see.partition(": ")[2]) == ["python", "-m", "zoo.preview", *keys]
+    assert shlex.split(train.partition(": ")[2]) == ["python", "-m", "zoo", *keys]
+
+
+def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
+    folders = [str(write_recording(tmp_path / one, rows=2).folder) for one in ("a", "b's [2]")]
+    command = shlex.split(run_check(*folders).stdout.splitlines()[-1].partition(": ")[2])
+    (override,) = OverridesParser.create().parse_overrides(command[3:])
+    assert (override.key_or_group, override.value()) == ("data.root", folders)
+
+
+def test_an_image_that_claims_a_huge_size_is_bad_and_no_stack_trace(written):
+    data = bytearray(cv2.imencode(".png", cv2.imread(str(written.image(3))))[1].tobytes())
+    data[16:24] = struct.pack(">II", 60_000, 60_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    written.image(3).write_bytes(data)
+    done = run_check(written.folder)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert f"row 4: {written.image(3)}: " in done.stdout
 
 
 def test_no_folder_is_a_usage_error():

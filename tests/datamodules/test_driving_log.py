@@ -1,5 +1,6 @@
 """Logs as people have them, written byte for byte."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,7 @@ def read_text(folder: Path, text: str | bytes) -> list[LogRow]:
     log = folder / "driving_log.csv"
     log.write_bytes(text if isinstance(text, bytes) else text.encode())
     rows = list(read_log(log))
-    columns = read_log_columns(log)
-    paths = list(zip(*columns.paths, strict=True))
-    numbers = map(tuple, columns.numbers.tolist())
-    assert rows == list(map(LogRow, columns.line.tolist(), paths, numbers)), "both readers agree"
+    assert rows == columns_as_rows(log), "both readers agree"
     return rows
 
 
@@ -238,3 +236,129 @@ def test_a_log_of_several_chunks(tmp_path, blank):
     rows = read_text(tmp_path, HEADER + "\n" + "\n".join(lines))
     assert len(rows) == 2 * ROWS_AT_ONCE + 10
     assert rows[-1].line == len(lines) + 1
+
+
+@pytest.mark.parametrize("name", ["center", "right", "speed"])
+def test_header_that_names_a_column_twice_is_refused(tmp_path, name):
+    names = HEADER.split(",")
+    names[1] = name
+    message = refusal(tmp_path, f"{','.join(names)}\n{PATHS},0,0,0,1\n")
+    assert f"{tmp_path}/driving_log.csv, row 1: " in message
+    assert f" {name} more than once" in message
+    assert HEADER in message
+
+
+@pytest.mark.parametrize(
+    ("numbers", "found"),
+    [
+        ("0,99,0,1", "throttle is 99, beyond -1..1"),
+        ("0,0,99,1", "brake is 99, beyond 0..1"),
+        ("0,0,-0.5,1", "brake is -0.5, beyond 0..1"),
+        ("0,0,0,-3", "speed is -3, beyond 0..200"),
+        ("0,0,0,1e300", "speed is 1e+300, beyond 0..200"),
+        ('"0","0","0","201,5"', "speed is 201.5, beyond 0..200"),
+    ],
+)
+def test_a_number_beyond_its_range_names_row_value_and_range(tmp_path, numbers, found):
+    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},{numbers}\n")
+    assert f"{tmp_path}/driving_log.csv, row 2: {found}" in message
+    assert "delete the row" in message
+
+
+def test_reversing_of_a_fork_is_accepted(tmp_path):
+    (row,) = read_text(tmp_path, f"{PATHS},0,-0.5,0,2\n")
+    assert row.numbers[1] == -0.5
+
+
+def test_decimal_commas_are_not_read_as_an_impossible_speed(tmp_path):
+    """30.19028 mph, not 19,028."""
+    (row,) = read_text(tmp_path, f"{PATHS},0,1,0,30,19028\n")
+    assert row.numbers == (0.0, 1.0, 0.0, 30.19028)
+
+
+def test_semicolons_in_a_folder_name(tmp_path):
+    (row,) = read_text(tmp_path, f"{PATHS.replace('IMG', 'a;b')},0,0,0,2\n")
+    assert row.paths[0] == CENTER.replace("IMG", "a;b")
+
+
+def rows_with_quotes(*where: int) -> str:
+    """120 rows; a quote stands at the start of those (1 is the first)."""
+    rows = range(1, 121)
+    return "".join(f"{chr(34) * (row in where)}{PATHS},0,0,0,{row % 30}\n" for row in rows)
+
+
+def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path):
+    """Row 8's quote ends at row 20's, and the thirteen rows would be read as one."""
+    inside = f"{PATHS},0,0,0,1\n" * 7 + f'{CENTER},{LEFT},"{RIGHT},0,0,0,1\n'
+    inside += f"{PATHS},0,0,0,1\n" * 11 + f'x",0,0,0,1\n{PATHS},0,0,0,1\n'
+    message = refusal(tmp_path, inside)
+    assert "row 8: a quote opens here" in message
+    assert "row 20" in message
+    assert "delete the quote" in message
+
+
+def test_a_quote_that_never_closes_is_refused_where_it_opens(tmp_path):
+    assert "row 8: a quote opens here" in refusal(tmp_path, rows_with_quotes(8))
+
+
+def test_a_quote_that_runs_on_too_far_for_csv_is_refused_where_it_opens(tmp_path):
+    text = rows_with_quotes(8) + f"{PATHS},0,0,0,1\n" * 1_000
+    assert "row 8: not a CSV row" in refusal(tmp_path, text)
+
+
+def test_a_folder_with_a_comma_in_quotes_is_read(tmp_path):
+    (row,) = read_text(tmp_path, '"a, b/center_1.jpg","a, b/left_1.jpg",,0,0,0,1\n')
+    assert row.paths == ("a, b/center_1.jpg", "a, b/left_1.jpg", "")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("header", ["", HEADER + "\n"], ids=["bare", "header"])
+def test_utf_16_is_named_with_the_way_to_utf_8(tmp_path, encoding, header):
+    message = refusal(tmp_path, f"{header}{PATHS},0,0,0,1\n".encode(encoding))
+    assert message.startswith(f"{tmp_path}/driving_log.csv, row 1: ")
+    assert "UTF-16" in message
+    assert "iconv" in message
+    assert "\0" not in message
+
+
+@pytest.mark.parametrize("byte", [b"\xe9", b"\0"])
+@pytest.mark.parametrize("camera", ["center", "left"])
+def test_an_image_name_that_is_no_utf_8_names_the_row(tmp_path, byte, camera):
+    text = f"{PATHS},0,0,0,1\n".encode()
+    bad = text.replace(f"{camera}_".encode(), camera.encode() + byte)
+    message = refusal(tmp_path, text + bad)
+    assert f"{tmp_path}/driving_log.csv, row 2: the image name" in message
+    assert "UTF-8" in message
+    message.encode()
+    assert "\0" not in message
+
+
+def test_a_column_name_that_is_no_utf_8_can_be_printed(tmp_path):
+    text = f"{HEADER},temp\xe9rature\n{PATHS},0,0,0,1\n".encode("latin-1")
+    refusal(tmp_path, text).encode()
+
+
+PIECES = [*HEADER.split(","), *PATHS.split(","), f"{PATHS},0,0,0,1\n", f"{HEADER}\n"]
+PIECES += ["0", "1", "-1", "0,5", "0.5", "99", "1e300", "nan", " ", ";", *",,,", *"\n\n", '"']
+ODD_BYTES = [b"\0", b"\xe9", b"\xff\xfe", b"\xc3\xaf"]
+
+
+@given(st.lists(st.sampled_from([*(piece.encode() for piece in PIECES), *ODD_BYTES]), max_size=30))
+def test_both_readers_agree_on_any_log(tmp_path_factory, pieces):
+    """The quick reader returns what `read_log` does, or raises the same InputError."""
+    log = tmp_path_factory.mktemp("log") / "driving_log.csv"
+    log.write_bytes(b"".join(pieces))
+    assert outcome(log, lambda one: list(read_log(one))) == outcome(log, columns_as_rows)
+
+
+def columns_as_rows(log: Path) -> list[LogRow]:
+    columns = read_log_columns(log)
+    paths, numbers = zip(*columns.paths, strict=True), map(tuple, columns.numbers.tolist())
+    return list(map(LogRow, columns.line.tolist(), paths, numbers))
+
+
+def outcome(log: Path, read: Callable[[Path], list[LogRow]]) -> list[LogRow] | str:
+    try:
+        return read(log)
+    except InputError as error:
+        return str(error)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from datamodules.check import look_at_image
 from datamodules.image import decode_image
 
 
@@ -60,6 +61,27 @@ def test_truncated_png():
     data = encoded(np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8), "PNG")
     with pytest.raises(ValueError, match="truncated"):
         decode_image(data[: len(data) // 2])
+
+
+@pytest.mark.parametrize("kind", ["GIF", "BMP", "WEBP", "TIFF", "PPM", "JPEG2000"])
+def test_another_kind_of_image_is_refused_by_training_and_check_alike(jpeg, tmp_path, kind):
+    data = encoded(decode_image(jpeg), kind)
+    with pytest.raises(ValueError, match="no JPEG or PNG") as caught:
+        decode_image(data)
+    image = tmp_path / "center_1.jpg"
+    image.write_bytes(data)
+    assert look_at_image(str(image)) == str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+def test_what_is_cut_off_is_refused_by_training_and_check_alike(jpeg, tmp_path, kind):
+    image = tmp_path / "center_1.jpg"
+    whole = encoded(decode_image(jpeg), kind)
+    for size in (0, 1, 2, 8, 100, len(whole) // 2, len(whole) - 12):
+        image.write_bytes(whole[:size])
+        with pytest.raises(ValueError) as caught:  # noqa: PT011 - any words, the same in both
+            decode_image(whole[:size])
+        assert look_at_image(str(image)) == str(caught.value)
 
 
 def test_empty_file():

@@ -1,5 +1,6 @@
 """Folders as people have them, read on this machine."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -152,6 +153,43 @@ def test_missing_folder(tmp_path):
 
 def test_folder_without_log(tmp_path):
     assert f"{tmp_path}: holds no driving_log.csv" in refusal(str(tmp_path))
+
+
+def test_a_log_one_level_down_is_suggested(tmp_path):
+    write_recording(tmp_path / "all [1]" / "lake", rows=2)
+    message = refusal(str(tmp_path / "all [1]"))
+    assert message.endswith(f"set data.root to {tmp_path}/all [1]/lake")
+
+
+def test_of_several_logs_one_level_down_three_are_suggested(tmp_path):
+    for name in "abcd":
+        write_recording(tmp_path / name, rows=1)
+    message = refusal(str(tmp_path))
+    assert f"{tmp_path}/a, {tmp_path}/b, {tmp_path}/c (1 more)" in message
+    assert f"{tmp_path}/d" not in message
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+def test_an_image_that_is_no_regular_file_is_missing(tmp_path, kind):
+    written = write_recording(tmp_path / "lake", rows=3)
+    image = written.image(1)
+    image.unlink()
+    if kind == "pipe":
+        os.mkfifo(image)
+    elif kind == "device":
+        image.symlink_to("/dev/zero")
+    else:
+        image.mkdir()
+    assert f"{written.log}, row 2: no image {image.name}" in refusal(str(written.folder))
+    recording = read_recordings(str(written.folder), on_bad_image="skip")
+    assert recording.line.tolist() == [1, 3]
+
+
+def test_an_image_may_be_a_link(tmp_path):
+    written = write_recording(tmp_path / "lake", rows=2)
+    elsewhere = written.image(1).rename(tmp_path / "elsewhere.jpg")
+    written.image(1).symlink_to(elsewhere)
+    assert len(read_recordings(str(written.folder))) == 2
 
 
 def test_one_bad_folder_of_several_is_the_one_named(tmp_path):

@@ -4,13 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datamodules.recording import GAP_S, Recording
-from datamodules.split import rows_per_second
+from datamodules.recording import Recording
+from datamodules.stretches import LEAST_CHANGE, STRETCH_S, find_stretches, steering_returns
 from zoo.reporting.blocks import MissingError
-
-STRETCH_S = 3.0
-SLOWEST_MPH = 3.0
-LEAST_CHANGE = 0.05  # of the steering: less is no recovery
 
 
 @dataclass(frozen=True)
@@ -32,12 +28,12 @@ def find_recovery(recording: Recording) -> Recovery:
     Raises:
         MissingError: nothing is long enough, or the steering hardly changes anywhere.
     """
-    length = max(4, round(STRETCH_S * rows_per_second(recording)))
-    starts, after_pause = _starts(recording, length)
+    stretches = find_stretches(recording)
+    starts, length = stretches.first, stretches.length
     if not len(starts):
         raise MissingError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
     for chosen, of in (
-        (starts[after_pause], "the stretches that follow a pause in the recording"),
+        (starts[stretches.after_pause], "the stretches that follow a pause in the recording"),
         (starts, "all its stretches"),
     ):
         best, change = _best(recording, chosen, length)
@@ -54,25 +50,8 @@ def find_recovery(recording: Recording) -> Recovery:
     raise MissingError("The steering hardly changes anywhere in the recording.")
 
 
-def _starts(recording: Recording, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """First rows (int64 [n]) of stretches of so many rows without a pause or standstill, and
-    whether each follows a pause (bool [n])."""
-    steps = np.diff(recording.time_s)
-    # Where no time is known, nothing tells of a pause.
-    paused = np.isfinite(steps) & ((steps > GAP_S) | (steps < 0))
-    other = np.diff(recording.recording) != 0
-    broken = np.concatenate([[0], np.cumsum(paused | other)])
-    starts = np.arange(max(len(recording) - length + 1, 0))
-    starts = starts[broken[starts] == broken[starts + length - 1]]
-    slow = np.concatenate([[0], np.cumsum(recording.speed_mph < SLOWEST_MPH)])
-    starts = starts[slow[starts + length] == slow[starts]]
-    follows = np.concatenate([[False], paused & ~other])
-    return starts, follows[starts]
-
-
 def _best(recording: Recording, starts: np.ndarray, length: int) -> tuple[int | None, float]:
     if not len(starts):
         return None, 0.0
-    steering = np.abs(recording.steering)[starts[:, None] + np.arange(length)]
-    change = steering[:, : length // 2].max(1) - steering[:, -max(1, length // 4) :].mean(1)
+    change = steering_returns(recording, starts, length)
     return int(starts[change.argmax()]), float(change.max())

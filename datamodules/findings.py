@@ -1,0 +1,172 @@
+"""What is odd about a recording: what it does to a training, and what to do about it."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from datamodules.recording import Recording
+from datamodules.stretches import LEAST_CHANGE, find_stretches, steering_returns
+
+# The thresholds separate the original's keyboard recording (70 % of steering is 0, the other 798
+# rows share 414 values) from the expert's (no 0, as many values as rows).
+ZERO_SHARE = 0.4
+DISTINCT_SHARE = 0.8
+# Recordings of the expert's ways back have 6 to 7 in 1,000 rows, 3 with as many laps in the middle.
+RECOVERIES_PER_ROW = 1 / 1000
+# A tenth of fewer rows, for validation or test, is less than one block of ten seconds: one place.
+FEW_ROWS = 1000
+SPEED_WINDOW_MPH, SPEEDS_APART_MPH = 3, 6
+SPEEDS_SHARE, SECOND_SPEED_SHARE = 0.8, 0.2
+SIDE_SHARE = 0.75
+STANDSTILL_MPH = 1.0
+IDENTICAL_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An oddity: its kind, the same for all of its sort, and one line for a person."""
+
+    kind: str
+    text: str
+
+
+def find_oddities(recording: Recording) -> list[Finding]:
+    """Return what is odd about a recording that loads; of several, about all rows together."""
+    found = []
+    for kind, look in _LOOKS.items():
+        text = look(recording)
+        if text:
+            found.append(Finding(kind, text))
+    return found
+
+
+def _few_rows(recording: Recording) -> str | None:
+    rows = len(recording)
+    if rows >= FEW_ROWS:
+        return None
+    return (
+        f"{rows:,} rows are few: validation and test see one place each, and a network learns the "
+        f"road by heart; record two laps or more (some 2,700 rows), or try with quick=true"
+    )
+
+
+def _keyboard(recording: Recording) -> str | None:
+    steering = recording.steering
+    turned = steering[steering != 0]
+    share, values = 1 - len(turned) / len(steering), len(np.unique(turned))
+    if share <= ZERO_SHARE or 0 < DISTINCT_SHARE * len(turned) <= values:
+        return None
+    return (
+        f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share {values:,} "
+        "values, as a keyboard leaves it: a network learns to go straight on and to jerk; keep "
+        "data.straight_cap=0.5, or steer by mouse or gamepad (python -m simulator drive)"
+    )
+
+
+def _no_recoveries(recording: Recording) -> str | None:
+    if not np.isfinite(recording.time_s).any():
+        return None  # without times nothing tells of a pause
+    stretches = find_stretches(recording)
+    if not len(stretches.first):
+        return None
+    after_pause = stretches.first[stretches.after_pause]
+    returns = steering_returns(recording, after_pause, stretches.length)
+    count = int((returns >= LEAST_CHANGE).sum())
+    if count >= RECOVERIES_PER_ROW * len(recording):
+        return None
+    return (
+        f"{count} stretches follow a pause and steer back to the middle: a network learns to come "
+        "back from side cameras (data.offset) and augment=[shift] alone; record ways back: pause, "
+        "drive off the middle, record while you return (or python -m simulator record noise=1)"
+    )
+
+
+def _centre_only(recording: Recording) -> str | None:
+    if np.not_equal(recording.images[:, 1:], None).any():
+        return None
+    return (
+        "no side cameras: data.offset has no effect, and nothing shows how to come back to the "
+        "middle; set augment=[shift], or record with three cameras"
+    )
+
+
+def _two_speeds(recording: Recording) -> str | None:
+    bins = np.arange(recording.speed_mph.max() + SPEED_WINDOW_MPH + 2)
+    counts, _ = np.histogram(recording.speed_mph, bins)
+    near = np.convolve(counts, np.ones(SPEED_WINDOW_MPH), "valid") / len(recording)
+    first = int(near.argmax())
+    far = np.where(np.abs(np.arange(len(near)) - first) >= SPEEDS_APART_MPH, near, 0)
+    second = int(far.argmax())
+    if far[second] < SECOND_SPEED_SHARE or near[first] + far[second] < SPEEDS_SHARE:
+        return None
+    middle = SPEED_WINDOW_MPH / 2
+    return (
+        f"{near[first]:.0%} of rows are driven at about {first + middle:.0f} mph, "
+        f"{near[second]:.0%} at about {second + middle:.0f}: one data.offset suits one speed only; "
+        "set data.recover_s=2, which follows each row's speed, or record at one speed"
+    )
+
+
+def _one_direction(recording: Recording) -> str | None:
+    total = np.abs(recording.steering).sum()
+    if not total:
+        return None
+    left = -recording.steering[recording.steering < 0].sum() / total
+    if max(left, 1 - left) < SIDE_SHARE:
+        return None
+    side, share = ("left", left) if left > 0.5 else ("right", 1 - left)
+    return (
+        f"{share:.0%} of the steering is to the {side}: a network pulls to that side; keep "
+        "data.flip=0.5, which mirrors half of the samples, or record the other way round, too"
+    )
+
+
+def _duplicates(recording: Recording) -> str | None:
+    named = [path for path in recording.images.flat if path is not None]
+    repeated = len(named) - len(set(named))
+    if repeated:
+        return (
+            f"{repeated:,} of {len(named):,} images are named a second time: these rows count "
+            "twice and can be in training and validation both; delete the repeated rows of the log"
+        )
+    same = _identical_to_the_row_before(recording)
+    if same < IDENTICAL_SHARE * len(recording):
+        return None
+    return (
+        f"{same:,} rows have the same image as the row before while the car moves: these rows "
+        "count twice; record again while the simulator is not short of time"
+    )
+
+
+def _identical_to_the_row_before(recording: Recording) -> int:
+    """Return the count; only images of equal size are read."""
+    centre = recording.images[:, 0]
+    size = np.array([_size(path) for path in centre])
+    moving = recording.speed_mph[1:] > STANDSTILL_MPH
+    alike = np.flatnonzero((size[1:] == size[:-1]) & (size[1:] > 0) & moving)
+    return sum(_read(centre[row]) == _read(centre[row + 1]) for row in alike)
+
+
+def _size(path: str) -> int:
+    try:
+        return os.stat(path).st_size  # noqa: PTH116 - Path.stat costs three times as much
+    except OSError:
+        return 0
+
+
+def _read(path: str) -> bytes:
+    with open(path, "rb") as file:  # noqa: PTH123 - Path.open costs twice as much
+        return file.read()
+
+
+_LOOKS: dict[str, Callable[[Recording], str | None]] = {
+    "few_rows": _few_rows,
+    "keyboard": _keyboard,
+    "no_recoveries": _no_recoveries,
+    "centre_only": _centre_only,
+    "two_speeds": _two_speeds,
+    "one_direction": _one_direction,
+    "duplicates": _duplicates,
+}

@@ -1,0 +1,46 @@
+"""Stretches of a recording without a pause, and how far the steering comes back in each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from datamodules.recording import GAP_S, Recording
+from datamodules.split import rows_per_second
+
+STRETCH_S = 3.0
+SLOWEST_MPH = 3.0
+LEAST_CHANGE = 0.05  # of the steering: less is no recovery
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Stretches of `length` rows: int64 [n], their first rows; bool [n], which follow a pause."""
+
+    first: np.ndarray
+    after_pause: np.ndarray
+    length: int
+
+
+def find_stretches(recording: Recording) -> Stretches:
+    """Return all stretches of `STRETCH_S` without a pause or a standstill, one a row."""
+    length = max(4, round(STRETCH_S * rows_per_second(recording)))
+    steps = np.diff(recording.time_s)
+    # Where no time is known, nothing tells of a pause.
+    paused = np.isfinite(steps) & ((steps > GAP_S) | (steps < 0))
+    other = np.diff(recording.recording) != 0
+    broken = np.concatenate([[0], np.cumsum(paused | other)])
+    first = np.arange(max(len(recording) - length + 1, 0))
+    first = first[broken[first] == broken[first + length - 1]]
+    slow = np.concatenate([[0], np.cumsum(recording.speed_mph < SLOWEST_MPH)])
+    first = first[slow[first + length] == slow[first]]
+    follows = np.concatenate([[False], paused & ~other])
+    return Stretches(first, follows[first], length)
+
+
+def steering_returns(recording: Recording, first: np.ndarray, length: int) -> np.ndarray:
+    """Return float64 [n], how far each stretch's steering comes back.
+
+    It is the largest |steering| in the first half, less the mean of the last quarter.
+    """
+    steering = np.abs(recording.steering)[first[:, None] + np.arange(length)]
+    return steering[:, : length // 2].max(1) - steering[:, -max(1, length // 4) :].mean(1)
