@@ -18,7 +18,7 @@ from simulator.legacy_socket import (
     HandshakeRefusedError,
     LegacySocket,
 )
-from simulator.telemetry import make_telemetry, read_steer
+from simulator.telemetry import make_telemetry, read_put_back, read_steer
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
@@ -123,24 +123,36 @@ class Client:
         try:
             if isinstance(data, tuple):
                 raise ValueError(f"it has {len(data)} arguments, expected one object")
+            put_back_mph = None
             if name == "steer":
                 self.command = read_steer(data, self.options.decimal_comma)
+                if self.options.put_back:
+                    put_back_mph = read_put_back(data, self.options.decimal_comma)
         except ValueError as error:
             self._swallow(f"a {name}", str(error))
             return
         self.heard = time.monotonic()
         self.counts[name] += 1
+        if put_back_mph is not None:
+            self.put_back(put_back_mph)
         if self.options.clock == "realtime":
             self.waiting += 1
-        else:
+            return
+        if put_back_mph is None:  # else the command is for the place that the car has left
             self.advance()
-            self.emit(socket)
+        self.emit(socket)
+
+    def put_back(self, speed_mph: float) -> None:
+        """Set the car down on the centre, pointing ahead."""
+        self.counts["put back"] += 1
+        self.world.put_back(Start(self.world.place.distance, speed_mph=speed_mph))
+        self._frame = None
 
     def advance(self) -> None:
         """Drive for a frame's time."""
         self.next_frame = max(self.next_frame + self.world.frame_s, time.monotonic() - LATE_S)
         held, was_off = self.manual, self.world.off_road
-        self.counts["interventions"] += held and not self.held
+        self.counts["taken over"] += held and not self.held
         self.held = held
         self.world.step(*((0.0, 1.0) if held else self.command))
         self.cte.append(self.world.cte)
@@ -157,10 +169,24 @@ class Client:
             socket.emit("telemetry", None)
             return
         car, comma = self.world.car, self.options.decimal_comma
-        truth = {"time": self.world.time, "cte": self.world.cte} if self.options.truth else None
         frame = self.frame()
-        message = make_telemetry(frame, car.steering, car.throttle, car.speed_mph, comma, truth)
+        message = make_telemetry(
+            frame, car.steering, car.throttle, car.speed_mph, comma, self._truth()
+        )
         socket.emit("telemetry", message)
+
+    def _truth(self) -> dict[str, float]:
+        """What the original does not send: the time, and what a scorer needs."""
+        if not self.options.truth:
+            return {}
+        world = self.world
+        return {
+            "time": world.time,
+            "cte": world.cte,
+            "lane": world.track.width / 2,
+            "wall": float(world.at_wall),
+            "put_back": float(self.options.put_back),
+        }
 
     def frame(self) -> np.ndarray:
         """The centre camera's picture, drawn once a frame."""
@@ -273,14 +299,15 @@ def _window(title: str) -> Callable[[np.ndarray], None]:
 
 def _summary(client: Client) -> None:
     world, counts = client.world, client.counts
+    put_back = f", {counts['put back']} times put back" if client.options.put_back else ""
     cte = np.abs(client.cte) if client.cte else np.zeros(1)
     wall_s = max(time.monotonic() - client.began, 1e-9)
     client.say(
         f"{world.travelled / world.track.length:.2f} laps in {world.time:.1f} s of simulated time; "
         f"{world.frames:,} frames, {world.frames / wall_s:.0f} a second; {counts['telemetry']:,} "
-        f"telemetry in {counts['connections']} connections; {counts['interventions']} "
-        f"interventions; off centre {cte.mean():.2f} m on average, {cte.max():.2f} m at most; "
-        f"{counts['off road']} times off the road"
+        f"telemetry in {counts['connections']} connections; {counts['taken over']} times taken "
+        f"over by hand; off centre {cte.mean():.2f} m on average, {cte.max():.2f} m at most; "
+        f"{counts['off road']} times off the road{put_back}"
     )
 
 

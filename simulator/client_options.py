@@ -30,7 +30,9 @@ class ClientOptions:
         film: a path ending in .mp4; null for none.
         window: show what it sees.
         manual: pairs of seconds between which a person holds W, [[5,7],[20,21]].
-        truth: tell the driver the simulated time and the cross-track error, too; the original does
+        truth: send the driver the simulated time, the cross-track error, half the road's width and
+            wall contact, too; the original does not.
+        put_back: with truth, let the driver have the car put back on the road; the original does
             not.
         decimal_comma: write and read numbers as in a German locale.
         drop_at: the second in which the connection is dropped once; null for never.
@@ -54,6 +56,7 @@ class ClientOptions:
     window: bool = False
     manual: list[Any] = field(default_factory=list)
     truth: bool = False
+    put_back: bool = False
     decimal_comma: bool = False
     drop_at: float | None = None
     delay_s: float = 0.0
@@ -71,6 +74,8 @@ def check_options(options: ClientOptions) -> None:
     websocket_address(options.url)
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a driver needs pictures; try renderer=auto")
+    if options.put_back and not options.truth:
+        raise SimulatorError("put_back=true: the driver must see the car leave; add truth=true")
     if options.laps < 0 or options.seconds < 0:
         raise SimulatorError("laps and seconds must be 0 or more")
     if not all(_is_span(pair) for pair in options.manual):

@@ -9,6 +9,7 @@ import numpy as np
 from simulator.rig import MAX_STEERING_DEG
 
 LARGEST_FLOAT = 3.4028235e38  # of 32 bits; Mono throws for what is larger
+FASTEST_MPH = 100.0  # at which a reply sets the car down on the road
 JPEG_QUALITY = 75  # what the original's pictures have
 
 
@@ -55,6 +56,16 @@ def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:
         if values[-1] is None:
             raise ValueError(f"{key} is {data[key]!r}, which C#'s float.Parse does not take")
     return tuple(min(max(value, -1.0), 1.0) for value in values)
+
+
+def read_put_back(data: dict, decimal_comma: bool) -> float | None:
+    """Speed in mph at which a `steer` event puts the car back on the road; None where it does not.
+
+    The original ignores the key.
+    """
+    text = data.get("put_back")
+    speed_mph = parse_float(text, decimal_comma) if isinstance(text, str) else None
+    return None if speed_mph is None else min(max(speed_mph, 0.0), FASTEST_MPH)
 
 
 def parse_float(text: str, decimal_comma: bool) -> float | None:

@@ -75,10 +75,11 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         record=settings.record is not None,
         checkpoint=checkpoint,
         load=load,
+        margin_m=settings.margin,
     )
     server = DriveServer(driver, listener, LivePage(driver), settings.expose)
     url = f"http://{local_name(settings.host)}:{server.port}"
-    client = EmbeddedClient(settings.sim, url, settings.laps)
+    client = EmbeddedClient(settings.sim, url, settings.laps, settings.put_back)
 
     def listening() -> None:
         if not is_loopback(settings.host):

@@ -158,6 +158,8 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
     client = np.bincount(with_picture).argmax() if len(with_picture) else 0
     rows = np.flatnonzero(drive.client == client)
     steps = np.diff(drive.time_s[rows], prepend=drive.time_s[rows][:1])
+    # Without a cross-track error and a person who takes over, nobody knows how well it drove.
+    judged = bool(np.isfinite(drive.cross_track_m[rows]).any())
     shots, last = [], ""
     interventions, driven_s = 0, 0.0
     for row, step in zip(rows, steps, strict=True):
@@ -174,7 +176,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
                 float(drive.steering[row]),
                 float(drive.throttle[row]),
                 float(drive.speed_mph[row]),
-                autonomy(interventions, driven_s),
+                autonomy(interventions, driven_s) if judged or interventions else None,
                 float(drive.cross_track_m[row]),
                 notes.get(str(drive.driver[row])),
             )

@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from zoo.driving.drive_log import FALLBACK, PERSON, DriveRow
+from zoo.driving.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 from zoo.driving.notices import Notices
 from zoo.driving.scribe import Scribe
 from zoo.driving.session import DrivingPolicy, Session
 from zoo.driving.speed_controller import SpeedController, limit_pedal
 from zoo.driving.steering_filter import SteeringFilter
-from zoo.driving.summary import Tally, autonomy, summary_lines
+from zoo.driving.summary import LONGEST_STEP_S, Tally, summary_lines
 from zoo.driving.telemetry import (
     Telemetry,
     TelemetryError,
@@ -26,6 +27,7 @@ from zoo.driving.telemetry import (
 )
 
 GENTLE_BRAKE = -0.2
+PUT_BACK = "put_back"  # in a reply: the speed at which the car is set down on the centre
 SILENCE_S = 1.0  # after which another simulator is recorded and shown
 
 
@@ -42,7 +44,9 @@ class Reply:
 @dataclass(frozen=True)
 class LatestState:
     """How the drive stands, for a page that looks now and then. `frame` is uint8 [160, 320, 3] RGB
-    and None before the first; it is the driver's own, not to be changed."""
+    and None before the first; it is the driver's own, not to be changed. `lost` is `off_road` or
+    `standstill` while the car is; `put_back`, that the simulator puts it back on the road then;
+    `autonomy` None where it is not measured."""
 
     frame: np.ndarray | None
     steering: float
@@ -53,6 +57,11 @@ class LatestState:
     clients: int
     telemetry: int
     interventions: int
+    off_road: int
+    standstills: int
+    takeovers: int
+    lost: str | None
+    put_back: bool
     fallbacks: int
     driven_s: float
     autonomy: float | None
@@ -77,6 +86,8 @@ class Driver:
         record: keep the pictures, too.
         checkpoint: where the policy came from, to be shown.
         load: makes a policy of a checkpoint's path, for `switch`.
+        margin_m: distance from the centreline that counts as leaving the lane; None is the edge
+            line, as the simulator sends it.
     """
 
     def __init__(
@@ -89,6 +100,7 @@ class Driver:
         record: bool = False,
         checkpoint: str = "",
         load: Callable[[Path], DrivingPolicy] | None = None,
+        margin_m: float | None = None,
     ) -> None:
         self.policy, self.scribe, self.notices = policy, scribe, notices
         self.recording, self.checkpoint, self.load = record, str(checkpoint), load
@@ -96,7 +108,7 @@ class Driver:
         self.tally = Tally()
         self.sessions: dict[str, Session] = {}
         self.clients = 0  # that ever connected
-        self._controller, self._steer = controller, steer
+        self._controller, self._steer, self._margin_m = controller, steer, margin_m
         self._began_s: float | None = None
         self._frame: np.ndarray | None = None
         self._row = DriveRow(0.0)
@@ -106,7 +118,7 @@ class Driver:
         """A simulator has come."""
         self.clients += 1
         controller, steer = copy.deepcopy(self._controller), copy.deepcopy(self._steer)
-        self.sessions[sid] = Session(self.clients, controller, steer)
+        self.sessions[sid] = Session(self.clients, controller, steer, self._margin_m)
         self.notices.tell_some("connect", f"simulator {self.clients} has connected")
         return self.sessions[sid]
 
@@ -124,13 +136,18 @@ class Driver:
             self._began_s = now_s
         elapsed_s, session.last_s = now_s - session.last_s, now_s
         served_s, session.heard_s = wall_s - session.heard_s, wall_s
-        self.tally.step(elapsed_s, served_s, session.speed_mph)
+        judged = session.sends_cross_track
+        self.tally.step(elapsed_s, served_s, session.speed_mph, judged)
+        if elapsed_s > LONGEST_STEP_S:
+            session.rule.restart()
         session.decimal = decimal_sign(data) or session.decimal
         if data is None:
             return self._hand_over(session, now_s)
-        session.overridden = False
+        session.overridden, lost = False, None
         try:
-            return self._drive(session, read_telemetry(data), now_s)
+            telemetry = read_telemetry(data)
+            lost = self._judge(session, telemetry, now_s)
+            return self._drive(session, telemetry, now_s, lost)
         except TelemetryError as error:
             self.notices.say(error.kind, str(error).removeprefix(f"{error.kind}: "))
         except Exception as error:
@@ -139,26 +156,40 @@ class Driver:
                 "the policy failed",
                 f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})",
             )
-        return self._fall_back(session, now_s)
+        return self._fall_back(session, now_s, lost is not None)
 
     def _hand_over(self, session: Session, now_s: float) -> Reply:
         """A person holds a key down, and drives."""
         began = not session.overridden
         if began:
             session.overridden = True
+            session.rule.restart()
             session.controller.reset()
             session.steer.reset()
-            self.tally.interventions += 1
+            self.tally.counts[TAKEOVER] += 1
             count = self.tally.interventions
             self.notices.tell_some("person", f"a person drives (intervention {count})")
         row = DriveRow(self._time(now_s), session.number, PERSON, intervention=began)
         return Reply("manual", {}, row)
 
-    def _drive(self, session: Session, telemetry: Telemetry, now_s: float) -> Reply:
+    def _judge(self, session: Session, telemetry: Telemetry, now_s: float) -> str | None:
+        """Return the kind of intervention that a telemetry costs, None for none, and count it."""
         for kind, detail in telemetry.oddities:
             self.notices.say(kind, detail)
         if telemetry.speed_mph is not None:
             session.speed_mph = telemetry.speed_mph
+        held = self.paused or session.controller.set_mph == 0
+        lost = session.judge(telemetry, now_s, held)
+        if lost is not None:
+            self.tally.counts[lost] += 1
+            line = f"{WORDS[lost]} after {self._time(now_s):.1f} s"
+            line += f" (intervention {self.tally.interventions})"
+            self.notices.tell_some(lost, line)
+        return lost
+
+    def _drive(
+        self, session: Session, telemetry: Telemetry, now_s: float, lost: str | None
+    ) -> Reply:
         steering, throttle = session.predict(self.policy, telemetry)
         if not math.isfinite(steering):
             raise ValueError(f"it steers by {steering}")
@@ -177,6 +208,7 @@ class Driver:
             throttle=throttle,
             speed_mph=session.speed_mph,
             cross_track_m=telemetry.cross_track_m,
+            intervention=lost is not None,
         )
         leads = self._leads(session)
         if leads:
@@ -184,7 +216,16 @@ class Driver:
         # Rows of several cars in one recording would be of no use to train on.
         picture = telemetry.picture if self.recording and leads else None
         values = reply_values(steering, throttle, session.decimal or ".")
+        if lost is not None and session.can_put_back:
+            values |= self._put_back(session)
         return Reply("steer", values, row, picture)
+
+    def _put_back(self, session: Session) -> dict[str, str]:
+        """Have the simulator put the car back on the centre, at the speed to hold."""
+        session.controller.reset()
+        session.steer.reset()
+        mph = session.controller.set_mph or session.speed_mph
+        return {PUT_BACK: number_text(mph, session.decimal or ".")}
 
     def _leads(self, session: Session) -> bool:
         """Whether this is the session that is recorded and shown: the first, while it drives."""
@@ -193,11 +234,18 @@ class Driver:
             self._lead = session
         return self._lead is session
 
-    def _fall_back(self, session: Session, now_s: float) -> Reply:
+    def _fall_back(self, session: Session, now_s: float, lost: bool) -> Reply:
         """Something is wrong: steer as before, brake gently."""
         self.tally.fallbacks += 1
         throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
-        row = DriveRow(self._time(now_s), session.number, FALLBACK, "", session.steering, throttle)
+        row = DriveRow(
+            time_s=self._time(now_s),
+            client=session.number,
+            driver=FALLBACK,
+            steering=session.steering,
+            throttle=throttle,
+            intervention=lost,
+        )
         if session.decimal is None:
             # It has not driven yet; and whole numbers are read alike in every locale.
             return Reply("steer", {"steering_angle": "0", "throttle": "0"}, row)
@@ -257,8 +305,7 @@ class Driver:
 
     def latest(self) -> LatestState:
         """How the drive stands now; costs a few microseconds."""
-        row, tally = self._row, self.tally
-        known = tally.driven_s > 0
+        row, tally, lead = self._row, self.tally, self._lead
         return LatestState(
             frame=self._frame,
             steering=row.steering,
@@ -269,9 +316,14 @@ class Driver:
             clients=len(self.sessions),
             telemetry=tally.telemetry,
             interventions=tally.interventions,
+            off_road=tally.counts[OFF_ROAD],
+            standstills=tally.counts[STANDSTILL],
+            takeovers=tally.counts[TAKEOVER],
+            lost=lead.rule.state if lead else None,
+            put_back=lead.can_put_back if lead else False,
             fallbacks=tally.fallbacks,
             driven_s=tally.driven_s,
-            autonomy=autonomy(tally.interventions, tally.driven_s) if known else None,
+            autonomy=tally.autonomy if math.isfinite(tally.autonomy) else None,
             overridden=any(one.overridden for one in self.sessions.values()),
             paused=self.paused,
             set_mph=self.set_mph,
@@ -290,4 +342,9 @@ def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, st
     {'steering_angle': '0,0500', 'throttle': '0,2000'}
     """
     pair = {"steering_angle": steering, "throttle": throttle}
-    return {name: f"{value:.4f}".replace(".", decimal) for name, value in pair.items()}
+    return {name: number_text(value, decimal) for name, value in pair.items()}
+
+
+def number_text(value: float, decimal: str) -> str:
+    """A number with four decimals, as the client writes it."""
+    return f"{value:.4f}".replace(".", decimal)

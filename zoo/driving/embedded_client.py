@@ -14,10 +14,14 @@ class EmbeddedClient:
         track: to drive on; None starts nothing.
         url: of the driver.
         laps: after which it ends; None goes on until `stop`.
+        put_back: an intervention puts the car back on the road.
     """
 
-    def __init__(self, track: str | None, url: str, laps: float | None = None) -> None:
+    def __init__(
+        self, track: str | None, url: str, laps: float | None = None, put_back: bool = True
+    ) -> None:
         self._track, self._options = track, [f"track={track}", f"url={url}", "truth=true"]
+        self._options += [f"put_back={str(put_back).lower()}"]
         self._options += [f"laps={laps}"] if laps else []
         self._process: subprocess.Popen | None = None
 

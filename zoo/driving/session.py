@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from zoo.driving.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.driving.speed_controller import SpeedController
 from zoo.driving.steering_filter import SteeringFilter
 from zoo.driving.telemetry import Telemetry, parse_number
@@ -16,8 +17,17 @@ DrivingPolicy = Callable[[np.ndarray, float], tuple[float, float | None]]
 class Session:
     """What is remembered of it from telemetry to telemetry."""
 
-    def __init__(self, number: int, controller: SpeedController, steer: SteeringFilter) -> None:
+    def __init__(
+        self,
+        number: int,
+        controller: SpeedController,
+        steer: SteeringFilter,
+        margin_m: float | None = None,
+    ) -> None:
         self.number, self.controller, self.steer = number, controller, steer
+        self.rule = InterventionRule(margin_m or DEFAULT_MARGIN_M)
+        self.sends_cross_track = self.can_put_back = False
+        self._margin_m = margin_m
         self.decimal: str | None = None
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
@@ -37,6 +47,24 @@ class Session:
                 self._ahead_s = max(wall_s, self.last_s) - told
             self._clock_s = told
         return wall_s if self._clock_s is None else self._clock_s + self._ahead_s
+
+    def judge(self, telemetry: Telemetry, now_s: float, held: bool) -> str | None:
+        """Return the kind of intervention that begins with a telemetry, None for none.
+
+        Without a cross-track error nothing is counted, but `rule.state` notes a standstill.
+
+        Args:
+            telemetry: where the car is.
+            now_s: its time.
+            held: the driver itself keeps the car from moving.
+        """
+        self.sends_cross_track |= math.isfinite(telemetry.cross_track_m)
+        self.can_put_back = telemetry.can_put_back
+        if self._margin_m is None and (telemetry.lane_m or 0) > 0:
+            self.rule.margin_m = telemetry.lane_m
+        mph = math.inf if held else self.speed_mph
+        kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
+        return kind if self.sends_cross_track else None
 
     def predict(self, policy: DrivingPolicy, telemetry: Telemetry) -> tuple[float, float | None]:
         """What the policy says. It looks once at a picture that is sent again, as the original's

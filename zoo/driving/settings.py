@@ -12,6 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
 from zoo.config import choices, conf_folder
+from zoo.driving.interventions import LEAST_MARGIN_M
 from zoo.driving.origin import is_loopback
 from zoo.driving.speed_controller import SpeedController
 from zoo.driving.steering_filter import SteeringFilter
@@ -29,6 +30,8 @@ class DriveSettings:
     expose: bool
     sim: str | None
     laps: float | None
+    put_back: bool
+    margin: float | None
     record: Path | None
     threads: int
     steering: SteeringFilter
@@ -47,9 +50,14 @@ def read_settings(overrides: list[str]) -> DriveSettings:
     _check("port", settings["port"], _is_whole(settings["port"], 0, 65535), "a port, 0..65535")
     _check("expose", settings["expose"], isinstance(settings["expose"], bool), "true or false")
     _check("threads", settings["threads"], _is_whole(settings["threads"], 1, 64), "in 1..64")
-    laps = settings["laps"]
-    number = isinstance(laps, int | float) and not isinstance(laps, bool)
-    _check("laps", laps, laps is None or (number and 0 < laps < 10**6), "a number above 0")
+    _check(
+        "put_back", settings["put_back"], isinstance(settings["put_back"], bool), "true or false"
+    )
+    laps, margin = settings["laps"], settings["margin"]
+    good = laps is None or (_is_number(laps) and 0 < laps < 10**6)
+    _check("laps", laps, good, "a number above 0")
+    good = margin is None or (_is_number(margin) and LEAST_MARGIN_M <= margin < 10**6)
+    _check("margin", margin, good, f"metres, {LEAST_MARGIN_M} or more, or null")
     if not settings["expose"] and not is_loopback(settings["host"]):
         raise InputError(
             f"drive.host={settings['host']} lets other machines drive by this checkpoint; "
@@ -130,6 +138,10 @@ def _own_error(error: Exception) -> InputError:
 def _check(key: str, value: object, good: bool, wanted: str) -> None:
     if not good:
         raise InputError(f"drive.{key}={value} is not {wanted}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _is_whole(value: object, least: int, most: int) -> bool:

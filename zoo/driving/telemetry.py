@@ -36,7 +36,10 @@ class Telemetry:
         frame: uint8 [160, 320, 3] RGB, decoded as in training.
         picture: its bytes as they came, JPEG or PNG.
         speed_mph: 0 or more; None where it could not be read.
-        cross_track_m: metres from the centre line; NaN where the simulator does not tell.
+        cross_track_m: metres from the centre line; NaN where the simulator does not send it.
+        lane_m: half the width of the road; None where the simulator does not send it.
+        at_wall: a wall holds the car.
+        can_put_back: the simulator puts the car back on the road when a reply asks for it.
         oddities: what was put up with, each `(kind, detail)`.
     """
 
@@ -44,6 +47,9 @@ class Telemetry:
     picture: bytes
     speed_mph: float | None
     cross_track_m: float
+    lane_m: float | None
+    at_wall: bool
+    can_put_back: bool
     oddities: tuple[tuple[str, str], ...]
 
 
@@ -96,7 +102,10 @@ def read_telemetry(data: object) -> Telemetry:
         picture,
         speed,
         math.nan if cross_track is None else cross_track,
-        tuple(oddities),
+        lane_m=parse_number(data.get("lane")),
+        at_wall=bool(parse_number(data.get("wall"))),
+        can_put_back=bool(parse_number(data.get("put_back"))),
+        oddities=tuple(oddities),
     )
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World
 from zoo.driving.drive_log import DriveRow
+from zoo.driving.interventions import STALLED_BELOW_MPH, InterventionRule
 from zoo.driving.speed_controller import SpeedController, limit_pedal
 from zoo.driving.summary import autonomy
 
-STALLED_BELOW_MPH, STALLED_S = 1.0, 5.0
 SLOWEST_MPH = 3.0  # a drive that averages less is given up
 
 Policy = Callable[[np.ndarray | None, float], tuple[float, float | None]]
@@ -60,9 +60,8 @@ def drive_closed_loop(
 ) -> ScoredDrive:
     """Let a policy drive laps from a start that the seed draws.
 
-    An intervention, as in Bojarski et al. 2016 ("End to End Learning for Self-Driving Cars"), is
-    leaving the lane by the margin, or standing still for 5 s; it puts the car back on the centre,
-    pointing ahead, at the speed to hold. Seed 0 starts at the track's first point, in the middle.
+    An intervention (see `InterventionRule`) puts the car back on the centre, pointing ahead, at the
+    speed to hold. Seed 0 starts at the track's first point, in the middle.
 
     Args:
         policy: frame uint8 [160, 320, 3] RGB (None in a world without a renderer, for a policy
@@ -81,7 +80,7 @@ def drive_closed_loop(
     lane = world.track.width / 2 if margin_m is None else margin_m
     drive = ScoredDrive(world.track.name, seed, lane, world.track.length)
     longest_s = laps * world.track.length / (SLOWEST_MPH * 0.44704)
-    moving_s = lap_began_s = 0.0
+    rule, lap_began_s = InterventionRule(lane), 0.0
     while world.travelled < laps * world.track.length and world.time < longest_s:
         frame = world.frame() if world.pictures is not None else None
         began = time.perf_counter()
@@ -90,8 +89,7 @@ def drive_closed_loop(
         steering = 0.0 if math.isnan(steering) else min(max(float(steering), -1.0), 1.0)
         mph = world.car.speed_mph
         throttle = limit_pedal(speed.throttle(mph, steering, predicted, world.time), mph)
-        moving_s = world.time if mph >= STALLED_BELOW_MPH else moving_s
-        lost = world.at_wall or abs(world.cte) > lane or world.time - moving_s > STALLED_S
+        lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None
         row = DriveRow(
             time_s=world.time,
             steering=steering,
@@ -109,7 +107,7 @@ def drive_closed_loop(
         if lost:
             world.put_back(Start(world.place.distance, speed_mph=speed.set_mph or mph))
             speed.reset()
-            moving_s = world.time
+            rule.restart()
             continue
         world.step(steering, throttle)
         if world.lap > drive.laps:

@@ -2,7 +2,7 @@
 
 import math
 
-from zoo.driving.summary import INTERVENTION_S
+from zoo.driving.interventions import INTERVENTION_S
 
 HALF_M = 1.0  # the mean cross-track error that counts as half an intervention
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from datamodules.errors import InputError
 from simulator.errors import SimulatorError
+from zoo.driving.interventions import LEAST_MARGIN_M
 
 THROTTLES = ("hold", "network")
-LEAST_MARGIN_M = 0.2  # the car is put back on the centre to a millimetre
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from datamodules.image import decode_image
 from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
 from zoo.driving.drive_log import DriveRow
-from zoo.driving.summary import INTERVENTION_S
+from zoo.driving.interventions import INTERVENTION_S
 from zoo.scoring.closed_loop import Policy, ScoredDrive, score
 from zoo.scoring.warp import Warp
 

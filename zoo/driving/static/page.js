@@ -6,6 +6,7 @@ const POLL_MS = 100; // until the driver says: the more pages there are, the les
 const GAZE_MS = 500;
 const HIDDEN_MS = 1000; // between polls while nobody sees the page
 const SILENT_S = 1.5;
+const LOST_S = 3; // that an intervention stays in the status, where the car is put back at once
 const CHART_S = 30;
 const MAX_STEERING_DEG = 25; // of the front wheels, at a steering of 1
 const WHEEL_RATIO = 6; // the wheel shown turns so much further, as in the films
@@ -16,6 +17,8 @@ let state = null;
 let looking = false;
 let shownFrame = -1;
 let movedAt = 0; // state.time_s at which telemetry last came
+let lostAt = -Infinity; // state.time_s at which an intervention was last counted by the driver
+let lostWords = "";
 const counts = []; // [time_s, telemetry] of the last 2 s
 const trace = []; // [time_s, steering or null]
 
@@ -57,6 +60,7 @@ function text(id, value) {
 
 function show(next) {
   if (state === null || next.telemetry !== state.telemetry) movedAt = next.time_s;
+  noteLost(next);
   state = next;
   const { steering, throttle, speed_mph: speed, cross_track_m: offset } = state;
   note(state.time_s, state.telemetry, steering);
@@ -67,10 +71,9 @@ function show(next) {
   text("pedal-value", throttle === null ? dash : number(Math.abs(throttle), 2));
   $("throttle").style.transform = `scaleX(${Math.max(throttle ?? 0, 0)})`;
   $("brake").style.transform = `scaleX(${Math.max(-(throttle ?? 0), 0)})`;
-  const side = offset > 0 ? "right" : "left";
-  text("offset-value", offset === null ? dash : `${number(Math.abs(offset), 2)} m ${side}`);
-  text("autonomy", state.autonomy === null ? dash : `${number(100 * state.autonomy, 1)} %`);
-  text("interventions", String(state.interventions));
+  text("offset-value", offset === null ? dash : offsetWords(offset));
+  $("offset-value").className = state.lost === "off_road" ? "bad" : "";
+  showAutonomy();
   text("clients", String(state.clients));
   text("rate", rate());
   text("p50", number(state.latency_p50_ms, 1));
@@ -80,12 +83,50 @@ function show(next) {
   drawChart();
 }
 
+function showAutonomy() {
+  const unknown = state.autonomy === null;
+  const words = state.telemetry === 0 ? dash : "not measured";
+  text("autonomy", unknown ? words : `${number(100 * state.autonomy, 1)} %`);
+  $("autonomy").className = unknown && state.telemetry > 0 ? "words" : "";
+  $("autonomy").title = unknown
+    ? "This simulator sends no cross-track error, and nobody has taken over"
+    : "1 − 6 s × interventions / time driven";
+  text("interventions", String(state.interventions));
+  const lost = state.off_road + state.standstills;
+  $("interventions").className = lost > 0 ? "bad" : "";
+  $("interventions").title =
+    `${state.off_road} off the road, ${state.standstills} standing still, ` +
+    `${state.takeovers} taken over by hand`;
+}
+
+function noteLost(next) {
+  if (state === null) return;
+  const left = next.off_road > state.off_road;
+  if (!left && next.standstills === state.standstills) return;
+  lostAt = next.time_s;
+  lostWords = (left ? "Left the road" : "Stood still") + (next.put_back ? ", put back" : "");
+}
+
+function lostNow() {
+  const { lost, cross_track_m: offset } = state;
+  if (state.put_back && state.time_s - lostAt < LOST_S) return lostWords;
+  if (lost === "standstill") return "Standing still";
+  if (lost === null) return null;
+  return offset === null ? "Off the road" : `Off the road, ${offsetWords(offset)}`;
+}
+
+function offsetWords(offset) {
+  return `${number(Math.abs(offset), 2)} m ${offset > 0 ? "right" : "left"}`;
+}
+
 function showStatus() {
+  const lost = lostNow();
   const silent = state.time_s - movedAt > SILENT_S;
   const [kind, words] =
     state.clients === 0 ? ["", "Waiting for a simulator"]
     : silent ? ["warn", "The simulator is silent"]
     : state.overridden ? ["warn", "A person drives"]
+    : lost !== null ? ["bad", lost]
     : state.paused ? ["warn", "Paused"]
     : ["good", "Driving"];
   $("status").className = kind;
