@@ -16,6 +16,7 @@ from rich.table import Table
 
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
+from datamodules.findings import find_oddities
 from datamodules.split import PARTS
 from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
@@ -103,6 +104,7 @@ def report_outcome(
             "rows": len(data.recording),
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
+        "findings": [vars(one) for one in find_oddities(data.recording)],
         "code": code_fingerprint(),
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},

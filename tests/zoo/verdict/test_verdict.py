@@ -153,3 +153,8 @@ def test_a_run_ends_with_the_verdict_and_its_report_begins_with_it(run_folder: P
     assert page.index('class="box') < page.index('class="tiles"')
     assert verdict["headline"] in page
     assert verdict["headline"] in (run_folder / "report" / "report.md").read_text()[:500]
+
+
+def test_a_run_keeps_what_is_odd_about_its_recording(run_folder: Path) -> None:
+    findings = json.loads((run_folder / "metrics.json").read_text())["findings"]
+    assert "few_rows" in [one["kind"] for one in findings]
