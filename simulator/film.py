@@ -1,6 +1,10 @@
 """Films that play in a browser: H.264 in an .mp4, written frame by frame."""
 
-from collections.abc import Generator
+import contextlib
+import signal
+import subprocess
+import threading
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 
@@ -8,6 +12,9 @@ import imageio_ffmpeg
 import numpy as np
 
 from simulator.errors import SimulatorError
+
+DISK_FULL = "No space left on device"
+LINES = 20  # of what ffmpeg wrote last, which are searched for a reason
 
 
 class Film:
@@ -28,7 +35,8 @@ class Film:
         if fps <= 0:
             raise SimulatorError(f"fps={fps:g}: must be above 0")
         self._unfinished = self.path.with_name(f".{self.path.name}.part.mp4")
-        self._writer: Generator | None = None
+        self._ffmpeg: subprocess.Popen | None = None
+        self._lines: deque[str] = deque(maxlen=LINES)
         self._size = (0, 0)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -47,30 +55,19 @@ class Film:
         """
         frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
         height, width = frame.shape[:2]
-        if self._writer is None:
+        if self._ffmpeg is None:
             self._size = width, height
-            self._writer = imageio_ffmpeg.write_frames(
-                str(self._unfinished),
-                (width, height),
-                fps=self.fps,
-                codec="libx264",
-                pix_fmt_out="yuv420p",  # what every browser plays
-                macro_block_size=2,
-                ffmpeg_log_level="error",
-                # The index comes first, so that a browser need not have it all to begin.
-                output_params=["-preset", "veryfast", "-crf", "27", "-movflags", "+faststart"],
-            )
-            self._writer.send(None)
+            self._start(width, height)
         if self._size != (width, height):  # bytes have no shape: ffmpeg would garble the rest
             raise SimulatorError(
                 f"{self.path}: a frame is {width} x {height}, the film is "
                 f"{self._size[0]} x {self._size[1]}"
             )
         try:
-            self._writer.send(np.ascontiguousarray(frame))
-        except OSError as error:
-            reason = str(error).strip().splitlines()[0]
-            raise SimulatorError(f"{self.path}: the film cannot be written: {reason}") from None
+            self._ffmpeg.stdin.write(np.ascontiguousarray(frame))
+        except BrokenPipeError:
+            self._ffmpeg.wait()
+            raise self._failed() from None
 
     def __exit__(
         self,
@@ -78,10 +75,53 @@ class Film:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._writer is None:
+        if self._ffmpeg is None:
             return
-        self._writer.close()
         if kind is not None:
+            self._ffmpeg.kill()
+        with contextlib.suppress(BrokenPipeError):  # it has ended, and its status tells
+            self._ffmpeg.stdin.close()
+        whole = self._ffmpeg.wait() == 0 and kind is None
+        try:
+            if whole:
+                self._unfinished.replace(self.path)
+        except OSError as failure:
+            self._lines.append(failure.strerror)
+            whole = False
+        if not whole:
             self._unfinished.unlink(missing_ok=True)
-        elif self._unfinished.exists():
-            self._unfinished.replace(self.path)
+        if kind is None and not whole:
+            raise self._failed()
+        self._reader.join()
+
+    def _start(self, width: int, height: int) -> None:
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error"]
+        command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
+        command += ["-r", f"{self.fps:.6g}", "-i", "-", "-an"]
+        command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "27"]
+        command += ["-pix_fmt", "yuv420p"]  # what every browser plays
+        # The index comes first, so that a browser need not have it all to begin.
+        command += ["-movflags", "+faststart", str(self._unfinished.absolute())]
+        # In a session of its own: Ctrl-C ends the drive, and then the film is finished.
+        self._ffmpeg = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+        )
+        self._reader = threading.Thread(target=self._read_lines, daemon=True)
+        self._reader.start()
+
+    def _read_lines(self) -> None:
+        with self._ffmpeg.stderr as stderr:
+            self._lines.extend(line.decode(errors="replace").strip() for line in stderr)
+
+    def _failed(self) -> SimulatorError:
+        """Return the error that names the film, the reason and the remedy."""
+        self._reader.join()
+        status = self._ffmpeg.returncode
+        reason = f"ffmpeg ended with exit status {status}"
+        if status < 0:
+            reason = f"ffmpeg was ended by a signal: {signal.strsignal(-status)}"
+        elif self._lines:
+            reason = self._lines[-1].rpartition("] ")[2]
+        if any(DISK_FULL in line for line in self._lines):
+            reason = f"the disk is full ({DISK_FULL}); free some space there"
+        return SimulatorError(f"{self.path}: the film cannot be written: {reason}")

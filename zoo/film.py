@@ -118,7 +118,7 @@ def make_film(
             for picture in _pictures(shots, faults, console):
                 film.add(picture)
     except SimulatorError as error:
-        raise InputError(f"{error}; name another file with out=") from None
+        raise InputError(f"{error}; or name another file with out=") from None
     drawn = len(shots) - len(faults)
     if not drawn:
         raise InputError(f"{faults[0]}; none of {len(shots)} pictures can be read")

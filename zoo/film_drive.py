@@ -151,4 +151,9 @@ class DriveFilm(AbstractContextManager):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._film.__exit__(kind, error, trace)
+        from simulator.errors import SimulatorError
+
+        try:
+            self._film.__exit__(kind, error, trace)
+        except SimulatorError as failure:
+            raise InputError(str(failure)) from None

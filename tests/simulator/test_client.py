@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,7 @@ from simulator.client import RETRY_S, Client, ClientOptions, run_client
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.legacy_socket import LegacySocket
-from simulator.world import World, open_world
+from simulator.world import Start, World, open_world
 from tests.simulator.drivers import ModernDriver, RawDriver, RefusingDriver, steering_driver
 
 STEER = {"steering_angle": "0.0000", "throttle": "1.0000"}
@@ -91,8 +92,8 @@ def test_steering_is_obeyed_normalised_and_reported_in_degrees() -> None:
 def test_the_summary_says_how_it_went(talked) -> None:
     pattern = (
         r"0\.\d\d laps in 0\.6 s of simulated time; 9 frames, \d+ a second; 11 telemetry in "
-        r"1 connections; 0 interventions; off centre 0\.\d\d m on average, 0\.\d\d m at most; "
-        r"0 times off the road"
+        r"1 connections; 0 times taken over by hand; off centre 0\.\d\d m on average, "
+        r"0\.\d\d m at most; 0 times off the road"
     )
     assert re.search(pattern, talked[2])
 
@@ -165,7 +166,7 @@ def test_a_person_who_holds_w_sends_null_and_drives_straight_at_full_throttle() 
     ]
     assert client.counts["manual"] == sum(null)
     assert client.world.car.speed_mph > 2
-    assert "2 interventions" in said
+    assert "2 times taken over by hand" in said
 
 
 def test_the_car_is_the_persons_while_w_is_held(world: World) -> None:
@@ -287,6 +288,35 @@ def test_the_truth_is_told_when_asked() -> None:
     message = json.loads(driver.telemetry[-2][2:])[1]
     assert float(message["time"]) > 0.2
     assert abs(float(message["cte"])) < 1
+    assert message["lane"] == "3.2000"
+    assert message["wall"] == message["put_back"] == "0.0000"
+
+
+def put_back(options: ClientOptions, world: World, reply: dict) -> Client:
+    """A client off the lake's road, which has taken a reply."""
+    world.reset(0)
+    world.put_back(Start(100, cte=5.0, speed_mph=9))
+    client = Client(world, options, recorder())
+    with RawDriver(steering_driver()) as driver, closing(LegacySocket(driver.url)) as link:
+        client.frame()
+        client.take(link, "steer", reply)
+    return client
+
+
+def test_a_reply_puts_the_car_back_on_the_road_when_asked(world: World) -> None:
+    reply = {**STEER, "put_back": "12,0000"}
+    options = ClientOptions(truth=True, put_back=True, decimal_comma=True)
+    client = put_back(options, world, reply)
+    assert (client.frame() == world.frame()).all(), "it is not the one from beside the road"
+    assert world.cte == pytest.approx(0, abs=1e-3)
+    assert world.place.distance == pytest.approx(100, abs=0.5)
+    assert world.car.speed_mph == pytest.approx(12)
+    assert client.counts["put back"] == 1
+
+
+def test_a_reply_puts_nothing_back_as_the_original(world: World) -> None:
+    put_back(ClientOptions(truth=True), world, {**STEER, "put_back": "12.0000"})
+    assert abs(world.cte) > 4
 
 
 def test_a_modern_driver_is_served_by_todays_library() -> None:
@@ -297,7 +327,7 @@ def test_a_modern_driver_is_served_by_todays_library() -> None:
     assert client.counts["manual"] == 3
     assert client.counts["steer"] == 6
     assert client.world.car.speed_mph > 4
-    assert "1 connections; 1 interventions" in said
+    assert "1 connections; 1 times taken over by hand" in said
 
 
 def test_its_film_has_a_frame_for_each_of_the_worlds(tmp_path: Path) -> None:

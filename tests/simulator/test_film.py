@@ -12,6 +12,9 @@ import pytest
 from simulator.errors import SimulatorError
 from simulator.film import Film
 
+FULL = Path("/dev/full")
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="only Linux has /dev/full")
+
 
 def write(path: Path, *frames: np.ndarray) -> Path:
     with Film(path, fps=20) as film:
@@ -91,3 +94,41 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "films").write_text("")
     with pytest.raises(SimulatorError, match="cannot be written"):
         Film(tmp_path / "films" / "lap.mp4", fps=20)
+
+
+def full_disk(path: Path) -> Path:
+    """A film's path whose disk takes nothing."""
+    path.with_name(f".{path.name}.part.mp4").symlink_to(FULL)
+    return path
+
+
+@needs_full
+@pytest.mark.parametrize("frames", [1, 400])
+def test_a_full_disk_is_named_and_leaves_no_film(tmp_path: Path, frames: int, capfd) -> None:
+    path = full_disk(tmp_path / "lap.mp4")
+    noise = np.random.default_rng(0).integers(0, 255, (160, 320, 3), np.uint8)
+    with pytest.raises(SimulatorError) as raised:
+        write(path, *[np.roll(noise, number) for number in range(frames)])
+    for words in (str(path), "disk is full", "free some space"):
+        assert words in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert not list(tmp_path.iterdir())
+    assert capfd.readouterr() == ("", "")
+
+
+@needs_full
+def test_a_full_disk_leaves_the_film_before(tmp_path: Path) -> None:
+    path = full_disk(tmp_path / "lap.mp4")
+    path.write_bytes(b"the one before")
+    with pytest.raises(SimulatorError, match="disk is full"):
+        write(path, grey(0))
+    assert path.read_bytes() == b"the one before"
+
+
+def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
+    film = Film(tmp_path / "lap.mp4", 20)
+    film.add(grey(0))
+    film._ffmpeg.kill()
+    with pytest.raises(SimulatorError, match=r"lap\.mp4.*signal: Killed"):
+        film.__exit__(None, None, None)
+    assert not list(tmp_path.iterdir())

@@ -5,13 +5,16 @@ import os
 import shutil
 import socket
 import time
+import urllib.request
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from datamodules.image import decode_image
 from datamodules.recording import read_recordings
+from simulator.world import open_world
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from tests.zoo.driving.old_client import OldClient
@@ -19,6 +22,8 @@ from tests.zoo.driving.serve import served
 from zoo.driving.drive_log import read_drive
 from zoo.driving.embedded_client import EmbeddedClient
 from zoo.policy import load_policy
+from zoo.scoring.closed_loop import drive_closed_loop, score
+from zoo.scoring.drives import speed_controller
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +106,8 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
         (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast is not a number, 0 or more"),
         (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0 is not a number above 0"),
         (["CKPT", "drive.port=99999"], "drive.port=99999 is not a port"),
+        (["CKPT", "drive.margin=0"], "drive.margin=0 is not metres, 0.2 or more, or null"),
+        (["CKPT", "drive.put_back=1"], "drive.put_back=1 is not true or false"),
         (["CKPT", "drive.port"], "is no option"),
         (["CKPT", "drive.port=["], "drive.port=["),
         (["CKPT", "drive.host=0.0.0.0"], "add drive.expose=true"),
@@ -155,6 +162,59 @@ def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_pa
     assert record.summary["clients"] == 1
     assert record.speed_mph.max() > 2
     assert len(read_recordings(str(tmp_path / "drive"))) > 20
+
+
+@pytest.fixture(scope="module")
+def off_the_road(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network that steers to the left whatever it sees."""
+    content = torch.load(checkpoint, weights_only=False)
+    weights = content["state_dict"]
+    *_, weight, bias = weights
+    weights[weight].zero_()
+    weights[bias].fill_(-0.3)
+    path = tmp_path_factory.mktemp("bad") / "left.ckpt"
+    torch.save(content, path)
+    return path
+
+
+@pytest.mark.slow
+def test_a_bad_network_gets_the_figures_of_an_evaluation(
+    off_the_road: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.record=drive")
+    result = drive(tmp_path, off_the_road, *options)
+    assert result.returncode == 0, result.stderr
+    policy = load_policy(off_the_road)
+    scored = drive_closed_loop(policy, open_world("lake"), speed_controller(9), 0, 0.03)
+    wanted = score(scored)["interventions"]
+
+    record = read_drive(tmp_path / "drive")
+    assert wanted >= 2
+    assert record.summary["interventions"] == record.summary["off_road"] >= wanted
+    assert record.summary["autonomy"] < 0.5
+    assert record.intervention.sum() == record.summary["interventions"]
+    assert f"{record.summary['interventions']} interventions" in result.stdout
+
+
+@pytest.mark.slow
+def test_a_car_that_is_not_put_back_costs_ever_more_interventions(
+    off_the_road: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.put_back=false")
+    with served(tmp_path / "x", "zoo.drive", str(off_the_road), *options) as driver:
+        url = f"http://127.0.0.1:{driver.port}/state.json"
+        deadline_s, state = time.monotonic() + 60, {}
+        while state.get("telemetry", 0) < 200 and time.monotonic() < deadline_s:
+            with urllib.request.urlopen(url, timeout=10) as answer:
+                state = json.load(answer)
+            time.sleep(0.1)
+        assert state["lost"] == "off_road"
+        assert driver.stop() == 0
+    (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
+    record = read_drive(folder)
+    off_s = 0.066 * (np.abs(record.cross_track_m) > 3.2).sum()
+    assert off_s > 5
+    assert 6 * record.summary["off_road"] >= off_s
 
 
 def test_a_simulator_that_fails_is_noticed() -> None:

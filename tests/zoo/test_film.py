@@ -16,6 +16,7 @@ from tests.zoo.commands import only_line, run
 from zoo.driving.drive_log import PERSON, DriveRow, DriveWriter
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps
+from zoo.film_drive import KeptFrames
 from zoo.film_overlay import GREEN, RED, draw_overlay
 
 GREY = np.full((160, 320, 3), 90, np.uint8)
@@ -137,6 +138,37 @@ def test_a_mistake_is_said_with_what_to_do(
     (tmp_path / "lake").symlink_to(recorded.folder)
     with pytest.raises(InputError, match=re.escape(said)):
         film_command(arguments)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has /dev/full")
+def test_a_full_disk_is_one_line_and_leaves_no_film(recorded: Written, tmp_path: Path) -> None:
+    (tmp_path / ".lake.mp4.part.mp4").symlink_to("/dev/full")
+    line = only_line(film(tmp_path, recorded.folder, "out=lake.mp4"))
+    for words in ("lake.mp4", "disk is full", "free some space", "out="):
+        assert words in line
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has /dev/full")
+def test_a_full_disk_while_a_drive_is_scored_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / ".film.mp4.part.mp4").symlink_to("/dev/full")
+    kept = KeptFrames(tmp_path, 15, film_speed=1)
+    kept(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
+    with pytest.raises(InputError, match=r"film\.mp4.*the disk is full"):
+        kept.__exit__(None, None, None)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_film_shows_no_autonomy_where_it_is_not_measured(
+    recorded: Written, tmp_path: Path
+) -> None:
+    writer = DriveWriter(tmp_path)
+    for row in range(10):
+        writer.add([DriveRow(row / 10, frame=str(recorded.image(row)), intervention=row == 5)])
+    writer.close()
+    shots = read_shots(tmp_path)
+    assert {shot.autonomy for shot in shots[:5]} == {None}
+    assert shots[9].autonomy == 0, "a person who takes over shows that somebody watches"
 
 
 def test_the_command_says_a_mistake_in_one_line(tmp_path: Path) -> None:
