@@ -93,20 +93,27 @@ def _centre_only(recording: Recording) -> str | None:
 
 
 def _two_speeds(recording: Recording) -> str | None:
-    bins = np.arange(recording.speed_mph.max() + SPEED_WINDOW_MPH + 2)
-    counts, _ = np.histogram(recording.speed_mph, bins)
-    near = np.convolve(counts, np.ones(SPEED_WINDOW_MPH), "valid") / len(recording)
-    first = int(near.argmax())
-    far = np.where(np.abs(np.arange(len(near)) - first) >= SPEEDS_APART_MPH, near, 0)
-    second = int(far.argmax())
-    if far[second] < SECOND_SPEED_SHARE or near[first] + far[second] < SPEEDS_SHARE:
+    speed = recording.speed_mph
+    first = _usual_speed(speed)
+    far = speed[np.abs(speed - first) >= SPEEDS_APART_MPH]
+    if len(far) < SECOND_SPEED_SHARE * len(speed):
         return None
-    middle = SPEED_WINDOW_MPH / 2
+    second = _usual_speed(far)
+    shares = [np.mean(np.abs(speed - one) <= SPEED_WINDOW_MPH / 2) for one in (first, second)]
+    if shares[1] < SECOND_SPEED_SHARE or sum(shares) < SPEEDS_SHARE:
+        return None
     return (
-        f"{near[first]:.0%} of rows are driven at about {first + middle:.0f} mph, "
-        f"{near[second]:.0%} at about {second + middle:.0f}: one data.offset suits one speed only; "
-        "set data.recover_s=2, which follows each row's speed, or record at one speed"
+        f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at about "
+        f"{second:.0f}: one data.offset suits one speed only; set data.recover_s=2, which follows "
+        "each row's speed, or record at one speed"
     )
+
+
+def _usual_speed(speed: np.ndarray) -> float:
+    """Return the median of the rows in the fullest window of `SPEED_WINDOW_MPH`."""
+    counts = np.bincount(speed.astype(int), minlength=SPEED_WINDOW_MPH)
+    least = np.convolve(counts, np.ones(SPEED_WINDOW_MPH), "valid").argmax()
+    return float(np.median(speed[(speed >= least) & (speed < least + SPEED_WINDOW_MPH)]))
 
 
 def _one_direction(recording: Recording) -> str | None:
@@ -135,8 +142,8 @@ def _duplicates(recording: Recording) -> str | None:
     if same < IDENTICAL_SHARE * len(recording):
         return None
     return (
-        f"{same:,} rows have the same image as the row before while the car moves: these rows "
-        "count twice; record again while the simulator is not short of time"
+        f"{same:,} of {len(recording):,} centre images repeat the row before's while the car "
+        "moves: these rows count twice; record again on a machine that other programs leave alone"
     )
 
 

@@ -63,8 +63,8 @@ def make_track(name: str, content: dict) -> Track:
     centreline = make_centreline(points)
     _check_bends(centreline)
     _check_crossings(centreline, width)
-    verge = _verge("verge", content.get("verge") or {}, Verge())
-    given = content.get("stretches") or []
+    verge = _verge("verge", _given(content, "verge", {}), Verge())
+    given = _given(content, "stretches", [])
     if not isinstance(given, list):
         raise SimulatorError("stretches: must be a list of {from: and to: in metres}")
     stretches = tuple(
@@ -75,21 +75,16 @@ def make_track(name: str, content: dict) -> Track:
         name=name,
         width=width,
         shoulder=_number("shoulder", content.get("shoulder", 1.4), 0, 10),
-        centre_line=bool(content.get("centre_line", False)),
+        centre_line=_boolean("centre_line", content.get("centre_line", False)),
         stretches=stretches,
         verge=verge,
-        surroundings=_surroundings(content.get("surroundings") or {}),
+        surroundings=_surroundings(_given(content, "surroundings", {})),
         **centreline,
     )
 
 
 def _points(given: object) -> np.ndarray:
-    try:
-        points = np.array(given, float)
-    except (TypeError, ValueError):
-        raise SimulatorError("points: each must be [x, y, z] in metres") from None
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise SimulatorError("points: each must be [x, y, z] in metres")
+    points = _triples("points", given, "[x, y, z]")
     if len(points) < 4:
         raise SimulatorError(f"points: {len(points)}, a closed loop needs 4 or more")
     steps = np.linalg.norm(np.diff(points, axis=0, append=points[:1])[:, :2], axis=1)
@@ -159,18 +154,51 @@ def _surroundings(given: dict) -> Surroundings:
         if key == "ground":
             _check_choice("surroundings: ground", value, ("sand", "forest"))
         elif key == "lakes":
-            try:
-                lakes = np.array(value, float)
-            except (TypeError, ValueError):
-                lakes = np.empty(0)
-            if lakes.ndim != 2 or lakes.shape[1] != 3:
-                raise SimulatorError("surroundings: lakes: each must be [x, y, radius] in metres")
+            lakes = _triples("surroundings: lakes", value, "[x, y, radius]")
+            if (lakes[:, 2] <= 0).any():
+                number = int(np.argmax(lakes[:, 2] <= 0))
+                raise SimulatorError(
+                    f"surroundings: lakes, number {number + 1}: the radius is "
+                    f"{lakes[number, 2]:g}; must be above 0"
+                )
             values[key] = tuple(map(tuple, lakes.tolist()))
         else:
             low = -1e4 if key == "water_level" else 0
             number = _number(f"surroundings: {key}", value, low, 1e4)
-            values[key] = type(names[key].default)(number)
+            kind = type(names[key].default)
+            if kind(number) != number:
+                raise SimulatorError(f"surroundings: {key}: {value}; must be a whole number")
+            values[key] = kind(number)
     return Surroundings(**values)
+
+
+def _given(content: dict, key: str, usual: dict | list) -> object:
+    """Return a key's value; a key that nothing follows counts as left out."""
+    value = content.get(key)
+    return usual if value is None else value
+
+
+def _triples(place: str, given: object, what: str) -> np.ndarray:
+    """Return float64 [n, 3] of a YAML list of three finite numbers each; a text is no number."""
+    rows = given if isinstance(given, list) else [given]
+    for number, row in enumerate(rows, start=1):
+        numbers = row if isinstance(row, list) and len(row) == 3 else [None]
+        if not all(_is_finite(one) for one in numbers):
+            raise SimulatorError(
+                f"{place}: each must be {what} in metres, not {row} (number {number})"
+            )
+    return np.array(rows, float).reshape(-1, 3)
+
+
+def _is_finite(value: object) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) < 1e9
+
+
+def _boolean(place: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise SimulatorError(f"{place}: {value!r}; must be true or false, without quotes")
+    return value
 
 
 def _check_keys(place: str, given: object, known: tuple[str, ...]) -> None:

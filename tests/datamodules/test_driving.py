@@ -1,12 +1,14 @@
 """The datamodule as training uses it: from a folder to batches."""
 
 import numpy as np
+import PIL.Image
 import pytest
 import torch
 
 from datamodules.augment import Brightness, Shift
 from datamodules.balance import BatchKey
 from datamodules.batches import EVALUATION_BATCH
+from datamodules.check import look_at_image
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from datamodules.image import decode_image
@@ -229,6 +231,22 @@ def test_bad_image_stops_with_file_row_and_reason(load, damaged):
     assert message.startswith(f"{damaged.log}, row 6: {damaged.image(5, 'left')}: ")
     assert "the image is truncated (1 of 60 rows" in message
     assert "data.on_bad_image=skip" in message
+
+
+def test_a_gif_that_is_named_jpg_stops_with_the_words_of_the_check(load, tmp_path):
+    written = write_recording(tmp_path / "gif", rows=60)
+    PIL.Image.open(written.image(5)).save(written.image(5), "GIF")
+    with pytest.raises(InputError) as caught:
+        load(written.folder)
+    fault = look_at_image(str(written.image(5)))
+    assert f"row 6: {written.image(5)}: {fault}" in str(caught.value)
+    assert len(load(written.folder, on_bad_image="skip").recording) == 59
+
+
+def test_a_folder_is_printed_as_it_is_named(load, tmp_path, console):
+    written = write_recording(tmp_path / "ï [red] x[!red] :car:", rows=60)
+    load(written.folder)
+    assert f"{written.folder}: 60 rows" in console.file.getvalue().replace("\n", "")
 
 
 def test_bad_image_may_be_skipped_and_is_said(load, damaged, console):

@@ -1,6 +1,7 @@
 """Features of pictures, kept as views are; the front here is a simple one that counts."""
 
 import errno
+import io
 import os
 import threading
 from pathlib import Path
@@ -21,7 +22,7 @@ from datamodules.features import (
     plan_features,
 )
 from datamodules.view import View
-from tests.recordings import Written
+from tests.recordings import Written, write_recording
 
 VIEW = View((60, 20), "rgb", (8, 20))
 
@@ -151,3 +152,11 @@ def test_what_a_killed_build_left_is_written_over(recorded, tmp_path, console):
     np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(pictures))
     assert not list(tmp_path.glob("*.part"))
     assert view_store.is_stored(plan.files[0].target)
+
+
+def test_a_folders_name_is_no_markup_of_the_progress_bar(tmp_path):
+    data = data_of(write_recording(tmp_path / "x[/red]"), None)
+    plan = plan_of(data, Halves().front())
+    console = Console(file=io.StringIO(), force_terminal=True, width=200)
+    load_features(plan, data.views, console)
+    assert "x[/red], " in console.file.getvalue()

@@ -1,7 +1,9 @@
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from datamodules import row_views
 from datamodules.image import decode_image
@@ -41,6 +43,13 @@ def test_pictures_by_row_and_camera(two, tmp_path, console, cached):
     taken = views.take(rows, cameras)
     for picture, row, camera in zip(taken, rows, cameras, strict=True):
         np.testing.assert_array_equal(picture, view_of(recording.images[row, camera]))
+
+
+def test_a_folders_name_is_no_markup_of_the_progress_bar(tmp_path):
+    written = write_recording(tmp_path / "x[/red]", rows=2)
+    console = Console(file=io.StringIO(), force_terminal=True, width=200)
+    load_row_views(read_recordings(str(written.folder)), CAMERAS, VIEW, None, console)
+    assert "x[/red], right" in console.file.getvalue()
 
 
 def test_one_camera_for_all_rows(two, console):

@@ -8,6 +8,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -187,16 +188,18 @@ def test_bad_images_are_zeros_and_named(written, cache, cached):
     Path(paths[2]).write_bytes(whole[: len(whole) // 2])
     Path(paths[5]).write_bytes(b"")
     Path(paths[9]).write_bytes(b"no picture")
+    cv2.imencode(".bmp", np.zeros((160, 320, 3), np.uint8))[1].tofile(paths[10])
     Path(paths[11]).unlink()
     folder = cache if cached else None
     for _ in range(2):  # found in the cache, they are still known
         loaded = load_views(paths, VIEW, folder)
-        assert sorted(loaded.faults) == [2, 5, 9, 11]
+        assert sorted(loaded.faults) == [2, 5, 9, 10, 11]
         assert loaded.faults[2] == f"{paths[2]}: the image is truncated"
         assert loaded.faults[5] == f"{paths[5]}: the file is empty"
         assert loaded.faults[9] == f"{paths[9]}: the file is no JPEG or PNG"
+        assert loaded.faults[10] == f"{paths[10]}: the file is no JPEG or PNG"
         assert loaded.faults[11] == f"{paths[11]}: No such file or directory"
-        assert not loaded.views[[2, 5, 9, 11]].any()
+        assert not loaded.views[[2, 5, 9, 10, 11]].any()
         np.testing.assert_array_equal(loaded.views[[3, 12]], expected([paths[3], paths[12]]))
 
 

@@ -1,5 +1,7 @@
 """Tracks as YAML: what comes along, and one line for what is wrong with a user's own."""
 
+import math
+
 import numpy as np
 import pytest
 import yaml
@@ -86,6 +88,22 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"surroundings": {"lakes": [[1, 2]]}}, "lakes: each must be [x, y, radius]"),
         ({"surroundings": {"lakes": "deep"}}, "lakes: each must be [x, y, radius]"),
         ({"surroundings": {"trees": -1}}, "surroundings: trees: -1; must be a number"),
+        ({"surroundings": {"trees": 2.5}}, "surroundings: trees: 2.5; must be a whole number"),
+        ({"surroundings": {"trees": "9"}}, "surroundings: trees: 9; must be a number"),
+        ({"surroundings": 0}, "surroundings: 0; must be keys and values"),
+        ({"surroundings": {"lakes": [[1, 2, math.nan]]}}, "lakes: each must be [x, y, radius]"),
+        ({"surroundings": {"lakes": [[1, 2, -3]]}}, "lakes, number 1: the radius is -3"),
+        ({"centre_line": "no"}, "centre_line: 'no'; must be true or false"),
+        ({"centre_line": 1}, "centre_line: 1; must be true or false"),
+        ({"width": -6}, "width: -6; must be a number in 3..30"),
+        ({"width": "6.4"}, "width: 6.4; must be a number"),
+        ({"width": math.nan}, "width: nan; must be a number"),
+        ({"shoulder": math.inf}, "shoulder: inf; must be a number"),
+        ({"points": [*SQUARE[:3], ["0", "60", "0"]]}, "points: each must be [x, y, z]"),
+        ({"points": [*SQUARE[:3], [False, 60, 0]]}, "[False, 60, 0] (number 4)"),
+        ({"points": [*SQUARE[:3], [0, math.inf, 0]]}, "[0, inf, 0] (number 4)"),
+        ({"verge": False}, "verge: False; must be keys and values"),
+        ({"stretches": {}}, "stretches: must be a list"),
     ],
 )
 def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, said):
@@ -100,6 +118,12 @@ def test_a_file_that_is_no_track_is_refused(tmp_path, text):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     assert refusal(str(path)).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("key", ["verge", "stretches", "surroundings"])
+def test_a_key_that_nothing_follows_counts_as_left_out(tmp_path, key):
+    track = read_track(write_track(tmp_path, **{key: None}))
+    assert getattr(track, key) == getattr(read_track(write_track(tmp_path)), key)
 
 
 def test_an_unknown_track_names_the_known_ones():

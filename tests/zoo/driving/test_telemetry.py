@@ -1,10 +1,12 @@
 """Telemetry of every locale, and of none."""
 
+import io
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from tests.zoo.driving.old_client import telemetry
 from tests.zoo.driving.serve import picture
@@ -82,3 +84,11 @@ def test_bytes_of_any_kind_have_a_size_or_none(tail: bytes) -> None:
     assert jpeg_size(tail) is None
     size = jpeg_size(b"\xff\xd8" + tail)
     assert size is None or all(0 <= one < 1 << 16 for one in size)
+
+
+@pytest.mark.parametrize("kind", ["GIF", "BMP", "WEBP"])
+def test_an_image_that_training_refuses_is_refused_while_driving(kind: str) -> None:
+    buffer = io.BytesIO()
+    Image.new("RGB", (320, 160)).save(buffer, kind)
+    with pytest.raises(TelemetryError, match="the file is no JPEG or PNG"):
+        read_telemetry(telemetry(jpeg=buffer.getvalue()))

@@ -1,0 +1,170 @@
+"""What is odd about a recording, and what is not."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.findings import FEW_ROWS, find_oddities
+from datamodules.recording import Recording, read_recordings
+from simulator.record import RecordOptions, record_laps
+from tests.recordings import recording_in_memory, write_recording
+
+RNG = np.random.default_rng(0)
+SMOOTH = np.sin(np.arange(2_000) / 40) * 0.3 + RNG.normal(0, 1e-3, 2_000)
+
+
+def texts(recording: Recording) -> dict[str, str]:
+    """Each finding's text by its kind; they are one line each."""
+    found = find_oddities(recording)
+    assert all("\n" not in one.text for one in found)
+    assert len({one.kind for one in found}) == len(found)
+    return {one.kind: one.text for one in found}
+
+
+def with_pauses(recording: Recording, rows: range) -> Recording:
+    """The same with a pause of ten seconds before each of `rows`."""
+    paused = np.isin(np.arange(len(recording)), rows)
+    return replace(recording, time_s=recording.time_s + 10 * np.cumsum(paused))
+
+
+def recoveries(count: int) -> Recording:
+    """2,000 rows on the middle; so many begin off it, after a pause, and steer back."""
+    steering, starts = RNG.normal(0, 1e-3, 2_000), range(100, 100 + 200 * count, 200)
+    for start in starts:
+        steering[start : start + 15] -= np.linspace(0.4, 0, 15)
+    return with_pauses(recording_in_memory(steering), starts)
+
+
+def test_a_keyboard_is_named_with_its_figures_and_a_key():
+    taps = np.repeat(RNG.choice([-0.5, -0.25, 0.25, 0.5], 100), 20) * (np.arange(2_000) % 20 < 6)
+    text = texts(recording_in_memory(taps))["keyboard"]
+    assert "70%" in text
+    assert "600 rows share 4 values" in text
+    assert "data.straight_cap" in text
+
+
+def test_steering_that_is_always_0_is_a_keyboards():
+    assert "100%" in texts(recording_in_memory(np.zeros(2_000)))["keyboard"]
+
+
+def test_a_wheel_that_is_let_go_of_is_no_keyboard():
+    """Half of the steering is 0, but no value of the rest comes twice."""
+    steering = np.where(np.arange(2_000) % 40 < 20, 0, SMOOTH)
+    assert "keyboard" not in texts(recording_in_memory(steering))
+
+
+def test_no_way_back_to_the_middle_is_named_with_how_to_record_one():
+    text = texts(recording_in_memory(SMOOTH))["no_recoveries"]
+    assert text.startswith("0 stretches")
+    assert "data.offset" in text
+    assert "noise=1" in text
+
+
+def test_ways_back_after_pauses_are_recoveries():
+    assert "no_recoveries" not in texts(recoveries(4))
+
+
+def test_one_way_back_in_a_long_recording_is_too_few():
+    assert texts(recoveries(1))["no_recoveries"].startswith("1 stretch")
+
+
+def test_pauses_alone_are_no_recoveries():
+    straight = recording_in_memory(RNG.normal(0, 1e-3, 2_000))
+    assert "no_recoveries" in texts(with_pauses(straight, range(100, 900, 100)))
+
+
+def test_without_times_recoveries_cannot_be_told():
+    recording = recording_in_memory(SMOOTH)
+    recording = replace(recording, time_s=np.full(2_000, np.nan))
+    assert "no_recoveries" not in texts(recording)
+
+
+def test_two_speeds_are_named_with_a_key():
+    speeds = np.where(np.arange(2_000) < 800, 15, 30)
+    text = texts(recording_in_memory(SMOOTH, speeds))["two_speeds"]
+    assert "60% of rows are driven at about 30 mph, 40% at about 15" in text
+    assert "data.recover_s" in text
+
+
+@pytest.mark.parametrize(
+    "speeds",
+    [
+        np.full(2_000, 30.0),
+        np.linspace(0, 30, 2_000),
+        np.minimum(np.linspace(0, 100, 2_000), 30),
+        np.zeros(2_000),
+        np.where(np.arange(2_000) < 1_000, 25.0, 29.0),
+    ],
+    ids=["one", "spread", "gains speed", "stands", "near"],
+)
+def test_one_speed_or_many_are_not_two(speeds):
+    assert "two_speeds" not in texts(recording_in_memory(SMOOTH, speeds))
+
+
+def test_an_image_that_several_rows_name_is_a_duplicate():
+    recording = recording_in_memory(SMOOTH)
+    images = recording.images.copy()
+    images[7] = images[6]
+    text = texts(replace(recording, images=images))["duplicates"]
+    assert text.startswith("3 of 6,000 images")
+    assert "delete" in text
+
+
+def test_an_image_that_repeats_the_row_befores_is_a_duplicate(tmp_path):
+    written = write_recording(tmp_path / "lake", rows=6)
+    for row in range(1, 6):
+        shutil.copy(written.image(0), written.image(row))
+    assert texts(read_recordings(str(written.folder)))["duplicates"].startswith("5 of 6 ")
+
+
+def test_a_car_that_stands_still_is_no_duplicate(tmp_path):
+    written = write_recording(tmp_path / "lake", rows=6)
+    shutil.copy(written.image(2), written.image(3))
+    recording = read_recordings(str(written.folder))
+    assert "duplicates" not in texts(replace(recording, speed_mph=np.zeros(6)))
+
+
+def test_a_recording_of_the_centre_camera_alone_is_named_with_an_augmentation():
+    recording = recording_in_memory(SMOOTH, cameras=("center",))
+    assert "augment=[shift]" in texts(recording)["centre_only"]
+
+
+def test_few_rows_are_named_with_their_number_and_a_key():
+    assert "centre_only" not in texts(recording_in_memory(SMOOTH))
+    text = texts(recording_in_memory(SMOOTH[: FEW_ROWS - 1]))["few_rows"]
+    assert f"{FEW_ROWS - 1}" in text
+    assert "quick=true" in text
+    assert "few_rows" not in texts(recording_in_memory(SMOOTH[:FEW_ROWS]))
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1, "right"), (-1, "left")])
+def test_steering_to_one_side_is_named_with_the_side_and_a_key(sign, side):
+    text = texts(recording_in_memory(sign * (SMOOTH + 0.2)))["one_direction"]
+    assert f"to the {side}" in text
+    assert "data.flip" in text
+    assert "one_direction" not in texts(recording_in_memory(SMOOTH))
+
+
+def test_the_real_keyboard_recording():
+    lake = Path(__file__).parents[3] / "shared" / "data" / "lake"
+    if not lake.exists():
+        pytest.skip(f"{lake} is not here")
+    found = texts(read_recordings(str(lake)))
+    assert list(found) == ["keyboard", "no_recoveries"]
+    assert "70% of steering is exactly 0" in found["keyboard"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("noise", "missing"), [(0.0, True), (1.0, False)])
+def test_the_experts_recordings_lack_recoveries_without_noise_alone(tmp_path, noise, missing):
+    options = RecordOptions(
+        track="lake", out=str(tmp_path / "lake"), laps=0.25, noise=noise, seed=1, quality="simple"
+    )
+    found = texts(read_recordings(str(record_laps(options))))
+    assert ("no_recoveries" in found) == missing
+    assert "keyboard" not in found
+    assert "two_speeds" not in found
+    assert "duplicates" not in found
