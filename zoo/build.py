@@ -18,6 +18,7 @@ from datamodules.errors import InputError
 from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoint import VIEW_KEYS, make_network
+from zoo.checkpoint_files import CheckpointFiles
 from zoo.steering_module import SteeringModule
 
 QUICK_EPOCHS, QUICK_SAMPLES = 3, 3_200
@@ -105,9 +106,11 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         if settings:
             place = {"save_dir": str(folder)} if name in ("tensorboard", "wandb") else {}
             loggers.append(_instantiate(f"logger.{name}", settings, **place))
+    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
     return _instantiate(
         "trainer",
         lightnings,
+        **plugins,
         callbacks=callbacks,
         logger=loggers,
         default_root_dir=str(folder),
