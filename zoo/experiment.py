@@ -28,14 +28,20 @@ from zoo.waiting import spinning_while_quiet
 from zoo.weights import load_weights
 
 
-def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> float:
+def run_experiment(
+    config: DictConfig, folder: Path, resume: bool = False, keep_config: bool = False
+) -> float:
     """Run what `config` says in `folder`; with `resume`, from its last checkpoint.
+
+    With `keep_config` it replaces the folder's config once it is known to fit the checkpoint, so
+    that a run that is stopped again is resumed with it.
 
     Returns the validation MSE of the best checkpoint (NaN without validation rows), which a
     sweeper can minimise.
 
     Raises:
-        InputError: anything wrong with the config, the recording or a file.
+        InputError: anything wrong with the config, the recording or a file; another process is
+            training in the folder.
         StoppedError: on Ctrl-C.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -44,6 +50,7 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         started = time.perf_counter()
         code_fingerprint()  # of what is imported now; who edits it while it trains changes nothing
         console = Console(soft_wrap=True, quiet=not first)
+        asked = config.copy()
         apply_quick(config)
         score = run_options(config.get("score"))
         apply_recording(config, console)
@@ -62,6 +69,8 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         elif config.model.weights is not None:
             said = load_weights(module.network, str(config.model.weights))
             console.print(f"weights: {said}", highlight=False, markup=False)
+        if first and keep_config:
+            OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
         if first:
             write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
