@@ -138,8 +138,12 @@ def write_status(folder: Path, status: str, **more: object) -> None:
         **more,
     }
     part = folder / f"{NAME}.{os.getpid()}.part"
-    part.write_text(json.dumps(contents, indent=2))
-    part.replace(folder / NAME)
+    try:
+        part.write_text(json.dumps(contents, indent=2))
+        part.replace(folder / NAME)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(folder / NAME)) from error
 
 
 def read_status(folder: Path) -> dict:
