@@ -7,12 +7,13 @@ from pathlib import Path
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
-from zoo.config import conf_folder, config_groups, quote_paths
+from zoo.config import conf_folder, quote_paths
 from zoo.options import is_help
+from zoo.run_folder import claimed_folder, is_folder_named
 from zoo.status import StoppedError
 from zoo.waiting import choose_waiting
 
@@ -30,6 +31,8 @@ def zoo(arguments: list[str]) -> None:
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]
+        from zoo.resume import resume
+
         resume(Path(resumed[0].removeprefix("resume=")), overrides)
         return
     if is_sweep(arguments):
@@ -55,17 +58,19 @@ def zoo(arguments: list[str]) -> None:
             raise KeyboardInterrupt(str(error)) from error
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
-    sys.argv = [sys.argv[0], *quote_paths(arguments)]
     conf = str(conf_folder().resolve())
     try:
-        hydra.main(version_base="1.3", config_path=conf, config_name="config")(train)()
+        with claimed_folder(quote_paths(arguments)) as claimed:
+            sys.argv = [sys.argv[0], *claimed]
+            hydra.main(version_base="1.3", config_path=conf, config_name="config")(train)()
     except KeyboardInterrupt as error:
         raise StoppedError(str(error) or "stopped") from None
     except OSError as error:
         if began or isinstance(error, HydraException):  # of a config that is missing
             raise
+        named = error.filename or next(filter(is_folder_named, arguments), "outputs")
         raise InputError(
-            f"{error.filename}: cannot be made the run's folder ({error.strerror}); set "
+            f"{named}: cannot be made the run's folder ({error.strerror or error}); set "
             "hydra.run.dir=FOLDER to another"
         ) from error
     if failures:
@@ -75,25 +80,6 @@ def zoo(arguments: list[str]) -> None:
 def is_sweep(arguments: list[str]) -> bool:
     """Whether a command asks for several runs."""
     return any(one in ("-m", "--multirun", "hydra.mode=MULTIRUN") for one in arguments)
-
-
-def resume(folder: Path, overrides: list[str]) -> None:
-    """Go on with a run: its own config, plus such overrides as `trainer.max_epochs=60`."""
-    saved = folder / ".hydra" / "config.yaml"
-    if not saved.is_file():
-        raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
-    chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
-    if chosen:
-        raise InputError(
-            f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
-            "trainer.max_epochs=60, or start a new run"
-        )
-    config = OmegaConf.load(saved)
-    OmegaConf.set_struct(config, True)
-    config.merge_with_dotlist(overrides)
-    from zoo.experiment import run_experiment
-
-    run_experiment(config, folder.resolve(), resume=True)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,8 @@ from datamodules.errors import InputError
 from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoint import VIEW_KEYS, make_network
+from zoo.checkpoint_files import CheckpointFiles
+from zoo.config import escape_interpolation
 from zoo.steering_module import SteeringModule
 
 QUICK_EPOCHS, QUICK_SAMPLES = 3, 3_200
@@ -44,7 +46,8 @@ def build_data(config: DictConfig) -> DrivingData:
         raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
     view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
-    settings = {key: v for key, v in config.data.items() if key not in ("crop", "record")}
+    data = OmegaConf.to_container(config.data, resolve=True)
+    settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     # Hydra would turn the view, a dataclass, into a config of its own.
     return _instantiate("data", settings, _partial_=True)(view=view, seed=config.seed)
 
@@ -105,9 +108,11 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
         if settings:
             place = {"save_dir": str(folder)} if name in ("tensorboard", "wandb") else {}
             loggers.append(_instantiate(f"logger.{name}", settings, **place))
+    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
     return _instantiate(
         "trainer",
         lightnings,
+        **plugins,
         callbacks=callbacks,
         logger=loggers,
         default_root_dir=str(folder),
@@ -166,8 +171,10 @@ def silence_libraries() -> None:
 def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
     """`hydra.utils.instantiate`, whose failures name the config's key in one line."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
+    if not OmegaConf.is_config(settings):  # resolved already: a path is taken as it stands
+        settings = escape_interpolation(settings)
     try:
-        return instantiate(settings, **more, _convert_="all")
+        return instantiate(settings, **escape_interpolation(more), _convert_="all")
     except InstantiationException as error:
         cause = error.__cause__ or error
         while isinstance(cause, InstantiationException) and cause.__cause__:

@@ -26,6 +26,10 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         failure = StoppedError("stopped")
     except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:  # of a disk or a folder: named, and nothing that a trace explains
+        if error.strerror is None:
+            raise
+        failure = InputError(f"{error.filename or 'a file'}: {error.strerror}")
     if failure is None:
         return 0
     print(f"{name}: {' '.join(str(failure).split())}", file=sys.stderr)

@@ -6,8 +6,18 @@ from pathlib import Path
 
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
 
-# Their values are places on this disk; one that exists is taken as it stands, whatever is in it.
-PATH_KEYS = ("data.root", "data.images", "data.cache", "data.split", "model.weights")
+# Their values are places on this disk, in which nothing has a meaning but `${...}`.
+PATH_KEYS = (
+    "data.root",
+    "data.images",
+    "data.cache",
+    "data.split",
+    "data.record.out",
+    "model.weights",
+    "hydra.run.dir",
+    "hydra.sweep.dir",
+)
+NO_PATHS = ("", "null", "true", "false")
 
 # Groups in `conf` that are no part of the config: the driver's, the simulator's, Hydra's own.
 OTHER_GROUPS = ("drive", "track", "hydra")
@@ -23,27 +33,89 @@ def conf_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "conf"
 
 
-def quote_paths(arguments: list[str]) -> list[str]:
+def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
     """Quote the value of a key that names a place on this disk, so that Hydra reads none of it.
 
-    >>> quote_paths(["data.root=/", "seed=1"])
-    ["data.root='/'", 'seed=1']
+    `${...}` is Hydra's, unless a file or folder has exactly that name; `\\${...}` never is.
+
+    >>> quote_paths(["data.root=a=b", "data.root=[my laps,b]", "seed=1"])
+    ["data.root='a=b'", "data.root=['my laps','b']", 'seed=1']
+
+    Args:
+        sweep: whether a comma separates what is swept over.
     """
     quoted = []
     for argument in arguments:
         key, equals, value = argument.partition("=")
-        if equals and key in PATH_KEYS and value and value != "null" and _exists(value):
-            escaped = value.replace("\\", "\\\\").replace("'", "\\'")
-            argument = f"{key}='{escaped}'"
+        if equals and key.lstrip("+") in PATH_KEYS:
+            argument = f"{key}={_quote_value(value, sweep)}"
+        elif key == "callbacks" and value.startswith("{"):
+            argument = f"++{argument}"  # added to those that are there, as a choice's are
         quoted.append(argument)
     return quoted
 
 
+def escape_interpolation(value: object) -> object:
+    """Return a value, or containers of values, that OmegaConf reads as it stands.
+
+    >>> escape_interpolation(["a${b}", 1])
+    ['a\\\\${b}', 1]
+    """
+    if isinstance(value, dict):
+        return {key: escape_interpolation(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [escape_interpolation(one) for one in value]
+    if isinstance(value, str):
+        return re.sub(r"(\\*)\$\{", r"\1\1\\${", value)
+    return value
+
+
+def quote(value: str) -> str:
+    """Return a text as Hydra's parser wants it: in quotes."""
+    escaped = re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + (m[2] and "\\'"), value)
+    return f"'{escaped}'"
+
+
+def _quote_value(value: str, sweep: bool) -> str:
+    if _exists(value):
+        return quote(escape_interpolation(value))
+    if value.lower() in NO_PATHS:
+        return value
+    if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
+        # Lightning quotes the run's folder for the processes that it starts, and escapes nothing.
+        inner = value[1:-1]
+        return quote(escape_interpolation(inner)) if _exists(inner) else value
+    if value[0] == "[" and value[-1] == "]":
+        return f"[{','.join(_quote_value(one, False) for one in _paths_in(value[1:-1]))}]"
+    if sweep and re.match(r"\w+\(", value):  # choice(...), glob(...)
+        return value
+    if sweep and "," in value:
+        return ",".join(_quote_value(one, sweep) for one in _paths_in(value))
+    return quote(value)
+
+
 def _exists(value: str) -> bool:
     try:
-        return Path(value).expanduser().exists()
-    except OSError:
+        return value != "" and Path(value).expanduser().exists()
+    except (OSError, RuntimeError, ValueError):  # too long, of an unknown user, with a null byte
         return False
+
+
+def _paths_in(text: str) -> list[str]:
+    """Split at commas, but for those in a path that exists, in quotes or in brackets."""
+    parts = text.split(",")
+    paths = []
+    while parts:
+        for count in range(len(parts), 1, -1):
+            joined = ",".join(parts[:count]).strip()
+            inside = joined[:1] + joined[-1:] in ("''", '""', "[]")
+            if _exists(joined) or (inside and joined[0] not in ",".join(parts[1:count])[:-1]):
+                break
+        else:
+            count, joined = 1, parts[0].strip()
+        paths.append(joined)
+        parts = parts[count:]
+    return [one for one in paths if one]
 
 
 def explain(error: HydraException, arguments: list[str]) -> str:

@@ -75,7 +75,8 @@ def demo(arguments: list[str]) -> None:
         "where it drove": run / "drives" / "lake-0" / "track.png",
         "the drive, as a recording": drive,
     }.items():
-        console.print(f"{name}: {path}", highlight=False, markup=False)
+        if Path(path).exists():  # a run that was not driven has no drives
+            console.print(f"{name}: {path}", highlight=False, markup=False)
 
 
 if __name__ == "__main__":

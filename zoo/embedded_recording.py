@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.config import escape_interpolation
 
 RECIPE = "recipe.json"
 
@@ -35,7 +36,7 @@ def apply_recording(config: DictConfig, console: Console) -> None:
     except OSError as error:
         raise InputError(f"{folder}: cannot record there: {error.strerror}") from None
     _check_recipe(folder, recipe)
-    config.data.root = str(folder)
+    config.data.root = escape_interpolation(str(folder))
 
 
 def _record(folder: Path, recipe: dict, console: Console) -> None:

@@ -1,7 +1,12 @@
 """One experiment: load, train, test, report. The main job."""
 
+import io
 import shlex
+import threading
 import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import lightning
@@ -30,22 +35,30 @@ from zoo.waiting import spinning_while_quiet
 from zoo.weights import load_weights
 
 
-def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> float:
+def run_experiment(
+    config: DictConfig, folder: Path, resume: bool = False, keep_config: bool = False
+) -> float:
     """Run what `config` says in `folder`; with `resume`, from its last checkpoint.
+
+    With `keep_config` it replaces the folder's config once it is known to fit the checkpoint, so
+    that a run that is stopped again is resumed with it.
 
     Returns the validation MSE of the best checkpoint (NaN without validation rows), which a
     sweeper can minimise.
 
     Raises:
-        InputError: anything wrong with the config, the recording or a file.
+        InputError: anything wrong with the config, the recording or a file; another process is
+            training in the folder.
         StoppedError: on Ctrl-C.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     first = is_first_process(needs_processes(config))
-    with run_status(folder, first):
+    with _naming_files(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with _naming_files(folder), run_status(folder, first), _naming_files(folder):
         started = time.perf_counter()
         code_fingerprint()  # of what is imported now; who edits it while it trains changes nothing
         console = Console(soft_wrap=True, quiet=not first)
+        asked = config.copy()
         apply_quick(config)
         score = run_options(config.get("score"))
         apply_recording(config, console)
@@ -66,6 +79,8 @@ def run_experiment(config: DictConfig, folder: Path, resume: bool = False) -> fl
         elif config.model.weights is not None:
             said = load_weights(module.network, str(config.model.weights))
             console.print(f"weights: {said}", highlight=False, markup=False)
+        if first and keep_config:
+            OmegaConf.save(asked, folder / ".hydra" / "config.yaml")
         if first:
             write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
@@ -146,11 +161,6 @@ def _fit(
     last = folder / "checkpoints" / "last.ckpt"
     try:
         trainer.fit(module, datamodule=data, ckpt_path=start, weights_only=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot write the run ({error.strerror or error}); what was saved before is "
-            f"kept; free some space and go on with: {_resume_command(folder)}"
-        ) from error
     except SystemExit:
         if not trainer.interrupted:
             raise
@@ -164,6 +174,43 @@ def _fit(
     if trainer.max_epochs == 0:  # nothing to learn: only carry the weights over to a checkpoint
         for name in ("best", "last"):
             trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")
+
+
+@contextmanager
+def _naming_files(folder: Path) -> Iterator[None]:
+    """Raise InputError for a full disk, or a folder that was removed: which file, what is kept."""
+    before = threading.excepthook
+    # TensorBoard writes in a thread, and raises in ours what has failed there.
+    threading.excepthook = lambda failed: isinstance(failed.exc_value, OSError) or before(failed)
+    try:
+        yield
+    except OSError as error:
+        place = error.filename or _open_file(error) or folder
+        last = folder / "checkpoints" / "last.ckpt"
+        if not folder.is_dir():
+            remedy = f"{folder} was removed, with all that the run had saved; start it again"
+        elif last.is_file():
+            remedy = (
+                f"{last} is kept; free some space, or correct that, and go on with: "
+                f"{_resume_command(folder)}"
+            )
+        else:
+            remedy = (
+                "no epoch was complete yet; free some space, or correct that, and start again with: "
+                f"{_resume_command(folder)}"
+            )
+        raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
+    finally:
+        threading.excepthook = before
+
+
+def _open_file(error: OSError) -> str | None:
+    """Return the file that the failed code had open: an error of writing names none."""
+    for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
+        for one in frame.f_locals.values():
+            if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):
+                return one.name
+    return None
 
 
 def _resume_command(folder: Path) -> str:

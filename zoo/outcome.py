@@ -128,7 +128,8 @@ def report_outcome(
         page = str(write_report(folder))
     except InputError as error:
         page = f"no report: {error}"
-    for line in (folder / "checkpoints" / "best.ckpt", page):
+    best_path = folder / "checkpoints" / "best.ckpt"
+    for line in [best_path, page] if best_path.is_file() else [page]:
         console.print(str(line), highlight=False, markup=False)
     print_verdict(verdict, console)
     return figures.get("val", {}).get("mse", float("nan"))

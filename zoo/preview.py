@@ -27,11 +27,11 @@ def preview(arguments: list[str]) -> None:
     from zoo import plots
     from zoo.build import apply_quick, build_data
     from zoo.callbacks.pictures import figure_of_fed_batch, figure_of_steering
-    from zoo.config import compose_config, quote_paths
+    from zoo.config import compose_config, escape_interpolation, quote_paths
     from zoo.embedded_recording import apply_recording
 
     console = Console(soft_wrap=True)
-    config = OmegaConf.create(compose_config(quote_paths(arguments)))
+    config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(arguments))))
     apply_quick(config)
     apply_recording(config, console)
     data = build_data(config)

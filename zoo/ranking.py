@@ -124,8 +124,10 @@ def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
     """Each folder as a run that can be ranked, or why it can't."""
     runs, unranked = [], []
     for folder in folders:
-        finished = read_status(folder).get("status") == "finished"
-        run = read_run(folder) if finished else None
+        status = read_status(folder)
+        # Of a finished run that was resumed, the figures of what was finished stand.
+        has_figures = status.get("status") == "finished" or "finished_epochs" in status
+        run = read_run(folder) if has_figures else None
         if run is None:
             unranked.append(why_unranked(folder))
         else:

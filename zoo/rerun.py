@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
+from zoo.config import escape_interpolation
 from zoo.options import read_arguments
 from zoo.status import StoppedError
 
@@ -116,7 +117,8 @@ def _prepare(run: Path, out: Path) -> None:
     if last.is_file():
         from zoo.checkpoint import read_checkpoint_file
 
-        config = OmegaConf.create(read_checkpoint_file(last)["drivezoo"]["config"])
+        trained = read_checkpoint_file(last)["drivezoo"]["config"]
+        config = OmegaConf.create(escape_interpolation(trained))
     if OmegaConf.select(config, "callbacks.pruning"):
         del config.callbacks["pruning"]  # its study is over
     try:

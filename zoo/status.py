@@ -5,12 +5,15 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 
 import psutil
+from filelock import FileLock
+
+from datamodules.errors import InputError
 
 NAME = "status.json"
 # A run on another machine shows that it lives by touching its file, which its clock dates.
@@ -44,11 +47,14 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     """`running` within, then `finished`, `pruned`, or `failed` with the reason, whatever it is.
 
     Of processes that train together the `first` alone writes it.
+
+    Raises:
+        InputError: see `claim_run`.
     """
     if not first:
         yield
         return
-    write_status(folder, "running")
+    claim_run(folder)
     over = threading.Event()
     threading.Thread(target=_beat, args=(folder / NAME, over), daemon=True).start()
     status, reason = "finished", {}
@@ -61,7 +67,42 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
         raise
     finally:
         over.set()
-        write_status(folder, status, **reason)
+        try:
+            write_status(folder, status, **reason)
+        except OSError:  # of a full disk, or a folder that was removed
+            if status == "finished":
+                raise
+
+
+def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> None:
+    """Write `running`, unless another process runs in the folder.
+
+    A sweep's job claims its folder before the process that it starts for the training does.
+
+    Args:
+        check: raises where the folder must not be claimed; no process claims it meanwhile.
+
+    Raises:
+        InputError: another process, which lives, has claimed it.
+    """
+    with FileLock(folder / "status.lock"):
+        before = read_status(folder)
+        ours = before.get("pid") in (os.getpid(), os.getppid()) and _is_here(before)
+        if not ours and is_beating(folder):
+            raise InputError(
+                f"{folder}: process {before.get('pid')} on {before.get('host')} is training there; "
+                "wait until it has finished, stop it, or name another folder: hydra.run.dir=FOLDER"
+            )
+        check(folder)
+        more = {}
+        if before.get("status") == "finished":
+            more = {"finished_epochs": read_metrics(folder).get("epochs")}
+        write_status(folder, "running", **more)
+
+
+def read_metrics(folder: Path) -> dict:
+    """Return what `metrics.json` holds; an empty dict where there is none to read."""
+    return _read_dict(folder / "metrics.json")
 
 
 def is_first_process(several: bool = True) -> bool:
@@ -78,8 +119,15 @@ def is_first_process(several: bool = True) -> bool:
     return not several or all(os.environ.get(name, "0") in ("", "0") for name in RANKS)
 
 
-def write_status(folder: Path, status: str, **more: str) -> None:
-    """Replace the file at once, so that a reader never sees half of it."""
+def write_status(folder: Path, status: str, **more: object) -> None:
+    """Replace the file at once, so that a reader never sees half of it.
+
+    A finished run that was resumed keeps `finished_epochs`, of which `metrics.json` holds the
+    figures, until it has finished again.
+    """
+    earlier = read_status(folder).get("finished_epochs")
+    if earlier is not None and status != "finished":
+        more = {"finished_epochs": earlier, **more}
     contents = {
         "status": status,
         "pid": os.getpid(),
@@ -90,17 +138,29 @@ def write_status(folder: Path, status: str, **more: str) -> None:
         **more,
     }
     part = folder / f"{NAME}.{os.getpid()}.part"
-    part.write_text(json.dumps(contents, indent=2))
-    part.replace(folder / NAME)
+    try:
+        part.write_text(json.dumps(contents, indent=2))
+        part.replace(folder / NAME)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(folder / NAME)) from error
 
 
 def read_status(folder: Path) -> dict:
     """What `write_status` wrote last; an empty dict where nothing did, or nothing that can be."""
+    return _read_dict(folder / NAME)
+
+
+def _read_dict(path: Path) -> dict:
     try:
-        found = json.loads((folder / NAME).read_text())
+        found = json.loads(path.read_text())
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def _is_here(status: dict) -> bool:
+    return status.get("host", socket.gethostname()) == socket.gethostname()
 
 
 def is_alive(folder: Path) -> bool:
@@ -112,7 +172,7 @@ def is_alive(folder: Path) -> bool:
     status = read_status(folder)
     if status.get("status") != "running":
         return False
-    if status.get("host", socket.gethostname()) != socket.gethostname():
+    if not _is_here(status):
         return time.time() - (folder / NAME).stat().st_mtime < GONE_S
     try:
         process = psutil.Process(status["pid"])

@@ -20,12 +20,13 @@ from PIL import Image
 from datamodules.errors import InputError
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import command, environment, only_line, run
-from zoo.__main__ import resume, zoo
+from zoo.__main__ import zoo
 from zoo.checkpoint import load_checkpoint
 from zoo.command_line import run_command
 from zoo.config import compose_config
 from zoo.experiment import run_experiment
 from zoo.outcome import read_curves
+from zoo.resume import resume
 
 # Small enough for seconds; blocks as short as the recording asks for.
 SMALL = (

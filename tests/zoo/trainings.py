@@ -1,13 +1,16 @@
-"""A training in this process, without callbacks and loggers."""
+"""Trainings in this process: without callbacks and loggers, or as the command runs them."""
 
 from pathlib import Path
 
+import pytest
 from omegaconf import OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
 from tests.recordings import Written
+from zoo.__main__ import zoo
 from zoo.build import build_data, build_module, build_trainer
+from zoo.command_line import run_command
 from zoo.config import compose_config
 from zoo.pace import set_pace
 from zoo.steering_module import SteeringModule
@@ -39,3 +42,22 @@ def train_here(
         data.batches_together = together
     trainer.fit(module, datamodule=data)
     return module, data
+
+
+# Small enough for seconds; blocks as short as the recording asks for.
+SMALL = (
+    "model=tiny",
+    "data.crop=[50,0]",
+    "data.block_s=0.5",
+    "data.gap_s=0.1",
+    "data.batch_size=16",
+    "callbacks=published",
+    "score=none",
+)
+
+
+def zoo_here(monkeypatch: pytest.MonkeyPatch, cwd: Path, *arguments: str) -> int:
+    """Return the exit status of `python -m zoo ARGUMENTS`, run in this process: torch is there."""
+    monkeypatch.chdir(cwd)
+    monkeypatch.setattr("sys.argv", ["zoo", *arguments])
+    return run_command("zoo", zoo, list(arguments))

@@ -14,6 +14,7 @@ from datamodules.errors import InputError
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
 from zoo.checkpoint import Checkpoint
+from zoo.config import escape_interpolation
 from zoo.correcting.options import CorrectOptions
 
 SPLIT_NAME = "split.csv"
@@ -25,7 +26,7 @@ def own_config(checkpoint: Checkpoint, overrides: list[str]) -> DictConfig:
     Raises:
         InputError: a key that its config lacks, a value that cannot be read, no such recording.
     """
-    config = OmegaConf.create(checkpoint.config)
+    config = OmegaConf.create(escape_interpolation(checkpoint.config))
     OmegaConf.set_struct(config, True)
     for one in overrides:
         key, _, value = one.partition("=")

@@ -50,7 +50,7 @@ def run_job(config: DictConfig) -> float:
     try:
         with _training, contextlib.nullcontext() if serial else _said_in(folder / "log.txt"):
             if needs_processes(config):
-                return _train_beside(folder, list(hydra.overrides.task))
+                return _train_beside(folder)
             return _train(config, folder)
     except StoppedError as error:
         raise KeyboardInterrupt(str(error)) from error
@@ -127,17 +127,13 @@ def _train(config: DictConfig, folder: Path) -> float:
         torch.set_num_threads(threads)  # a run may have taken fewer; the next job starts anew
 
 
-def _train_beside(folder: Path, overrides: list[str]) -> float:
+def _train_beside(folder: Path) -> float:
     """Train in a process of its own, whose command Lightning can run again for each device.
 
     In ours the command is the sweep's: the second process would start the whole sweep once more.
     """
-    command = [sys.executable, "-m", "zoo"]
-    if (folder / "checkpoints" / "last.ckpt").is_file():
-        command.append(f"resume={folder}")
-    else:
-        quoted = str(folder).replace("\\", "\\\\").replace("'", "\\'")
-        command += [*overrides, f"hydra.run.dir='{quoted}'"]
+    # Hydra has written the job's config there, whether it has begun to train or not.
+    command = [sys.executable, "-m", "zoo", f"resume={folder}"]
     result = subprocess.run(command, stdout=sys.stdout, stderr=sys.stderr, check=False)
     if result.returncode in (130, -signal.SIGINT):
         raise StoppedError("stopped")

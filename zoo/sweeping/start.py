@@ -15,7 +15,7 @@ from hydra.core.plugins import Plugins
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.config import conf_folder, quote_paths
+from zoo.config import conf_folder, escape_interpolation, quote, quote_paths
 from zoo.ranking_table import wide_console
 from zoo.status import StoppedError, read_status
 from zoo.sweeping import record as records
@@ -45,7 +45,7 @@ def sweep(arguments: list[str]) -> None:
     """
     arguments = [one for one in arguments if one not in MULTIRUN]
     refuse_missing(arguments)
-    named = [one.removeprefix(FOLDER_KEY) for one in arguments if one.startswith(FOLDER_KEY)]
+    named = any(one.startswith(FOLDER_KEY) for one in arguments)
     what = [one for one in arguments if not one.startswith(FOLDER_KEY)]
     if any(one.startswith("hydra.sweep.subdir") for one in what):
         raise InputError("hydra.sweep.subdir: the folders of a sweep's jobs are its numbers")
@@ -94,7 +94,8 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
             records.write_record(folder, records.new_record(arguments))
         if not finished:
             try:
-                _hydra([*quote_paths(arguments), f"{FOLDER_KEY}'{_escaped(folder.resolve())}'"])
+                literal = quote(escape_interpolation(str(folder.resolve())))
+                _hydra([*quote_paths(arguments, sweep=True), f"{FOLDER_KEY}{literal}"])
             except KeyboardInterrupt:
                 again = shlex.join(["python", "-m", "zoo.sweep", f"resume={folder}"])
                 raise StoppedError(f"stopped; go on with the same command, or: {again}") from None
@@ -125,7 +126,7 @@ def _composed_folder(arguments: list[str]) -> Path:
     _drop_shadowed()
     own = [one for one in arguments if one.startswith(("hydra.sweep.", "hydra/", "hydra.launcher"))]
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        return Path(compose("config", own, return_hydra_config=True).hydra.sweep.dir)
+        return Path(compose("config", quote_paths(own), return_hydra_config=True).hydra.sweep.dir)
 
 
 def _check_same(folder: Path, arguments: list[str]) -> None:
@@ -248,7 +249,3 @@ def _remove_empty(folder: Path) -> None:
             parent.rmdir()
         except OSError:
             break
-
-
-def _escaped(folder: Path) -> str:
-    return str(folder).replace("\\", "\\\\").replace("'", "\\'")
