@@ -8,8 +8,8 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-LEAST = 10  # columns of the terminal that a name keeps however narrow it is
-ENOUGH = 24  # that it keeps before further figures get theirs
+LEAST = 8  # columns of the terminal that a name keeps however narrow it is
+ENOUGH = 14  # that it keeps before further figures get theirs
 FRAME = 3  # a column's border and padding
 
 
@@ -34,22 +34,23 @@ def fits(columns: Sequence[Cells], least: int, width: int) -> bool:
 
 
 def fitted_table(
-    title: str, names: Sequence[Cells], figures: Sequence[Cells], width: int
+    title: str, names: Sequence[Cells], figures: Sequence[Cells], width: int, first: int = 1
 ) -> tuple[Table, list[Cells]]:
     """Return a table of at most `width`, and the figures that are left out of it.
 
     Args:
         title: above the table.
         names: columns that tell the rows apart; long ones fold, none is left out.
-        figures: columns of numbers, the most important first. The first gets room before the names
-            are wide, the others after.
+        figures: columns of numbers, the most important first.
         width: of the terminal.
+        first: so many figures get room before the names are wider than `LEAST`.
     """
     chosen: list[Cells] = []
     left_out: list[Cells] = []
-    for figure in figures:
+    for number, figure in enumerate(figures):
         room = width - sum(one.width + FRAME for one in [*chosen, figure])
-        (chosen if fits(names, ENOUGH if chosen else LEAST, room) else left_out).append(figure)
+        has_room = fits(names, LEAST if number < first else ENOUGH, room)
+        (chosen if has_room else left_out).append(figure)
     widths = _widths(names, width - sum(one.width + FRAME for one in chosen))
     table = Table(title=Text(title, style="table.title"), title_justify="left")
     for column, wide in zip(names, widths, strict=True):

@@ -43,8 +43,10 @@ def write_page(
         under: folders are said below it.
     """
     figures, settings = columns(entries), setting_columns(entries)
+    # A count's interval is wider than what an axis could show of it.
+    axes = [one for one in figures if one.form]
     data = {
-        "axes": [*map(_setting_axis, settings), *map(_figure_axis, figures)],
+        "axes": [*map(_setting_axis, settings), *map(_figure_axis, axes)],
         "entries": [_plain(entry, settings, figures, under) for entry in entries],
         "curves": [
             name for name in CURVES if any(name in r.curves for e in entries for r in e.runs)

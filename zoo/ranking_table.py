@@ -8,11 +8,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from zoo.fitted_table import FRAME, LEAST, Cells, fits, fitted_table
+from zoo.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
 from zoo.ranking import Count, Entry, TrainedOn, Unranked, protocols, rank, read_runs
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.table import two_lines, with_deviation
 
+SURELY = 2  # figures that long names do not push out: autonomy, and of how many drives
 WIDTH = 140  # of a table that no terminal limits
 # Where things are is no setting; how long it may take is.
 PLACES = ("data.root", "data.images", "data.cache", "seed")
@@ -30,19 +31,22 @@ class Column:
 def columns(entries: Sequence[Entry]) -> list[Column]:
     """Of all that some entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
-    found = []
+    labels = {track: Path(track).stem if "/" in track else track for track in tracks}
+    found = [
+        Column(f"autonomy, {label}", f"{track}/autonomy", "{:.1%}")
+        for track, label in labels.items()
+    ]
+    drives = [
+        Column(f"drives without intervention, {label}", f"{track}/drives", "")
+        for track, label in labels.items()
+    ]
     if len(tracks) > 1:
-        found.append(Column("autonomy", "autonomy", "{:.1%}"))
-    for track in tracks:
-        name = Path(track).stem if "/" in track else track
-        found.append(Column(f"autonomy, {name}", f"{track}/autonomy", "{:.1%}"))
-    for track in tracks:
-        name = Path(track).stem if "/" in track else track
-        found.append(Column(f"drives without intervention, {name}", f"{track}/drives", ""))
-    for track in tracks:
-        name = Path(track).stem if "/" in track else track
-        found.append(Column(f"error, {name} (m)", f"{track}/cte_mean_m", "{:.2f}"))
-        found.append(Column(f"interventions, {name}", f"{track}/interventions", "{:.1f}"))
+        found = [Column("autonomy", "autonomy", "{:.1%}"), *drives, *found]
+    else:
+        found += drives
+    for track, label in labels.items():
+        found.append(Column(f"error, {label} (m)", f"{track}/cte_mean_m", "{:.2f}"))
+        found.append(Column(f"interventions, {label}", f"{track}/interventions", "{:.1f}"))
     found += [
         Column("val MSE", "val_mse", "{:.4f}"),
         Column("test MSE", "test_mse", "{:.4f}"),
@@ -111,9 +115,9 @@ def shown_setting(value: str | None) -> str:
 
 
 def training_seeds(entry: Entry) -> str:
-    """`1`, or `1, 2, 3 (n = 3)`: of the runs of an entry."""
+    """Return `1`, or `1, 2, 3` and in a second line `(n = 3)`: of the runs of an entry."""
     listed = ", ".join(str(run.seed) for run in entry.runs)
-    return f"{listed} (n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
+    return f"{listed}\n(n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
 
 
 def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
@@ -149,23 +153,25 @@ def ranking_table(
     last = [seeds] if len({run.seed for one in entries for run in one.runs}) > 1 else []
     shown = columns(entries)
     figures = [_figure_cells(entries, column, narrow=False) for column in shown]
-    first = figures[:1]
-    if not fits([*names, *settings, *last], LEAST, width - sum(one.width + FRAME for one in first)):
-        settings = [_in_one_column(settings)] if settings else []
     identifying = [*names, *settings, *last]
     table, left_out = fitted_table(title, identifying, figures, width)
     if left_out:
         figures = [_figure_cells(entries, column, narrow=True) for column in shown]
-        table, left_out = fitted_table(title, identifying, figures, width)
+        room = width - sum(one.width + FRAME for one in figures[:SURELY])
+        if len(settings) > 1 and not fits(identifying, ENOUGH, room):
+            identifying = [*names, _in_one_column(settings), *last]
+        table, left_out = fitted_table(title, identifying, figures, width, SURELY)
     pairs = zip(shown, figures, strict=True)
     return table, [column.heading for column, cells in pairs if cells in left_out]
 
 
 def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cells:
-    """Return a figure's column; a narrow one has the interval below its count."""
+    """Return a figure's column; a narrow one has deviation and interval in a second line."""
     cells = [said(entry.figures, column) for entry in entries]
     heading = column.heading.replace(", ", ",\n").replace("without ", "without\n")
-    return Cells(heading, tuple(map(two_lines, cells) if narrow else cells), "right")
+    if narrow:
+        cells = [two_lines(one).replace(" ±", "\n±") for one in cells]
+    return Cells(heading, tuple(cells), "right")
 
 
 def _in_one_column(settings: Sequence[Cells]) -> Cells:
@@ -174,7 +180,12 @@ def _in_one_column(settings: Sequence[Cells]) -> Cells:
     keys = [column.heading for column in settings]
     return Cells(
         "settings",
-        tuple("\n".join(f"{k}={v}" for k, v in zip(keys, row, strict=True)) for row in rows),
+        tuple(
+            "\n".join(
+                f"{key}={value}" for key, value in zip(keys, row, strict=True) if value != "-"
+            )
+            for row in rows
+        ),
     )
 
 
