@@ -134,7 +134,7 @@ class Correction:
     def _finish(self, number: int, checkpoint: str, corrections: int) -> None:
         """Score a round's checkpoint, and keep that it is finished."""
         from zoo.correcting.rounds import Round
-        from zoo.scoring.tracks import score_on_tracks
+        from zoo.scoring.tracks import how_well, score_on_tracks
 
         drives = self.folder / f"round-{number}" / "drives"
         shutil.rmtree(drives, ignore_errors=True)  # of before it was stopped
@@ -143,12 +143,7 @@ class Correction:
         self.progress = self.progress.with_round(finished)
         self.progress.save(self.folder)
         for track, figures in found.tracks.items():
-            self._say(
-                f"round {number}, {track}: autonomy {figures['autonomy'][0]:.1%}, "
-                f"{figures['interventions'][0]:.1f} interventions, cross-track error "
-                f"{figures['cte_mean_m'][0]:.2f} m on average, {figures['cte_max_m'][0]:.2f} m at "
-                "most"
-            )
+            self._say(f"round {number}, {track}: {how_well(figures)}")
 
     def _is_enough(self, last: "Round") -> bool:
         enough = (

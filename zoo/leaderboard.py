@@ -45,7 +45,7 @@ def show_leaderboard(arguments: list[str]) -> None:
         raise InputError(f"{', '.join(map(str, roots))}: no run in there; python -m zoo makes one")
     console = wide_console()
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
-    entries, unranked = print_ranking(folders, title, roots[0], console)
+    entries, unranked = print_ranking(folders, title, roots[0], console, PAGE)
     try:
         page = write_page(roots[0] / PAGE, "Leaderboard", entries, unranked, roots[0])
     except OSError as error:

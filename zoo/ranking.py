@@ -1,23 +1,44 @@
-"""Runs side by side, the best driver first: reading, grouping by seed, ranking.
+"""Runs side by side, the best driver first: reading, grouping by training seed, ranking.
 
 Sweeps and the leaderboard share it. A run that was not driven comes after all that were.
 """
 
 import csv
 import json
+import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from zoo.scoring.table import Spread, mean_and_deviation, read_figures
 from zoo.status import is_alive, read_status
-
-Spread = tuple[float, float]  # mean, and standard deviation over seeds
 
 # Not what a run is: its seed, where things are kept, and what a search adds.
 APART = ("seed",)
 LAST = float("inf")
+
+
+@dataclass(frozen=True)
+class TrainedOn:
+    """What a run was trained on.
+
+    Attributes:
+        roots: the recordings' folders, absolute.
+        fingerprint: of the rows; empty in runs of earlier versions.
+    """
+
+    roots: tuple[str, ...] = ()
+    fingerprint: str = ""
+
+
+@dataclass(frozen=True)
+class Count:
+    """Drives without an intervention, of all drives."""
+
+    kept: int
+    drives: int
 
 
 @dataclass(frozen=True)
@@ -27,10 +48,14 @@ class Run:
     Attributes:
         name: of its experiment, or its model.
         overrides: what was typed, key by key, launcher and folders apart.
-        settings: the config as text, the seed left out: equal for repeats of a run.
+        settings: the config and the recordings as text, the training seed left out: equal for
+            repeats of a run.
+        seed: the training seed.
+        trained_on: its recordings.
         autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
         tracks: by track, its `autonomy`, `cte_mean_m`, `interventions` and `driven_s`, means over
             its drives.
+        counts: by track, its drives without an intervention; none where that is not known.
         mph: the speed that was held; None where it drove with its own throttle, or was not driven.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
     """
@@ -40,10 +65,12 @@ class Run:
     overrides: dict[str, str]
     settings: str
     seed: int | None
+    trained_on: TrainedOn
     parameters: int | None
     autonomy: float | None
     cte_m: float | None
     tracks: dict[str, dict[str, float]]
+    counts: dict[str, Count]
     mph: float | None
     val_mse: float | None
     test_mse: float | None
@@ -53,15 +80,16 @@ class Run:
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the ranking: a run, or several that differ in their seed alone.
+    """A line of the ranking: a run, or several that differ in their training seed alone.
 
     Attributes:
-        figures: mean and spread over the runs, by `autonomy`, `cte_m`, `val_mse`, ...; None where
-            a run has none.
+        figures: mean and sample deviation over the training seeds, by `autonomy`, `cte_m`,
+            `val_mse`, ...; by `TRACK/drives`, the `Count` of all their drives. None where a run has
+            none.
     """
 
     runs: tuple[Run, ...]
-    figures: dict[str, Spread | None]
+    figures: dict[str, Spread | Count | None]
 
     @property
     def first(self) -> Run:
@@ -85,19 +113,27 @@ def read_run(folder: Path) -> Run | None:
         open_loop = metrics["open_loop"]
         tracks, mph = _driven(metrics.get("drive"))
         shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
-        config, overrides, choices = _configs(folder)
+        config, overrides, hydra = _configs(folder)
+        choices = hydra["runtime"]["choices"]
+        trained_on = _trained_on(config, hydra, metrics)
         return Run(
             folder=folder,
             name=choices.get("experiment") or metrics["model"],
             overrides=overrides,
-            settings=config,
+            settings=_settings(config, trained_on),
             seed=metrics.get("seed"),
+            trained_on=trained_on,
             parameters=metrics.get("parameters"),
             autonomy=_mean(tracks, "autonomy"),
             cte_m=_mean(tracks, "cte_mean_m"),
             tracks={
                 name: {key: float(one[key][0]) for key in shown if one.get(key)}
                 for name, one in tracks.items()
+            },
+            counts={
+                name: Count(one["drives_without_intervention"], one["drives"])
+                for name, one in tracks.items()
+                if one.get("drives_without_intervention") is not None
             },
             mph=mph,
             val_mse=open_loop.get("val", {}).get("mse"),
@@ -136,8 +172,9 @@ def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
 
 
 def rank(runs: Sequence[Run]) -> list[Entry]:
-    """By autonomy, then cross-track error, then validation MSE; repeats with other seeds as one.
+    """By autonomy, then cross-track error, then validation MSE.
 
+    Repeats with other training seeds are one entry.
     Where the runs were driven on different tracks, those that all share decide.
     """
     groups: dict[str, list[Run]] = {}
@@ -184,7 +221,9 @@ def _driven(drive: object) -> tuple[dict[str, dict], float | None]:
     """Figures by track and the speed; none where the run was scored in another way, or not."""
     if not isinstance(drive, dict) or "tracks" not in drive:
         return {}, None
-    return {name: one for name, one in drive["tracks"].items() if one}, drive.get("speed_mph")
+    seeds = drive.get("seeds")
+    tracks = {name: read_figures(one, seeds) for name, one in drive["tracks"].items() if one}
+    return tracks, drive.get("speed_mph")
 
 
 def _mean(tracks: dict[str, dict], key: str) -> float | None:
@@ -205,6 +244,11 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
         for key in ("autonomy", "cte_mean_m", "interventions"):
             values = [run.tracks.get(track, {}).get(key) for run in runs]
             figures[f"{track}/{key}"] = _spread(values)
+        counts = [run.counts.get(track) for run in runs]
+        figures[f"{track}/drives"] = None
+        if all(counts):
+            kept, drives = (sum(column) for column in zip(*map(astuple, counts), strict=True))
+            figures[f"{track}/drives"] = Count(kept, drives)
     return Entry(tuple(runs), figures)
 
 
@@ -216,7 +260,7 @@ def _over_tracks(run: Run, shared: Sequence[str], key: str) -> float | None:
 def _spread(values: Sequence[float | None]) -> Spread | None:
     if not values or any(value is None for value in values):
         return None
-    return float(np.mean(values)), float(np.std(values))
+    return mean_and_deviation(values)
 
 
 def _order(entry: Entry) -> tuple:
@@ -229,8 +273,27 @@ def _order(entry: Entry) -> tuple:
     )
 
 
-def _configs(folder: Path) -> tuple[str, dict[str, str], dict[str, str]]:
-    """The config as text without the seed; the overrides by key; the choices of groups."""
+def _trained_on(config: dict, hydra: dict, metrics: dict) -> TrainedOn:
+    """Return the recordings of a run, from its config and its figures."""
+    data = config.get("data") if isinstance(config.get("data"), dict) else {}
+    # data=lake names no root: the run records it where data.record.out says.
+    root = data.get("root") or (data.get("record") or {}).get("out") or []
+    cwd = Path(hydra["runtime"].get("cwd") or "")
+    roots = [root] if isinstance(root, str) else root
+    found = tuple(os.path.normpath(cwd / Path(one).expanduser()) for one in roots)
+    return TrainedOn(found, str((metrics.get("data") or {}).get("fingerprint") or ""))
+
+
+def _settings(config: dict, trained_on: TrainedOn) -> str:
+    """Return what repeats of a run share: the same recording may be named in several ways."""
+    data = config.get("data")
+    if isinstance(data, dict):
+        config = config | {"data": {key: data[key] for key in data if key != "root"}}
+    return json.dumps([config, *astuple(trained_on)], sort_keys=True)
+
+
+def _configs(folder: Path) -> tuple[dict, dict[str, str], dict]:
+    """Return the config without the seed, the overrides by key, and Hydra's own settings."""
     import yaml
 
     config = yaml.safe_load((folder / ".hydra" / "config.yaml").read_text())
@@ -243,4 +306,4 @@ def _configs(folder: Path) -> tuple[str, dict[str, str], dict[str, str]]:
         config["callbacks"].pop("pruning", None)
     pairs = [one.lstrip("+~").partition("=") for one in overrides]
     typed = {key: value for key, _, value in pairs if not key.startswith(("hydra", "callbacks.pr"))}
-    return json.dumps(config, sort_keys=True), typed, hydra["runtime"]["choices"]
+    return config, typed, hydra

@@ -1,25 +1,30 @@
 """The ranking as one page that fetches nothing: table, parallel coordinates, curves."""
 
-import html
-import json
+import base64
+import hashlib
+import math
 from collections.abc import Sequence
 from datetime import datetime
-from importlib.resources import files
 from pathlib import Path
 
-from zoo.ranking import Entry, Unranked
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from zoo.ranking import Count, Entry, Unranked
 from zoo.ranking_table import (
     Column,
     below,
     columns,
-    is_named,
+    named_columns,
     run_name,
     said,
-    seeds,
     setting_columns,
     shown_setting,
+    training_seeds,
     unranked_lines,
+    value_of,
 )
+from zoo.scoring.intervals import count_with_interval
+from zoo.scoring.table import with_deviation
 
 # Of these less is better: their axes stand upside down, so that up is good everywhere.
 LESS_IS_BETTER = ("cte", "interventions", "mse", "wall_s")
@@ -38,32 +43,50 @@ def write_page(
         under: folders are said below it.
     """
     figures, settings = columns(entries), setting_columns(entries)
+    # A count's interval is wider than what an axis could show of it.
+    axes = [one for one in figures if one.form]
     data = {
-        "axes": [*map(_setting_axis, settings), *map(_figure_axis, figures)],
+        "axes": [*map(_setting_axis, settings), *map(_figure_axis, axes)],
         "entries": [_plain(entry, settings, figures, under) for entry in entries],
         "curves": [
             name for name in CURVES if any(name in r.curves for e in entries for r in e.runs)
         ],
     }
-    parts = files("zoo") / "ranked_page"
-    filled = (parts / "page.html").read_text()
-    for name, text in {
-        "title": html.escape(title),
-        "when": f"{datetime.now():%Y-%m-%d %H:%M}",
-        "where": html.escape(str(under.resolve())),
-        "lead": html.escape(_lead(entries)),
-        "table": _table(entries, settings, figures, under),
-        "unranked": "".join(
-            f"<p>{html.escape(one)}</p>" for one in unranked_lines(unranked, under)
-        ),
-        "style": (parts / "style.css").read_text(),
-        "script": (parts / "page.js").read_text(),
-        # Text in a script element ends at "</", which a folder's name may hold.
-        "data": json.dumps(data).replace("</", "<\\/"),
-    }.items():
-        filled = filled.replace("{{" + name + "}}", text)
-    path.write_text(filled)
+    parts = Path(__file__).parent / "ranked_page"
+    environment = Environment(
+        loader=FileSystemLoader(parts), autoescape=True, undefined=StrictUndefined
+    )
+    style, script = ((parts / name).read_text() for name in ("style.css", "page.js"))
+    page = environment.get_template("page.html").render(
+        policy=f"default-src 'none'; style-src {_hash(style)}; script-src {_hash(script)}; "
+        "base-uri 'none'; form-action 'none'",
+        title=title,
+        when=f"{datetime.now():%Y-%m-%d %H:%M}",
+        where=str(under.resolve()),
+        lead=_lead(entries),
+        **_table(entries, settings, figures, under),
+        unranked=unranked_lines(unranked, under),
+        style=style,
+        script=script,
+        data=data,
+    )
+    path.write_text(page)
     return path
+
+
+def _kept(entry: Entry) -> str:
+    """Return how many of an entry's drives needed no intervention, by track, in words."""
+    counts = {key: one for key, one in entry.figures.items() if isinstance(one, Count)}
+    said_counts = [
+        f"{count_with_interval(one.kept, one.drives)} on {Path(key).parent.stem}"
+        for key, one in counts.items()
+    ]
+    return f"; drives without intervention: {', '.join(said_counts)}" if counts else ""
+
+
+def _hash(text: str) -> str:
+    """Return a source of a Content-Security-Policy: only this style or script runs."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _lead(entries: Sequence[Entry]) -> str:
@@ -73,44 +96,34 @@ def _lead(entries: Sequence[Entry]) -> str:
     best, count = entries[0], sum(len(entry.runs) for entry in entries)
     what = f"{count} runs" if count > 1 else "1 run"
     if len(entries) < count:
-        what += f", {len(entries)} settings with repeats by seed"
+        what += f", {len(entries)} settings with repeats by training seed"
     for column in (
         Column("autonomy", "autonomy", "{:.1%}"),
         Column("validation MSE", "val_mse", "{:.4f}"),
     ):
         if best.figures.get(column.key):
-            said_best = said(best.figures, column)
-            return f"{what}. The best, {best.first.name}: {column.heading} {said_best}."
+            figure = with_deviation(best.figures[column.key], column.form, len(best.runs))
+            return f"{what}. The best, {best.first.name}: {column.heading} {figure}{_kept(best)}."
     return f"{what}."
 
 
 def _table(
     entries: Sequence[Entry], settings: Sequence[str], figures: Sequence[Column], under: Path
-) -> str:
-    named = ["model"] if is_named(entries, settings) else []
-    headings = ["", "run", *named, *settings, "seeds", *(one.heading for one in figures)]
-    words = len(headings) - len(figures)
-    head = "".join(
-        f'<th scope="col"{" class=text" if place < words else ""}>{html.escape(heading)}</th>'
-        for place, heading in enumerate(headings)
-    )
+) -> dict:
+    """The columns' headings, each with whether it holds words, and the rows: cells of text with a
+    number to sort by, or None."""
+    names = named_columns(entries, under)
+    words = [*(one.heading for one in names), *settings, "training seeds"]
+    heads = [(one, True) for one in words] + [(one.heading, False) for one in figures]
     rows = []
-    for place, entry in enumerate(entries, 1):
-        cells = [str(place), run_name(entry, under), *([entry.first.name] if named else [])]
-        cells += [shown_setting(entry.first.overrides.get(key)) for key in settings]
-        cells.append(seeds(entry))
-        cells += [said(entry.figures, column) for column in figures]
-        values = [None] * words + [
-            (entry.figures.get(column.key) or (None,))[0] for column in figures
-        ]
-        tds = "".join(
-            f"<td{' class=text' if number < words else ''}"
-            + (f' data-value="{value}"' if value is not None else "")
-            + f">{html.escape(cell)}</td>"
-            for number, (cell, value) in enumerate(zip(cells, values, strict=True))
-        )
-        rows.append(f'<tr data-entry="{place - 1}">{tds}</tr>')
-    return f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody>"
+    for place, entry in enumerate(entries):
+        texts = [one.cells[place] for one in names]
+        texts += [shown_setting(entry.first.overrides.get(key)) for key in settings]
+        texts.append(training_seeds(entry))
+        row = [(text, None) for text in texts]
+        row += [(said(entry.figures, one), value_of(entry, one)) for one in figures]
+        rows.append(row)
+    return {"heads": heads, "rows": rows}
 
 
 def _setting_axis(key: str) -> dict:
@@ -132,7 +145,7 @@ def _figure_axis(column: Column) -> dict:
 def _plain(entry: Entry, settings: Sequence[str], figures: Sequence[Column], under: Path) -> dict:
     """An entry as the page's script reads it."""
     values = {key: entry.first.overrides.get(key) for key in settings}
-    values |= {one.key: entry.figures[one.key][0] for one in figures if entry.figures.get(one.key)}
+    values |= {one.key: value_of(entry, one) for one in figures if value_of(entry, one) is not None}
     own = " ".join(f"{key}={shown_setting(values[key])}" for key in settings)
     return {
         "name": f"{run_name(entry, under)}: {own or entry.first.name}",
@@ -142,7 +155,7 @@ def _plain(entry: Entry, settings: Sequence[str], figures: Sequence[Column], und
                 "folder": below(run.folder, under),
                 "seed": run.seed,
                 "curves": {
-                    name: sorted(curve.items())
+                    name: sorted(pair for pair in curve.items() if math.isfinite(pair[1]))
                     for name, curve in run.curves.items()
                     if name in CURVES
                 },

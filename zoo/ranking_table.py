@@ -1,14 +1,20 @@
 """The ranking as a table for the terminal, and as rows for a page."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from zoo.ranking import Entry, Unranked, protocols, rank, read_runs
+from zoo.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
+from zoo.ranking import Count, Entry, TrainedOn, Unranked, protocols, rank, read_runs
+from zoo.scoring.intervals import count_with_interval
+from zoo.scoring.table import two_lines, with_deviation
 
+SURELY = 2  # figures that long names do not push out: autonomy, and of how many drives
+WIDTH = 140  # of a table that no terminal limits
 # Where things are is no setting; how long it may take is.
 PLACES = ("data.root", "data.images", "data.cache", "seed")
 
@@ -23,18 +29,24 @@ class Column:
 
 
 def columns(entries: Sequence[Entry]) -> list[Column]:
-    """Of all that some entry has, in the order of the ranking."""
+    """Of all that some entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
-    found = []
+    labels = {track: Path(track).stem if "/" in track else track for track in tracks}
+    found = [
+        Column(f"autonomy, {label}", f"{track}/autonomy", "{:.1%}")
+        for track, label in labels.items()
+    ]
+    drives = [
+        Column(f"drives without intervention, {label}", f"{track}/drives", "")
+        for track, label in labels.items()
+    ]
     if len(tracks) > 1:
-        found.append(Column("autonomy", "autonomy", "{:.1%}"))
-    for track in tracks:
-        name = Path(track).stem if "/" in track else track
-        found.append(Column(f"autonomy, {name}", f"{track}/autonomy", "{:.1%}"))
-    for track in tracks:
-        name = Path(track).stem if "/" in track else track
-        found.append(Column(f"error, {name} (m)", f"{track}/cte_mean_m", "{:.2f}"))
-        found.append(Column(f"interventions, {name}", f"{track}/interventions", "{:.1f}"))
+        found = [Column("autonomy", "autonomy", "{:.1%}"), *drives, *found]
+    else:
+        found += drives
+    for track, label in labels.items():
+        found.append(Column(f"error, {label} (m)", f"{track}/cte_mean_m", "{:.2f}"))
+        found.append(Column(f"interventions, {label}", f"{track}/interventions", "{:.1f}"))
     found += [
         Column("val MSE", "val_mse", "{:.4f}"),
         Column("test MSE", "test_mse", "{:.4f}"),
@@ -44,12 +56,21 @@ def columns(entries: Sequence[Entry]) -> list[Column]:
 
 
 def said(figures: dict, column: Column) -> str:
-    """`98.2% ± 0.4%`; a dash where there is none, and no spread of a single run."""
+    """`98.2% ± 0.4%`; a dash where there is none, and no spread of a single training."""
     value = figures.get(column.key)
     if value is None:
         return "-"
-    mean, spread = (column.form.format(one) for one in value)
-    return f"{mean} ± {spread}" if value[1] else mean
+    if isinstance(value, Count):
+        return count_with_interval(value.kept, value.drives)
+    return with_deviation(value, column.form)
+
+
+def value_of(entry: Entry, column: Column) -> float | None:
+    """Return a figure as a number to sort by; None where there is none."""
+    figure = entry.figures.get(column.key)
+    if isinstance(figure, Count):
+        return figure.kept / figure.drives
+    return figure[0] if figure else None
 
 
 def setting_columns(entries: Sequence[Entry]) -> list[str]:
@@ -72,8 +93,10 @@ def is_named(entries: Sequence[Entry], settings: Sequence[str]) -> bool:
 
 def wide_console() -> Console:
     """As wide as the terminal; where nobody watches, wide enough for most tables."""
-    console = Console(soft_wrap=True)
-    return console if console.is_terminal else Console(soft_wrap=True, width=140)
+    console = Console(soft_wrap=True, emoji=False)
+    if console.is_terminal or "COLUMNS" in os.environ:
+        return console
+    return Console(soft_wrap=True, emoji=False, width=WIDTH)
 
 
 def shown_setting(value: str | None) -> str:
@@ -91,37 +114,113 @@ def shown_setting(value: str | None) -> str:
     return f"{number:.4g}" if len(value) > 7 else value
 
 
-def seeds(entry: Entry) -> str:
-    """`1`, or `1, 2, 3`: of the runs of an entry."""
-    return ", ".join(str(run.seed) for run in entry.runs)
+def training_seeds(entry: Entry) -> str:
+    """Return `1`, or `1, 2, 3` and in a second line `(n = 3)`: of the runs of an entry."""
+    listed = ", ".join(str(run.seed) for run in entry.runs)
+    return f"{listed}\n(n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
 
 
-def ranking_table(entries: Sequence[Entry], title: str, under: Path | None = None) -> Table:
-    """A line an entry, the best first; folders are said below `under`."""
-    table = Table(title=title, title_justify="left")
-    figures, settings = columns(entries), setting_columns(entries)
-    many = any(len(entry.runs) > 1 for entry in entries)
-    table.add_column("", justify="right")
-    table.add_column("run", overflow="fold")
-    names = is_named(entries, settings)
-    for heading in [*(["model"] if names else []), *settings, *(["seeds"] if many else [])]:
-        table.add_column(heading, overflow="fold")
-    for column in figures:
-        heading = column.heading.replace(", ", ",\n")  # room for the settings' own
-        table.add_column(heading, justify="right", no_wrap=True)
-    for place, entry in enumerate(entries, 1):
-        cells = [str(place), run_name(entry, under)]
-        cells += [entry.first.name] if names else []
-        cells += [shown_setting(entry.first.overrides.get(key)) for key in settings]
-        cells += [seeds(entry)] if many else []
-        cells += [said(entry.figures, column) for column in figures]
-        table.add_row(*cells, style="bold" if place == 1 else None)
-    return table
+def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
+    """What tells the entries apart, settings apart: place, folders, model and recording."""
+    found = [
+        Cells("", tuple(str(place) for place in range(1, len(entries) + 1)), "right"),
+        Cells("run", tuple(run_name(entry, under) for entry in entries)),
+    ]
+    if is_named(entries, setting_columns(entries)):
+        found.append(Cells("model", tuple(entry.first.name for entry in entries)))
+    recordings = [entry.first.trained_on for entry in entries]
+    if len(set(recordings)) > 1:
+        names = recording_names(recordings)
+        found.append(Cells("recording", tuple(names[one] for one in recordings)))
+    return found
+
+
+def ranking_table(
+    entries: Sequence[Entry], title: str, under: Path | None = None, width: int = WIDTH
+) -> tuple[Table, list[str]]:
+    """A line an entry, the best first; folders are said below `under`.
+
+    Returns:
+        The table, at most `width` wide where the names leave room for that, and the headings of
+        the figures that do not fit.
+    """
+    names = named_columns(entries, under)
+    settings = [
+        Cells(key, tuple(shown_setting(entry.first.overrides.get(key)) for entry in entries))
+        for key in setting_columns(entries)
+    ]
+    seeds = Cells("training seeds", tuple(map(training_seeds, entries)))
+    last = [seeds] if len({run.seed for one in entries for run in one.runs}) > 1 else []
+    shown = columns(entries)
+    figures = [_figure_cells(entries, column, narrow=False) for column in shown]
+    identifying = [*names, *settings, *last]
+    table, left_out = fitted_table(title, identifying, figures, width)
+    if left_out:
+        figures = [_figure_cells(entries, column, narrow=True) for column in shown]
+        room = width - sum(one.width + FRAME for one in figures[:SURELY])
+        if len(settings) > 1 and not fits(identifying, ENOUGH, room):
+            identifying = [*names, _in_one_column(settings), *last]
+        table, left_out = fitted_table(title, identifying, figures, width, SURELY)
+    pairs = zip(shown, figures, strict=True)
+    return table, [column.heading for column, cells in pairs if cells in left_out]
+
+
+def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cells:
+    """Return a figure's column; a narrow one has deviation and interval in a second line."""
+    cells = [said(entry.figures, column) for entry in entries]
+    heading = column.heading.replace(", ", ",\n").replace("without ", "without\n")
+    if narrow:
+        cells = [two_lines(one).replace(" ±", "\n±") for one in cells]
+    return Cells(heading, tuple(cells), "right")
+
+
+def _in_one_column(settings: Sequence[Cells]) -> Cells:
+    """Where there are too many for a column each."""
+    rows = zip(*(column.cells for column in settings), strict=True)
+    keys = [column.heading for column in settings]
+    return Cells(
+        "settings",
+        tuple(
+            "\n".join(
+                f"{key}={value}" for key, value in zip(keys, row, strict=True) if value != "-"
+            )
+            for row in rows
+        ),
+    )
 
 
 def run_name(entry: Entry, under: Path | None) -> str:
     """The folders of its runs, below `under` where they are."""
     return ", ".join(below(run.folder, under) for run in entry.runs)
+
+
+def recording_names(recordings: Sequence[TrainedOn]) -> dict[TrainedOn, str]:
+    """Return a name for each: folder names, with as much of the path as tells them apart.
+
+    Where the folders are the same, the first digits of the fingerprint follow.
+
+    >>> old, new = TrainedOn(("/a/lake",), "0123456789"), TrainedOn(("/a/lake",), "abcdef0123")
+    >>> list(recording_names([old, new, TrainedOn(("/b/lake",))]).values())
+    ['a/lake (012345)', 'a/lake (abcdef)', 'b/lake']
+    """
+    roots = {root for one in recordings for root in one.roots}
+    labels = {root: _end_of_path(root, roots) for root in roots}
+    names = {}
+    for one in recordings:
+        name = ", ".join(labels[root] for root in one.roots) or "-"
+        same = {other.fingerprint for other in recordings if other.roots == one.roots}
+        names[one] = f"{name} ({one.fingerprint[:6] or 'not known'})" if len(same) > 1 else name
+    return names
+
+
+def _end_of_path(root: str, roots: Collection[str]) -> str:
+    """Return the last parts of a path, so many that no other path ends in them."""
+    parts = Path(root).parts
+    for count in range(1, len(parts)):
+        end = parts[-count:]
+        if sum(Path(one).parts[-count:] == end for one in roots) == 1:
+            return "/".join(end)
+    return root
 
 
 def below(folder: Path, under: Path | None) -> str:
@@ -132,13 +231,25 @@ def below(folder: Path, under: Path | None) -> str:
 
 
 def print_ranking(
-    folders: Sequence[Path], title: str, under: Path, console: Console
+    folders: Sequence[Path], title: str, under: Path, console: Console, page: str
 ) -> tuple[list[Entry], list[Unranked]]:
-    """Read, rank, print; what can't be ranked is counted and named in a line each kind."""
+    """Read, rank, print; what can't be ranked is counted and named in a line each kind.
+
+    Args:
+        folders: of the runs.
+        title: of the table.
+        under: folders are said below it.
+        console: for the table and the lines below it.
+        page: where all columns are found.
+    """
     runs, unranked = read_runs(folders)
     entries = rank(runs)
     if entries:
-        console.print(ranking_table(entries, title, under))
+        table, left_out = ranking_table(entries, title, under, console.width)
+        console.print(table)
+        if left_out:
+            line = left_out_line(left_out, console.width, page)
+            console.print(line, highlight=False, markup=False)
     different = protocols(runs)
     if different:
         console.print(
@@ -149,6 +260,13 @@ def print_ranking(
     for line in unranked_lines(unranked, under):
         console.print(line, highlight=False, markup=False)
     return entries, unranked
+
+
+def left_out_line(headings: Sequence[str], width: int, page: str) -> str:
+    """Return a line that counts and names the columns that a table has no room for."""
+    what = "1 column does" if len(headings) == 1 else f"{len(headings)} columns do"
+    named = "; ".join(headings)
+    return f"{what} not fit in {width}: {named}. Widen the terminal or open {page}"
 
 
 WORDS = {

@@ -14,9 +14,15 @@ def write_run(
     seed: int = 1,
     overrides: tuple[str, ...] = ("model=tiny",),
     tracks: tuple[str, ...] = ("lake",),
+    start_seeds: int | None = None,
+    root: str | None = None,
+    fingerprint: str = "0123456789abcdef",
     **more: object,
 ) -> Path:
-    """A finished run that drove so well on each of the tracks; None where it was not driven."""
+    """A finished run that drove so well on each of the tracks; None where it was not driven.
+
+    Without `start_seeds`, its figures of driving are as earlier versions wrote them.
+    """
     drive = None
     if autonomy is not None:
         figures = {
@@ -24,10 +30,13 @@ def write_run(
             "cte_mean_m": [cte_m, 0.0],
             "interventions": [round(10 * (1 - autonomy)), 0.0],
         }
+        if start_seeds:
+            kept = 0 if figures["interventions"][0] else start_seeds
+            figures |= {"drives": start_seeds, "drives_without_intervention": kept}
         drive = {
             "speed_mph": 20.0,
             "laps": 1.0,
-            "seeds": 1,
+            "seeds": start_seeds or 1,
             "tracks": dict.fromkeys(tracks, figures),
         }
     metrics = {
@@ -37,12 +46,14 @@ def write_run(
         "drive": drive,
         "seed": seed,
         "wall_s": 12.0,
+        "data": {"fingerprint": fingerprint, "rows": 900},
         **more,
     }
     (folder / ".hydra").mkdir(parents=True)
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    settings = dict(one.split("=") for one in overrides)
-    (folder / ".hydra" / "config.yaml").write_text(json.dumps({"seed": seed, **settings}))
+    settings = dict(one.split("=", 1) for one in overrides)
+    config = {"seed": seed, "data": {"root": root}, **settings}
+    (folder / ".hydra" / "config.yaml").write_text(json.dumps(config))
     (folder / ".hydra" / "overrides.yaml").write_text(json.dumps([*overrides, f"seed={seed}"]))
     choices = {"hydra": {"runtime": {"choices": {"experiment": None}, "cwd": str(folder)}}}
     (folder / ".hydra" / "hydra.yaml").write_text(json.dumps(choices))

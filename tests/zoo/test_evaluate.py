@@ -76,7 +76,8 @@ def test_a_run_says_how_fast_it_was_driven(
     throttle: str, said: str, mph: float | None, tmp_path: Path, console, monkeypatch
 ) -> None:
     keys = ("laps", "autonomy", "interventions", "cte_mean_m", "cte_max_m")
-    figures = dict.fromkeys(keys, (1.0, 0.0)) | {"speed_mph": (14.5, 0.0)}
+    figures = dict.fromkeys(keys, (1.0, None)) | {"speed_mph": (14.5, None)}
+    figures |= {"drives": 1, "drives_without_intervention": 0}
     scores = tracks.TrackScores([], {"lake": figures}, {})
     monkeypatch.setattr(tracks, "score_on_tracks", lambda *_: scores)
     options = EvaluateOptions(throttle=throttle, speed=20)

@@ -1,5 +1,8 @@
 """Runs side by side: who is first, what is a repeat, and what can't be ranked."""
 
+import base64
+import hashlib
+import html
 import json
 import re
 from pathlib import Path
@@ -11,8 +14,9 @@ from tests.zoo.driving.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.command_line import run_command
 from zoo.leaderboard import run_folders, show_leaderboard
-from zoo.ranking import protocols, rank, read_run, read_runs
+from zoo.ranking import Count, protocols, rank, read_run, read_runs
 from zoo.ranking_page import write_page
+from zoo.ranking_table import named_columns, print_ranking, ranking_table
 from zoo.status import write_status
 
 
@@ -41,7 +45,7 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
     assert [run.seed for run in first.runs] == [1, 2, 3]
     mean, spread = first.figures["autonomy"]
     assert mean == pytest.approx(0.9)
-    assert spread == pytest.approx((2 / 3) ** 0.5 / 10)
+    assert spread == pytest.approx(0.1)  # over three, by n - 1
     assert second.first.folder.name == "other"
 
 
@@ -137,7 +141,6 @@ def page_of(tmp_path: Path) -> Path:
 
 def test_the_page_holds_all_it_needs(tmp_path: Path) -> None:
     text = page_of(tmp_path).read_text()
-    assert "{{" not in text
     assert "A &lt;sweep&gt;" in text
     assert re.findall(r'<tr data-entry="\d">', text) == [f'<tr data-entry="{n}">' for n in range(3)]
     fetched = [one for one in re.findall(r"https?://[^\"' ]+", text) if "w3.org" not in one]
@@ -177,12 +180,156 @@ def test_the_page_draws_and_picks(tmp_path: Path) -> None:
         assert not browser.errors
 
 
-def test_a_table_fits_a_narrow_terminal(tmp_path: Path, console: Console) -> None:
-    from zoo.ranking_table import ranking_table
+HOSTILE = "{{ data }} {{data}} </script><b>x"
 
+
+def test_a_name_like_a_placeholder_stays_a_name(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "{{data}}<b>", 1.0, overrides=("model={{data}}</script>",))
+    entries = rank(read_runs([run])[0])
+    text = write_page(tmp_path / "page.html", HOSTILE, entries, [], tmp_path).read_text()
+    (title,) = re.findall("<title>(.*?)</title>", text)
+    assert html.unescape(title) == HOSTILE
+    assert "{{data}}&lt;b&gt;" in text
+    assert text.count("</script>") == 2
+    (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert json.loads(data)["entries"][0]["name"].startswith("{{data}}<b>: ")
+
+
+def test_the_page_runs_its_own_script_alone(tmp_path: Path) -> None:
+    text = page_of(tmp_path).read_text()
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="(.*?)"', text)
+    (script,) = re.findall("<script>(.*?)</script>", text, re.S)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in html.unescape(policy)
+    assert "default-src 'none'" in html.unescape(policy)
+    assert "unsafe" not in policy
+
+
+def many_runs(folder: Path) -> list[Path]:
+    """Names and settings that no narrow terminal has room for in full."""
+    found = []
+    for model in ("nvidia", "commaai"):
+        for seed in (1, 2, 3):
+            overrides = (
+                f"model={model}",
+                f"augment=[brightness,shadow,{model}]",
+                f"data.offset=0.{len(model)}",
+                f"optim.lr=0.00{len(model)}",
+            )
+            found.append(
+                write_run(
+                    folder / f"2026-11-2{seed}" / f"10-00-0{seed}[/red]{model}",
+                    0.9 + 0.01 * seed,
+                    seed=seed,
+                    overrides=overrides,
+                    tracks=("lake", "mountain"),
+                    start_seeds=3,
+                    root=f"/{model}/lake",
+                )
+            )
+    return found
+
+
+def cells_of(text: str) -> list[list[str]]:
+    """The lines of each cell of the body put together, row by row."""
+    rows: list[list[str]] = []
+    for line in text.splitlines():
+        if line.startswith("│"):
+            parts = [part.strip() for part in line.strip("│").split("│")]
+            if parts[0]:
+                rows.append([""] * len(parts))
+            rows[-1] = [a + b for a, b in zip(rows[-1], parts, strict=True)]
+    return rows
+
+
+@pytest.mark.parametrize("width", [80, 100, 120, 160, 200])
+def test_names_never_vanish(width: int, tmp_path: Path, console: Console) -> None:
+    console.width = width
+    print_ranking(many_runs(tmp_path), "all [/red] runs", tmp_path, console, "page.html")
+
+    text = console.file.getvalue()
+    assert all(len(line) <= width for line in text.splitlines() if line.startswith("│"))
+    rows = cells_of(text)
+    assert [row[0] for row in rows] == ["1", "2"]
+    assert "all [/red] runs" in text
+    for row, model in zip(rows, ("commaai", "nvidia"), strict=True):
+        said = " ".join(row).replace(" ", "")
+        for name in (
+            f"2026-11-21/10-00-01[/red]{model}",
+            f"[brightness,shadow,{model}]",
+            f"0.{len(model)}",
+            f"0.00{len(model)}",
+            f"{model}/lake",
+            "1,2,3(n=3)",
+            "92.0%±1.0%",
+            "0of9(95%:30%orless)",
+        ):
+            assert name in said, name
+
+
+def test_figures_that_do_not_fit_are_counted_and_named(tmp_path: Path, console: Console) -> None:
+    console.width = 80
+    print_ranking(many_runs(tmp_path), "all", tmp_path, console, "page.html")
+
+    (line,) = [one for one in console.file.getvalue().splitlines() if "not fit" in one]
+    headings = line.partition(": ")[2].partition(". Widen")[0].split("; ")
+    assert line.startswith(f"{len(headings)} columns do not fit in 80: ")
+    assert {"val MSE", "test MSE", "seconds"} <= set(headings)
+    assert "autonomy" not in headings
+    assert "page.html" in line
+
+
+def test_a_wide_terminal_shows_every_figure(tmp_path: Path, console: Console) -> None:
+    console.width = 400
+    print_ranking(many_runs(tmp_path), "all", tmp_path, console, "page.html")
+
+    assert "not fit" not in console.file.getvalue()
+    assert "seconds" in console.file.getvalue()
+
+
+def test_other_recordings_are_no_repeats_and_are_named(tmp_path: Path) -> None:
+    for seed, (root, fingerprint) in enumerate(
+        [("/a/lake", "aaaaaaaa"), ("/a/lake", "bbbbbbbb"), ("/b/lake", "cccccccc")]
+    ):
+        folder = tmp_path / str(seed)
+        write_run(folder, 1 - seed / 10, seed=seed, root=root, fingerprint=fingerprint)
+    entries = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+
+    (column,) = [one for one in named_columns(entries, tmp_path) if one.heading == "recording"]
+    assert column.cells == ("a/lake (aaaaaa)", "a/lake (bbbbbb)", "b/lake")
+
+
+def test_a_recording_that_all_share_is_no_column(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        write_run(tmp_path / str(seed), 1.0, seed=seed, root="/a/lake")
+    (entry,) = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+
+    assert "recording" not in {one.heading for one in named_columns([entry], tmp_path)}
+
+
+def test_a_single_training_shows_no_spread_over_its_start_seeds(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "a", 0.9)
+    metrics = json.loads((run / "metrics.json").read_text())
+    metrics["drive"]["tracks"]["lake"] |= {"autonomy": [0.9, 0.2]}
+    (run / "metrics.json").write_text(json.dumps(metrics | {"drive": metrics["drive"]}))
+    (entry,) = rank(read_runs([run])[0])
+
+    assert entry.figures["lake/autonomy"] == (0.9, None)
+
+
+def test_drives_of_all_training_seeds_are_counted(tmp_path: Path) -> None:
+    for seed, autonomy in ((1, 1.0), (2, 0.8)):
+        write_run(tmp_path / str(seed), autonomy, seed=seed, start_seeds=3)
+    (entry,) = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+
+    assert entry.figures["lake/drives"] == Count(3, 6)
+
+
+def test_a_table_fits_a_narrow_terminal(tmp_path: Path, console: Console) -> None:
     write_run(tmp_path / "a", 0.975)
     console.width = 80
-    console.print(ranking_table(rank(read_runs([tmp_path / "a"])[0]), "one", tmp_path))
+    table, _ = ranking_table(rank(read_runs([tmp_path / "a"])[0]), "one", tmp_path, 80)
+    console.print(table)
     lines = console.file.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert any("97.5%" in line for line in lines)

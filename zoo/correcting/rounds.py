@@ -7,9 +7,11 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from datamodules.errors import InputError
 from zoo.correcting.options import CorrectOptions
+from zoo.scoring.table import read_figures, with_deviation
 
 NAME = "correct.json"
 MAY_CHANGE = ("rounds", "workers", "out", "enough_m")  # from one start to the next
@@ -98,9 +100,9 @@ def open_progress(
         return new
     try:
         before = json.loads((folder / NAME).read_text())
-        rounds = [Round(**one) for one in before["rounds"]]
+        rounds = [_read_round(one, before["options"].get("seeds")) for one in before["rounds"]]
         found = Progress(before["identity"], before["options"], before["overrides"], rounds)
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{folder / NAME}: is damaged; name another folder with out=") from None
     if found.identity != identity:
         raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
@@ -121,11 +123,21 @@ def open_progress(
     return found
 
 
+def _read_round(found: dict, seeds: int | None) -> Round:
+    tracks = {name: read_figures(one, seeds) for name, one in found["tracks"].items()}
+    return Round(**found | {"tracks": tracks})
+
+
 def rounds_table(rounds: list[Round]) -> Table:
     """A row for each round and track."""
+    count = max(
+        (one.get("drives", 1) for each in rounds for one in each.tracks.values()), default=1
+    )
     table = Table(
         title="before and after each round",
         title_justify="left",
+        caption=f"±: sample standard deviation over {count} start seeds" if count > 1 else None,
+        caption_justify="left",
         box=SIMPLE_HEAD,
         collapse_padding=True,
     )
@@ -135,16 +147,11 @@ def rounds_table(rounds: list[Round]) -> Table:
     for one in rounds:
         for number, (track, figures) in enumerate(one.tracks.items()):
             cells = [
-                _cell(figures["autonomy"], "{:.1%}"),
-                _cell(figures["interventions"], "{:.1f}"),
-                _cell(figures["cte_mean_m"], "{:.2f}"),
+                with_deviation(figures["autonomy"], "{:.1%}"),
+                with_deviation(figures["interventions"], "{:.1f}"),
+                with_deviation(figures["cte_mean_m"], "{:.2f}"),
                 f"{figures['cte_max_m'][0]:.2f}",
             ]
-            name, count = (str(one.number), f"{one.corrections:,}") if not number else ("", "")
-            table.add_row("before" if name == "0" else name, track, count, *cells)
+            name, rows = (str(one.number), f"{one.corrections:,}") if not number else ("", "")
+            table.add_row("before" if name == "0" else name, Text(track), rows, *cells)
     return table
-
-
-def _cell(figure: list[float], form: str) -> str:
-    mean, spread = figure
-    return form.format(mean) + (f" ± {form.format(spread)}" if spread else "")

@@ -16,6 +16,8 @@ from zoo.reporting.blocks import (
 )
 from zoo.reporting.run import Run
 from zoo.reporting.training_section import worse_than_nothing
+from zoo.scoring.intervals import count_with_interval
+from zoo.scoring.table import with_deviation
 from zoo.verdict.evidence import training_command
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
@@ -88,7 +90,7 @@ def _learnt_from(run: Run) -> list[Block]:
 
 def _measured(run: Run) -> list[Block]:
     said = [
-        f"{track}: autonomy {figures['autonomy'][0]:.1%}, {figures['cte_mean_m'][0]:.2f} m off the "
+        f"{track}: autonomy {_autonomy(figures)}, {figures['cte_mean_m'][0]:.2f} m off the "
         f"centreline on average, {run.farthest_m(track):.2f} m at most"
         for track, figures in run.tracks.items()
     ]
@@ -98,6 +100,14 @@ def _measured(run: Run) -> list[Block]:
     if not said:
         raise MissingError("Nothing was measured.")
     return [Heading("Metrics"), Bullets(said)]
+
+
+def _autonomy(figures: dict) -> str:
+    said = with_deviation(figures["autonomy"], "{:.1%}", figures.get("drives"))
+    if figures.get("drives_without_intervention") is None:
+        return said
+    kept = count_with_interval(figures["drives_without_intervention"], figures["drives"])
+    return f"{said}, drives without intervention {kept}"
 
 
 def _limits(run: Run) -> list[Block]:
@@ -111,7 +121,8 @@ def _limits(run: Run) -> list[Block]:
     if run.config.get("quick"):
         said.append("quick=true: a first try of few epochs, not the recipe.")
     said.append(
-        "One training with one seed: how much another seed would change is not known from this run."
+        "One training with one training seed: how much another would change is not known from this "
+        "run."
     )
     return [Heading("Limits"), Bullets(said)]
 
@@ -130,8 +141,9 @@ def _limits_of_driving(run: Run) -> list[str]:
         "tracks, speeds, light and delays are untried. python -m zoo.evaluate CKPT "
         "track=lake,mountain perturb=all tries them."
     )
-    if max((run.metrics.get("drive") or {}).get("seeds", len(run.drives)), 1) == 1:
-        said.append("One drive: a figure without a spread.")
+    counts = {name: figures.get("drives") for name, figures in run.tracks.items()}
+    if 1 in counts.values():
+        said.append("One drive on a track: a figure without a spread.")
     return said
 
 

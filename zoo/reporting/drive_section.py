@@ -50,14 +50,16 @@ def _scores(run: Run) -> list[Block]:
         laps, seeds = scored["laps"], scored["seeds"]
         how += (
             f", at {scored['speed_mph']:g} mph, {laps:g} lap{'' if laps == 1 else 's'} with "
-            f"{seeds} seed{'' if seeds == 1 else 's'}"
+            f"{seeds} start seed{'' if seeds == 1 else 's'}"
         )
     return [
         Text(
             f"{how}. Autonomy is NVIDIA's: 1 - 6 s x interventions / time driven; an intervention "
             "is a car that leaves its lane or stands still, and puts it back on the centre. "
-            "± is the standard deviation over seeds. The same seed gives the same figures to the "
-            "digit, latency apart."
+            "A start seed draws the start and a random weather. ± is the sample standard deviation "
+            "over the drives' start seeds: it says nothing on how much another training would "
+            "change. In brackets, Wilson's 95 % interval. The same start seed gives the same "
+            "figures to the digit, latency apart."
         ),
         Rows.of(drives_table(run.tracks), bold=frozenset({0})),
     ]
@@ -80,7 +82,7 @@ def _tracks(run: Run) -> list[Block]:
             others: list[Block] = []
             for drive in drives[1:]:
                 others += _plots(drive)
-            blocks.append(Fold(f"The other seeds: {len(drives) - 1}", others))
+            blocks.append(Fold(f"The other start seeds: {len(drives) - 1}", others))
         try:
             blocks += _worst(run, track, drives)
         except MissingError as missing:
@@ -172,7 +174,8 @@ def _badness(drive: "Drive", row: int) -> tuple[bool, float]:
 def _moment(drive: "Drive", row: int, drives: int) -> str:
     error = float(drive.cross_track_m[row])
     said = [
-        f"{drive.time_s[row]:.1f} s" + (f", seed {drive.summary['seed']}" if drives > 1 else ""),
+        f"{drive.time_s[row]:.1f} s"
+        + (f", start seed {drive.summary['seed']}" if drives > 1 else ""),
         f"{abs(error):.2f} m {'right' if error > 0 else 'left'}",
         f"steering {drive.steering[row] + 0.0:+.2f}",
         f"{drive.speed_mph[row]:.0f} mph",

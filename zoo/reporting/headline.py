@@ -6,6 +6,8 @@ from zoo.verdict.evidence import Evidence
 from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
 
 KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
+from zoo.scoring.intervals import count_with_interval
+from zoo.scoring.table import with_deviation
 
 
 def title(run: Run) -> str:
@@ -65,18 +67,17 @@ def _what(run: Run) -> str:
 def _driving(run: Run) -> list[Tile]:
     scored = run.metrics.get("drive") or {}
     speed = f" at {scored['speed_mph']:g} mph" if scored.get("speed_mph") else ""
-    mean = ", on average" if scored.get("seeds", 1) > 1 else ""
     first, second = [], []
     for track, figures in run.tracks.items():
-        share, spread = figures["autonomy"]
+        count = figures.get("drives")
         lost, laps = figures["interventions"][0], figures["laps"][0]
-        first.append(
-            Tile(
-                f"Autonomy, {track}",
-                f"{share:.1%}" + (f" ± {spread:.1%}" if spread else ""),
-                f"{lost:.3g} interventions in {laps:.2f} laps{speed}{mean}",
-            )
-        )
+        note = f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
+        note += ", on average" if (count or 1) > 1 else ""
+        if figures.get("drives_without_intervention") is not None:
+            kept = count_with_interval(figures["drives_without_intervention"], count)
+            note += f"; drives without intervention: {kept}"
+        autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
+        first.append(Tile(f"Autonomy, {track}", autonomy, note))
         second.append(
             Tile(
                 f"Off centre, {track}",

@@ -84,7 +84,7 @@ class Run:
 
     @cached_property
     def drives(self) -> list["Drive"]:
-        """The scored drives, track by track, seed by seed; one that is damaged is left out."""
+        """The scored drives, by track and start seed; one that is damaged is left out."""
         from zoo.driving.drive_log import LOG_NAME, read_drive
 
         found = []
@@ -98,12 +98,13 @@ class Run:
 
     @cached_property
     def tracks(self) -> dict[str, dict]:
-        """By track, mean and spread of every figure of driving; empty where nothing drove."""
-        from zoo.scoring.table import mean_and_spread
+        """Every track's figures, see `mean_and_spread`; empty where nothing drove."""
+        from zoo.scoring.table import mean_and_spread, read_figures
 
-        scored = (self.metrics.get("drive") or {}).get("tracks")
-        if scored:
-            return scored
+        scored = self.metrics.get("drive") or {}
+        if scored.get("tracks"):
+            seeds = scored.get("seeds")
+            return {name: read_figures(one, seeds) for name, one in scored["tracks"].items()}
         names = dict.fromkeys(one.summary["track"] for one in self.drives)
         return {
             name: mean_and_spread([d.summary for d in self.drives if d.summary["track"] == name])

@@ -28,7 +28,7 @@ def _took(run: Run) -> list[Block]:
         f"{rate:,.0f} samples/s" if rate else "",
         f"{metrics['wall_s']:,.0f} s in all",
         f"on {metrics['device']} with {metrics['threads']} thread{_s(metrics['threads'])}",
-        f"seed {metrics['seed']}",
+        f"training seed {metrics['seed']}",
     ]
     return [Text("; ".join(part for part in parts if part) + ".")]
 

@@ -210,7 +210,7 @@ def _leave(folder: Path, world: World, drive: ScoredDrive, figures: dict) -> Non
     writer.close()
     write_summary(folder, figures)
     title = (
-        f"{world.track.name}, seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
+        f"{world.track.name}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"
     )
     save_figure(birds_eye(world.track, drive, title), folder / "track.png")

@@ -17,7 +17,7 @@ class EvaluateOptions:
     Args:
         track: names or files, with commas between.
         laps: driven in each drive.
-        seeds: so many drives on each track; seed 0 starts at the track's first point.
+        seeds: start seeds, one drive each on each track; start seed 0 begins at the first point.
         speed: miles per hour to hold, by the course's PI controller.
         throttle: hold that speed, or network: its own, from a standstill (model=nvidia_speed).
         margin: metres off the centreline that count as an intervention; null for the edge line.

@@ -10,8 +10,9 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.scoring.drives import Setup, drive_all, expert_steering_per_s
+from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.options import EvaluateOptions, check_options
-from zoo.scoring.table import mean_and_spread
+from zoo.scoring.table import mean_and_spread, with_deviation
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class TrackScores:
 
     Attributes:
         drives: the figures of each drive, track by track, seed by seed.
-        tracks: mean and spread of every figure over a track's drives.
+        tracks: mean and spread of every figure over a track's drives, see `mean_and_spread`.
         by_setup: the figures of each drive, those of the further setups among them.
     """
 
@@ -55,7 +56,7 @@ def score_on_tracks(
     for track in options.tracks:
         own = [one for one in setups if one.track == track]
         tracks[by_setup[own[0]]["track"]] = mean_and_spread([by_setup[one] for one in own]) | {
-            "expert_steering_per_s": (expert_steering_per_s(own[0]), 0.0)
+            "expert_steering_per_s": (expert_steering_per_s(own[0]), None)
         }
     return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
 
@@ -114,10 +115,9 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
     for track, figures in found.tracks.items():
         console.print(
             f"drove {figures['laps'][0]:.2f} laps of the {track} {_at(options, figures)}: "
-            f"autonomy {figures['autonomy'][0]:.1%}, {figures['interventions'][0]:g} "
-            f"interventions, cross-track error {figures['cte_mean_m'][0]:.2f} m on average, "
-            f"{figures['cte_max_m'][0]:.2f} m at most",
+            f"{how_well(figures)}",
             highlight=False,
+            markup=False,
         )
     return {
         "speed_mph": None if options.throttle == "network" else options.speed,
@@ -127,6 +127,19 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
         "tracks": found.tracks,
         "drives": found.drives,
     }
+
+
+def how_well(figures: dict) -> str:
+    """Return the figures of a track's drives in words, from `mean_and_spread`."""
+    count = figures["drives"]
+    autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
+    lost = with_deviation(figures["interventions"], "{:.3g}", count)
+    kept = count_with_interval(figures["drives_without_intervention"], count)
+    return (
+        f"autonomy {autonomy}, {lost} interventions, drives without intervention {kept}, "
+        f"cross-track error {with_deviation(figures['cte_mean_m'], '{:.2f}', count)} m on average, "
+        f"{figures['cte_max_m'][0]:.2f} m at most"
+    )
 
 
 def _at(options: EvaluateOptions, figures: dict) -> str:

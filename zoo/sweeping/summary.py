@@ -20,7 +20,7 @@ def conclude(folder: Path, console: Console) -> None:
     """
     folders = job_folders(folder)
     title = f"{len(folders)} jobs, the best driver first"
-    entries, unranked = print_ranking(folders, title, folder, console)
+    entries, unranked = print_ranking(folders, title, folder, console, PAGE)
     page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
     console.print(str(page), highlight=False, markup=False)
     failed = [one for one in unranked if one.why in ("failed", "stopped")]

@@ -104,5 +104,5 @@ def test_metres_per_intervention_are_of_all_drives_together() -> None:
         {"driven_m": 1000.0, "interventions": 0, "m_per_intervention": None},
         {"driven_m": 1000.0, "interventions": 4, "m_per_intervention": 250.0},
     ]
-    assert mean_and_spread(drives)["m_per_intervention"] == (500.0, 0.0)
+    assert mean_and_spread(drives)["m_per_intervention"] == (500.0, None)
     assert mean_and_spread(drives[:1])["m_per_intervention"] is None

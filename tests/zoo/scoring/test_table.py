@@ -1,0 +1,88 @@
+"""The table of drives: a spread needs two drives, and a count its interval."""
+
+import doctest
+import io
+
+import pytest
+from rich.console import Console
+
+from zoo.scoring import table
+from zoo.scoring.table import drives_table, mean_and_spread, read_figures
+
+
+def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
+    return {
+        "track": "lake",
+        "seed": 0,
+        "autonomy": autonomy,
+        "interventions": interventions,
+        "driven_m": 1000.0,
+        "m_per_intervention": 1000.0 / interventions if interventions else None,
+        **more,
+    }
+
+
+def printed(tracks: dict, width: int = 120) -> str:
+    console = Console(file=io.StringIO(), width=width)
+    console.print(drives_table(tracks))
+    return console.file.getvalue()
+
+
+def row(text: str, label: str) -> str:
+    (line,) = [one for one in text.splitlines() if one.startswith(f"│ {label} ")]
+    return line.split("│")[2].strip()
+
+
+def test_the_examples_in_the_docstrings_run() -> None:
+    results = doctest.testmod(table)
+
+    assert results.attempted > 5
+    assert not results.failed
+
+
+def test_the_spread_is_the_sample_deviation() -> None:
+    figures = mean_and_spread([drive(0.9, 1), drive(1.0), drive(0.8, 2)])
+
+    assert figures["autonomy"] == (pytest.approx(0.9), pytest.approx(0.1))
+    assert (figures["drives"], figures["drives_without_intervention"]) == (3, 1)
+
+
+def test_one_drive_has_no_spread() -> None:
+    figures = mean_and_spread([drive(0.9, 1)])
+
+    assert figures["autonomy"] == (0.9, None)
+    assert "±" not in printed({"lake": figures})
+
+
+def test_the_table_counts_drives_and_gives_the_interval() -> None:
+    text = printed({"lake": mean_and_spread([drive()] * 3)})
+
+    assert row(text, "drives (start seeds)") == "3"
+    assert row(text, "drives without intervention") == "3 of 3 (95 %: 44 % or more)"
+
+
+def test_a_figure_that_some_drives_lack_has_no_spread() -> None:
+    drives = [drive(lap_s=None), drive(lap_s=80.0), drive(lap_s=90.0)]
+
+    assert mean_and_spread(drives)["lap_s"] == (85.0, None)
+
+
+def test_an_earlier_files_spread_becomes_the_sample_deviation() -> None:
+    old = {"autonomy": [0.9, (2 / 3) ** 0.5 / 10], "interventions": [0.0, 0.0], "lap_s": None}
+    figures = read_figures(old, 3)
+
+    assert figures["autonomy"][1] == pytest.approx(0.1)
+    assert figures["lap_s"] is None
+    assert (figures["drives"], figures["drives_without_intervention"]) == (3, 3)
+
+
+@pytest.mark.parametrize("drives", [1, None])
+def test_an_earlier_files_spread_is_left_out_where_it_says_nothing(drives: int | None) -> None:
+    assert read_figures({"autonomy": [0.9, 0.0]}, drives)["autonomy"] == (0.9, None)
+
+
+def test_a_tracks_name_is_no_markup() -> None:
+    text = printed({"lake [bold]x": mean_and_spread([drive()]), "[/red]": {}})
+
+    assert "lake [bold]x" in text
+    assert "[/red]" in text

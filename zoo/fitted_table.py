@@ -1,0 +1,76 @@
+"""A terminal's table: names keep their width, figures that do not fit are left out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from rich.cells import cell_len
+from rich.table import Table
+from rich.text import Text
+
+LEAST = 8  # columns of the terminal that a name keeps however narrow it is
+ENOUGH = 14  # that it keeps before further figures get theirs
+FRAME = 3  # a column's border and padding
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A column: its heading and its cells, as plain text."""
+
+    heading: str
+    cells: tuple[str, ...]
+    justify: Literal["left", "right"] = "left"
+
+    @property
+    def width(self) -> int:
+        """Return the width of the longest line."""
+        lines = [line for one in (self.heading, *self.cells) for line in one.splitlines()]
+        return max(map(cell_len, lines), default=0)
+
+
+def fits(columns: Sequence[Cells], least: int, width: int) -> bool:
+    """Return whether a table of columns, each cut to `least`, is no wider than `width`."""
+    return sum(min(one.width, least) for one in columns) + FRAME * len(columns) < width
+
+
+def fitted_table(
+    title: str, names: Sequence[Cells], figures: Sequence[Cells], width: int, first: int = 1
+) -> tuple[Table, list[Cells]]:
+    """Return a table of at most `width`, and the figures that are left out of it.
+
+    Args:
+        title: above the table.
+        names: columns that tell the rows apart; long ones fold, none is left out.
+        figures: columns of numbers, the most important first.
+        width: of the terminal.
+        first: so many figures get room before the names are wider than `LEAST`.
+    """
+    chosen: list[Cells] = []
+    left_out: list[Cells] = []
+    for number, figure in enumerate(figures):
+        room = width - sum(one.width + FRAME for one in [*chosen, figure])
+        has_room = fits(names, LEAST if number < first else ENOUGH, room)
+        (chosen if has_room else left_out).append(figure)
+    widths = _widths(names, width - sum(one.width + FRAME for one in chosen))
+    table = Table(title=Text(title, style="table.title"), title_justify="left")
+    for column, wide in zip(names, widths, strict=True):
+        table.add_column(Text(column.heading), justify=column.justify, overflow="fold", width=wide)
+    for column in chosen:
+        table.add_column(Text(column.heading), justify=column.justify, width=column.width)
+    shown = [column.cells for column in (*names, *chosen)]
+    for place, cells in enumerate(zip(*shown, strict=True)):
+        table.add_row(*map(Text, cells), style=None if place else "bold")
+    return table, left_out
+
+
+def _widths(columns: Sequence[Cells], width: int) -> list[int]:
+    """Return how wide each of the columns is that share `width`: the narrowest grow first."""
+    widths = [min(one.width, LEAST) for one in columns]
+    room = width - 1 - FRAME * len(columns) - sum(widths)
+    while room > 0:
+        short = [n for n, one in enumerate(columns) if widths[n] < one.width]
+        if not short:
+            break
+        widths[min(short, key=lambda n: widths[n])] += 1
+        room -= 1
+    return widths
