@@ -10,6 +10,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_run, name_latest
 from zoo.command_line import run_command
 from zoo.config import conf_folder, config_groups, quote_paths
 from zoo.options import is_help
@@ -27,10 +28,11 @@ def zoo(arguments: list[str]) -> None:
         print(config_help(arguments))
         return
     choose_waiting()
+    arguments = [name_latest(one) for one in arguments]
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]
-        resume(Path(resumed[0].removeprefix("resume=")), overrides)
+        resume(find_run(resumed[0].removeprefix("resume=")), overrides)
         return
     if is_sweep(arguments):
         from zoo.sweeping.start import sweep

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.options import shown_help
 from zoo.status import StoppedError
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from zoo.correcting.options import CorrectOptions
     from zoo.correcting.rounds import Progress, Round
 
-USAGE = "python -m zoo.correct RUN_FOLDER/checkpoints/best.ckpt [key=value...]"
+USAGE = "python -m zoo.correct CKPT|RUN_FOLDER|latest [key=value...]"
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
@@ -223,6 +224,7 @@ def command(arguments: list[str]) -> None:
         return
     path, *rest = arguments
     given, overrides = options.read_options(rest)
+    path = str(find_checkpoint(path))
     from zoo.correcting.rounds import rounds_table
 
     console = Console(soft_wrap=True)
@@ -230,7 +232,7 @@ def command(arguments: list[str]) -> None:
     try:
         progress = correction.run()
     except (KeyboardInterrupt, StoppedError):
-        again = [one for one in arguments if not one.startswith("out=")]
+        again = [path, *(one for one in rest if not one.startswith("out="))]
         again.append(f"out={correction.folder}")
         raise StoppedError(
             "stopped; finished rounds are kept; go on with: "

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from zoo.scoring.drives import Setup
     from zoo.scoring.options import EvaluateOptions
 
-USAGE = "python -m zoo.evaluate RUN_FOLDER/checkpoints/best.ckpt [key=value...]"
+USAGE = "python -m zoo.evaluate CKPT|RUN_FOLDER|latest [key=value...]"
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
@@ -31,6 +31,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     Raises:
         InputError: no such checkpoint or track, an option that cannot be.
     """
+    from zoo.checkpoint_path import find_checkpoint
     from zoo.policy import load_policy
     from zoo.scoring.drives import Setup, check_throttle
     from zoo.scoring.options import check_options
@@ -39,6 +40,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     from zoo.scoring.tracks import score_on_tracks
 
     # What is wrong with it is said before processes start.
+    checkpoint = str(find_checkpoint(checkpoint))
     policy = load_policy(checkpoint)
     check_options(options)
     check_throttle(policy, options.throttle)

@@ -17,6 +17,7 @@ from rich.progress import Progress
 
 from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
 from zoo.options import read_arguments
@@ -59,6 +60,7 @@ def replay_recording(
     from zoo.scoring.replay import replay, score_replay
     from zoo.scoring.table import drives_table, mean_and_spread
 
+    checkpoint = str(find_checkpoint(checkpoint))
     policy = load_policy(checkpoint)
     recording = read_recordings(recording_folder)
     torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
 
 if TYPE_CHECKING:
@@ -108,11 +109,11 @@ def _replace(path: Path, data: bytes) -> Path:
 def report(arguments: list[str]) -> None:
     """The command: a run's folder."""
     if {"-h", "--help"} & set(arguments):
-        print(f"usage: {USAGE}\n\nWrites RUN_FOLDER/{FOLDER}/{PAGE} and {MARKDOWN}.")
+        print(f"usage: {USAGE}\n\nWrites RUN_FOLDER/{FOLDER}/{PAGE} and {MARKDOWN}; latest is the newest run.")
         return
     if len(arguments) != 1:
         raise InputError(f"usage: {USAGE}")
-    page = write_report(Path(arguments[0]).expanduser())
+    page = write_report(find_run(arguments[0]))
     print(page)
     print(page.with_name(MARKDOWN))
 
