@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import hydra
@@ -13,6 +14,7 @@ from datamodules.errors import InputError
 from zoo.checkpoint_path import find_run, name_latest
 from zoo.command_line import run_command
 from zoo.config import conf_folder, config_groups, quote_paths
+from zoo.console_progress import loading
 from zoo.options import is_help
 from zoo.status import StoppedError
 from zoo.waiting import choose_waiting
@@ -42,12 +44,14 @@ def zoo(arguments: list[str]) -> None:
 
     failures: list[Exception] = []
     began = False
+    starting = ExitStack()
 
     def train(config: DictConfig) -> float:
         nonlocal began
         began = True
         from zoo.experiment import run_experiment
 
+        starting.close()
         try:
             return run_experiment(config, Path(HydraConfig.get().runtime.output_dir))
         except InputError as error:
@@ -59,6 +63,7 @@ def zoo(arguments: list[str]) -> None:
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
     sys.argv = [sys.argv[0], *quote_paths(arguments)]
     conf = str(conf_folder().resolve())
+    starting.enter_context(loading())
     try:
         hydra.main(version_base="1.3", config_path=conf, config_name="config")(train)()
     except KeyboardInterrupt as error:
@@ -70,6 +75,8 @@ def zoo(arguments: list[str]) -> None:
             f"{error.filename}: cannot be made the run's folder ({error.strerror}); set "
             "hydra.run.dir=FOLDER to another"
         ) from error
+    finally:
+        starting.close()
     if failures:
         raise failures[0]
 
@@ -93,7 +100,8 @@ def resume(folder: Path, overrides: list[str]) -> None:
     config = OmegaConf.load(saved)
     OmegaConf.set_struct(config, True)
     config.merge_with_dotlist(overrides)
-    from zoo.experiment import run_experiment
+    with loading():
+        from zoo.experiment import run_experiment
 
     run_experiment(config, folder.resolve(), resume=True)
 

@@ -17,6 +17,7 @@ from rich.console import Console
 from datamodules.errors import InputError
 from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.options import shown_help
 from zoo.status import StoppedError
 
@@ -55,7 +56,7 @@ class Correction:
         out = options.out or f"outputs/corrections/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
         self.folder = Path(out).expanduser().absolute()
         self.progress: Progress = open_progress(self.folder, path, options, overrides)
-        self._source = _source(options, self.folder)
+        self._source = _source(options, self.folder, console)
         self.progress.save(self.folder)
 
     def run(self) -> "Progress":
@@ -200,7 +201,9 @@ def _trainable(
     return checkpoint, own_config(checkpoint, overrides)
 
 
-def _source(options: "CorrectOptions", out: Path) -> "Callable[[str, int, str, Path], int]":
+def _source(
+    options: "CorrectOptions", out: Path, console: Console
+) -> "Callable[[str, int, str, Path], int]":
     """What makes a round's recording: `source(checkpoint, round, identity, folder) -> rows`."""
     if options.by_a_person:
         from zoo.correcting.person import check_person, corrections_of_a_person
@@ -212,7 +215,7 @@ def _source(options: "CorrectOptions", out: Path) -> "Callable[[str, int, str, P
     from zoo.correcting.collecting import collect
 
     return lambda checkpoint, number, identity, folder: collect(
-        checkpoint, options, number, identity, folder
+        checkpoint, options, number, identity, folder, console
     )
 
 
@@ -228,7 +231,8 @@ def command(arguments: list[str]) -> None:
     from zoo.correcting.rounds import rounds_table
 
     console = Console(soft_wrap=True)
-    correction = Correction(path, given, overrides, console)
+    with loading():
+        correction = Correction(path, given, overrides, console)
     try:
         progress = correction.run()
     except (KeyboardInterrupt, StoppedError):

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from zoo.checkup import inputs, installation, machine, renderer, round_trip
 from datamodules.errors import InputError
 from zoo.checkpoint_path import FOLDER, LATEST, find_checkpoint
+from zoo.checkup import inputs, installation, machine, renderer, round_trip
 from zoo.checkup.finding import FAULT, OK, WARNING, Finding, careful
 
 USAGE = "usage: python -m zoo.doctor [CKPT] [RECORDING] [port=4567]"

@@ -12,6 +12,7 @@ from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.driving.origin import is_loopback
 
 if TYPE_CHECKING:
@@ -60,8 +61,9 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     # Loading torch takes seconds: only once the port is ours. Simulators wait in the meantime.
     listener = open_port(settings.host, settings.port)
     load = functools.partial(load_warm_policy, threads=settings.threads)
-    policy = load(Path(checkpoint))
-    from zoo.driving.page import LivePage  # imports torch
+    with loading():
+        policy = load(Path(checkpoint))
+        from zoo.driving.page import LivePage  # imports torch
 
     if settings.record is not None:
         scribe.prepare()

@@ -18,6 +18,7 @@ from rich.console import Console
 from datamodules.errors import InputError
 from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.onnx_policy import CARD, IMAGES, INSTALL, SPEED, SUFFIX, OnnxPolicy, is_onnx
 from zoo.options import read_arguments
 
@@ -61,13 +62,14 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
     """
     path = find_checkpoint(checkpoint_path)
     out = _checked_out(path, options.out)
-    from zoo.checkpoint import load_checkpoint
-    from zoo.parity import compare, take_frames
-    from zoo.policy import Policy
+    with loading():
+        from zoo.checkpoint import load_checkpoint
+        from zoo.parity import compare, take_frames
+        from zoo.policy import Policy
 
-    checkpoint = load_checkpoint(path)
-    frames = take_frames(options.frames, checkpoint.config)
-    contents = onnx_bytes(checkpoint)
+        checkpoint = load_checkpoint(path)
+        frames = take_frames(options.frames, checkpoint.config)
+        contents = onnx_bytes(checkpoint)
     part = out.with_name(f"{out.name}.part")
     try:
         try:

@@ -76,4 +76,3 @@ def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
     network.load_state_dict(state, strict=False)
     what = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
     return f"{what} from {path}"
-

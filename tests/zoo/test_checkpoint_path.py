@@ -112,9 +112,9 @@ def test_without_a_run_latest_says_where_it_looked(
 
 def test_a_folder_that_may_not_be_entered_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "closed").mkdir(mode=0o700)
-    os.chmod(tmp_path, 0o711)
+    tmp_path.chmod(0o711)
     if os.geteuid():
-        os.chmod(tmp_path / "closed", 0)
+        (tmp_path / "closed").chmod(0)
     else:
         os.seteuid(65_534)  # nobody
     try:
@@ -123,7 +123,7 @@ def test_a_folder_that_may_not_be_entered_is_one_line(tmp_path: Path) -> None:
     finally:
         if os.getuid() == 0:
             os.seteuid(0)
-        os.chmod(tmp_path / "closed", 0o700)
+        (tmp_path / "closed").chmod(0o700)
 
 
 @pytest.fixture(scope="module")

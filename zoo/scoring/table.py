@@ -34,7 +34,7 @@ def mean_and_spread(drives: list[dict]) -> dict[str, tuple[float, float] | None]
     """
     found = {}
     for key in drives[0]:
-        if key in ("track", "seed"):
+        if key in ("track", "seed", "nan_frames"):
             continue
         values = [one[key] for one in drives if one[key] is not None]
         found[key] = (float(np.mean(values)), float(np.std(values))) if values else None
@@ -42,6 +42,23 @@ def mean_and_spread(drives: list[dict]) -> dict[str, tuple[float, float] | None]
         driven, lost = (sum(one[key] for one in drives) for key in ("driven_m", "interventions"))
         found["m_per_intervention"] = driven / lost, 0.0
     return found
+
+
+def nan_line(drives: list[dict]) -> str | None:
+    """Return what to say of drives in which the policy steered NaN; None where none has.
+
+    >>> nan_line([{"track": "lake", "seed": 0, "nan_frames": 7}]).split(":")[0]
+    'the network steered NaN in 7 frames (lake-0)'
+    """
+    bad = [one for one in drives if one.get("nan_frames")]
+    if not bad:
+        return None
+    frames = sum(one["nan_frames"] for one in bad)
+    names = ", ".join(dict.fromkeys(f"{one['track']}-{one['seed']}" for one in bad))
+    return (
+        f"the network steered NaN in {frames:,} frames ({names}): the car went straight on there, "
+        "and the figures say nothing of the network; train again with a smaller optim.lr"
+    )
 
 
 def drives_table(tracks: dict[str, dict]) -> Table:
