@@ -2,6 +2,7 @@
 
 import os
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import hydra
@@ -10,8 +11,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_run, name_latest
 from zoo.command_line import run_command
 from zoo.config import conf_folder, quote_paths
+from zoo.console_progress import loading
 from zoo.options import is_help
 from zoo.run_folder import claimed_folder, is_folder_named
 from zoo.status import StoppedError
@@ -28,12 +31,13 @@ def zoo(arguments: list[str]) -> None:
         print(config_help(arguments))
         return
     choose_waiting()
+    arguments = [name_latest(one) for one in arguments]
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]
         from zoo.resume import resume
 
-        resume(Path(resumed[0].removeprefix("resume=")), overrides)
+        resume(find_run(resumed[0].removeprefix("resume=")), overrides)
         return
     if is_sweep(arguments):
         from zoo.sweeping.start import sweep
@@ -43,12 +47,14 @@ def zoo(arguments: list[str]) -> None:
 
     failures: list[Exception] = []
     began = False
+    starting = ExitStack()
 
     def train(config: DictConfig) -> float:
         nonlocal began
         began = True
         from zoo.experiment import run_experiment
 
+        starting.close()
         try:
             return run_experiment(config, Path(HydraConfig.get().runtime.output_dir))
         except InputError as error:
@@ -59,6 +65,7 @@ def zoo(arguments: list[str]) -> None:
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
     conf = str(conf_folder().resolve())
+    starting.enter_context(loading())
     try:
         with claimed_folder(quote_paths(arguments)) as claimed:
             sys.argv = [sys.argv[0], *claimed]
@@ -73,6 +80,8 @@ def zoo(arguments: list[str]) -> None:
             f"{named}: cannot be made the run's folder ({error.strerror or error}); set "
             "hydra.run.dir=FOLDER to another"
         ) from error
+    finally:
+        starting.close()
     if failures:
         raise failures[0]
 

@@ -2,14 +2,16 @@
 
 import importlib
 import pickle
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.checkpoint_path import find_checkpoint as find_checkpoint
 
 FORMAT = 1
 PREFIX = "network."  # how the LightningModule calls the network in its state
@@ -41,14 +43,12 @@ def make_card(config: dict, view: View, data: dict) -> dict:
 
 
 def read_checkpoint_file(path: str | Path) -> dict:
-    """The plain contents of a checkpoint of ours.
+    """Return the plain contents of a checkpoint's file.
 
     Raises:
         InputError: no such file, not a checkpoint, one that carries code, or another program's.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such checkpoint; a run leaves checkpoints/best.ckpt")
     contents = load_plain(path)
     card = contents.get("drivezoo") if isinstance(contents, dict) else None
     if not isinstance(card, dict) or "state_dict" not in contents:
@@ -62,11 +62,25 @@ def read_checkpoint_file(path: str | Path) -> dict:
 
 
 def load_plain(path: Path) -> object:
-    """What `torch.load` finds in a file of plain containers and tensors, and of nothing else.
+    """Return what a file of torch holds, if that is plain containers and tensors alone.
 
     Raises:
-        InputError: the file is damaged, is not torch's, or carries code, which is not run.
+        InputError: the file cannot be read, is empty, truncated, damaged or not torch's, or carries
+            code, which is not run.
     """
+    try:
+        with path.open("rb") as file:
+            begin = file.read(4)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"{path}: cannot be read ({reason}); name another file") from None
+    if not begin:
+        raise InputError(f"{path}: is empty (0 bytes); {_ANOTHER}")
+    is_zip = begin.startswith(b"PK")
+    if is_zip and not zipfile.is_zipfile(path):  # what ends a ZIP file is not there
+        raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
+    if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
+        raise InputError(f"{path}: is no file of torch; {_ANOTHER}")
     try:
         return torch.load(path, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:
@@ -74,29 +88,95 @@ def load_plain(path: Path) -> object:
             f"{path}: refused, it is damaged or carries code, and none of it was run; use a "
             "checkpoint of python -m zoo, or a state_dict() saved alone"
         ) from None
-    except Exception:  # bytes of any kind make the unpickler fail in any way
-        raise InputError(f"{path}: is no file of torch, or a truncated one") from None
+    except Exception as error:  # bytes of any kind make the unpickler fail in any way
+        reason = type(error).__name__
+        raise InputError(
+            f"{path}: is damaged, or no file of torch ({reason}); copy it again, or {_ANOTHER}"
+        ) from None
+
+
+_ANOTHER = "name another checkpoint, such as last.ckpt beside it"
 
 
 def load_checkpoint(path: str | Path) -> Checkpoint:
-    """The network of a checkpoint, its view and its config; needs nothing but the path.
+    """Return the network of a checkpoint, its view and its config; needs nothing but the path.
+
+    Args:
+        path: file, run's folder, or `latest`: see `find_checkpoint`.
 
     Raises:
-        InputError: see `read_checkpoint_file`; or the weights do not fit the network named.
+        InputError: see `find_checkpoint` and `read_checkpoint_file`; or the weights do not fit the
+            network that its config names, or are not finite.
     """
+    path = find_checkpoint(path)
     contents = read_checkpoint_file(path)
     card = contents["drivezoo"]
     try:
         view = View.from_dict(card["view"])
         network = make_network(card["config"]["model"], view)
-        weights = contents["state_dict"].items()
-        network.load_state_dict(
-            {name[len(PREFIX) :]: tensor for name, tensor in weights if name.startswith(PREFIX)}
-        )
     except (InputError, RuntimeError, KeyError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be made into a network ({reason})") from None
+    state = checked_state(contents["state_dict"], path)
+    state = {
+        name.removeprefix(PREFIX): one for name, one in state.items() if name.startswith(PREFIX)
+    }
+    fix = f"its config was changed after training; {_ANOTHER}"
+    check_fit(network.state_dict(), state, type(network).__name__, path, fix)
+    network.load_state_dict(state)
     return Checkpoint(network.eval(), view, card["config"], card["data"])
+
+
+def checked_state(state: object, path: Path) -> dict[str, Tensor]:
+    """Return what a file holds, if it is a state dict.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(state, dict) or not all(
+        isinstance(name, str) and isinstance(one, Tensor) and not one.is_meta
+        for name, one in state.items()
+    ):
+        raise InputError(f"{path}: is no state dict; save the model's state_dict()")
+    return state
+
+
+def check_fit(
+    own: dict[str, Tensor], state: dict[str, Tensor], kind: str, path: Path, fix: str
+) -> None:
+    """Check that a network can take a file's tensors, and could steer with them.
+
+    Args:
+        own: network's tensors, by name.
+        state: file's tensors, by name.
+        kind: network's class.
+        path: file.
+        fix: what to do where a tensor's shape is not the network's.
+
+    Raises:
+        InputError: names the first tensor that is missing, unknown, of another shape, no plain
+            floats or not finite.
+    """
+    for name in [*own, *state]:
+        if name not in state:
+            raise InputError(f"{path}: holds no {name}, which {kind} needs; is it another model's?")
+        if name not in own:
+            raise InputError(f"{path}: holds {name}, which {kind} lacks; is it another model's?")
+        one = state[name]
+        if one.shape != own[name].shape:
+            raise InputError(
+                f"{path}: {name} is {list(one.shape)} in the file, {list(own[name].shape)} in "
+                f"{kind}; {fix}"
+            )
+        if one.layout != torch.strided or (
+            one.is_floating_point() != own[name].is_floating_point()
+        ):
+            raise InputError(f"{path}: {name} holds no plain floats; save the model's state_dict()")
+        if not torch.isfinite(one).all():
+            raise InputError(
+                f"{path}: {name} holds NaN or infinity, its training diverged; train again with a "
+                "smaller optim.lr, or name an earlier checkpoint"
+            )
 
 
 def make_network(model: dict, view: View) -> nn.Module:

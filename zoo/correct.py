@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.options import shown_help
 from zoo.status import StoppedError
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from zoo.correcting.options import CorrectOptions
     from zoo.correcting.rounds import Progress, Round
 
-USAGE = "python -m zoo.correct RUN_FOLDER/checkpoints/best.ckpt [key=value...]"
+USAGE = "python -m zoo.correct CKPT|RUN_FOLDER|latest [key=value...]"
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
@@ -54,7 +56,7 @@ class Correction:
         out = options.out or f"outputs/corrections/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
         self.folder = Path(out).expanduser().absolute()
         self.progress: Progress = open_progress(self.folder, path, options, overrides)
-        self._source = _source(options, self.folder)
+        self._source = _source(options, self.folder, console)
         self.progress.save(self.folder)
 
     def run(self) -> "Progress":
@@ -194,7 +196,9 @@ def _trainable(
     return checkpoint, own_config(checkpoint, overrides)
 
 
-def _source(options: "CorrectOptions", out: Path) -> "Callable[[str, int, str, Path], int]":
+def _source(
+    options: "CorrectOptions", out: Path, console: Console
+) -> "Callable[[str, int, str, Path], int]":
     """What makes a round's recording: `source(checkpoint, round, identity, folder) -> rows`."""
     if options.by_a_person:
         from zoo.correcting.person import check_person, corrections_of_a_person
@@ -206,7 +210,7 @@ def _source(options: "CorrectOptions", out: Path) -> "Callable[[str, int, str, P
     from zoo.correcting.collecting import collect
 
     return lambda checkpoint, number, identity, folder: collect(
-        checkpoint, options, number, identity, folder
+        checkpoint, options, number, identity, folder, console
     )
 
 
@@ -218,14 +222,16 @@ def command(arguments: list[str]) -> None:
         return
     path, *rest = arguments
     given, overrides = options.read_options(rest)
+    path = str(find_checkpoint(path))
     from zoo.correcting.rounds import rounds_table
 
     console = Console(soft_wrap=True)
-    correction = Correction(path, given, overrides, console)
+    with loading():
+        correction = Correction(path, given, overrides, console)
     try:
         progress = correction.run()
     except (KeyboardInterrupt, StoppedError):
-        again = [one for one in arguments if not one.startswith("out=")]
+        again = [path, *(one for one in rest if not one.startswith("out="))]
         again.append(f"out={correction.folder}")
         raise StoppedError(
             "stopped; finished rounds are kept; go on with: "

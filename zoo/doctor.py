@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from datamodules.errors import InputError
+from zoo.checkpoint_path import FOLDER, LATEST, find_checkpoint
 from zoo.checkup import inputs, installation, machine, renderer, round_trip
 from zoo.checkup.finding import FAULT, OK, WARNING, Finding, careful
 
@@ -22,7 +24,8 @@ HELP = f"""{USAGE}
 Says what is installed and works here, which renderer opens and who holds the port, and makes a
 round trip with the original simulator's protocol; each fault with its fix.
 
-  CKPT        what this checkpoint expects, and whether it can be read
+  CKPT        what this checkpoint expects, and whether it can be read: a file, a run's folder, or
+              latest
   RECORDING   a recording's folder: is it whole?
   port=4567   the one to try"""
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
@@ -58,6 +61,7 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
 
     Raises:
         ValueError: two of a kind, or a port that is none.
+        InputError: a run's folder without a checkpoint.
     """
     paths: dict[str, str] = {}
     port = 4567
@@ -69,9 +73,9 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
                 raise ValueError(f"{argument}: must be in 1..65535")
             port = int(text)
             continue
-        best = path / "checkpoints" / "best.ckpt"
-        if best.is_file():  # the folder of a run
-            argument, kind = str(best), "CKPT"
+        is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
+        if is_run or (argument == LATEST and not path.exists()):
+            argument, kind = str(find_checkpoint(argument)), "CKPT"
         else:
             is_recording = path.is_dir() or path.suffix == ".csv"
             kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
@@ -114,7 +118,7 @@ def main(arguments: list[str]) -> int:
         for finding in diagnose(*sort_arguments(arguments)):
             counts[finding.state] += 1
             print_finding(finding)
-    except ValueError as error:
+    except (ValueError, InputError) as error:
         print(f"zoo.doctor: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

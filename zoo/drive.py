@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.driving.origin import is_loopback
 
 if TYPE_CHECKING:
@@ -24,9 +26,9 @@ USAGE = """usage: python -m zoo.drive CKPT [key=value...]
 
 Serves a checkpoint, or an ONNX file of zoo.export, on port 4567 to the simulator that connects: the
 original one (start it and choose autonomous mode), or the embedded one (drive.sim=lake). Ctrl-C
-ends the drive.
+ends the drive. CKPT is a file, a run's folder, or `latest`.
 
-  python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.speed.set_mph=15
+  python -m zoo.drive latest drive.speed.set_mph=15
   python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.record=FOLDER drive.sim=lake
 """
 
@@ -42,9 +44,7 @@ def drive(arguments: list[str]) -> None:
     from zoo.driving.settings import read_settings
 
     settings = read_settings(overrides)
-    if not Path(checkpoint).is_file():
-        raise InputError(f"{checkpoint}: no such checkpoint; a run leaves checkpoints/best.ckpt")
-    serve(checkpoint, settings)
+    serve(str(find_checkpoint(checkpoint)), settings)
 
 
 def serve(checkpoint: str, settings: "DriveSettings") -> None:
@@ -61,8 +61,9 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     # Loading torch takes seconds: only once the port is ours. Simulators wait in the meantime.
     listener = open_port(settings.host, settings.port)
     load = functools.partial(load_warm_policy, threads=settings.threads)
-    policy = load(Path(checkpoint))
-    from zoo.driving.page import LivePage  # imports torch
+    with loading():
+        policy = load(Path(checkpoint))
+        from zoo.driving.page import LivePage  # imports torch
 
     if settings.record is not None:
         scribe.prepare()

@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.options import shown_help
 
 if TYPE_CHECKING:
     from zoo.scoring.drives import Setup
     from zoo.scoring.options import EvaluateOptions
 
-USAGE = "python -m zoo.evaluate RUN_FOLDER/checkpoints/best.ckpt [key=value...]"
+USAGE = "python -m zoo.evaluate CKPT|RUN_FOLDER|latest [key=value...]"
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
@@ -29,21 +31,24 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     returns the metrics.
 
     Raises:
-        InputError: no such checkpoint or track, an option that cannot be.
+        InputError: no such checkpoint or track, an option that cannot be; or, when all is written,
+            a network that steered NaN.
     """
-    from zoo.policy import load_policy
-    from zoo.scoring.drives import Setup, check_throttle
-    from zoo.scoring.options import check_options
-    from zoo.scoring.robustness import perturbations_named, sweeps
-    from zoo.scoring.table import drives_table
-    from zoo.scoring.tracks import score_on_tracks
-    from zoo.verdict.evidence import read_evidence
-    from zoo.verdict.judgement import judge, print_verdict
+    checkpoint = str(find_checkpoint(checkpoint))  # a wrong path is said before torch is imported
+    with loading():
+        from zoo.policy import load_policy
+        from zoo.scoring.drives import Setup, check_throttle
+        from zoo.scoring.options import check_options
+        from zoo.scoring.robustness import perturbations_named, sweeps
+        from zoo.scoring.table import drives_table, nan_line
+        from zoo.scoring.tracks import score_on_tracks
+        from zoo.verdict.evidence import read_evidence
+        from zoo.verdict.judgement import judge, print_verdict
 
-    # What is wrong with it is said before processes start.
-    policy = load_policy(checkpoint)
-    check_options(options)
-    check_throttle(policy, options.throttle)
+        # What is wrong with it is said before processes start.
+        policy = load_policy(checkpoint)
+        check_options(options)
+        check_throttle(policy, options.throttle)
     names = perturbations_named(options.perturb, options.throttle)
     usual = Setup.of(options, options.tracks[0], 0)
     swept = sweeps(names, usual)
@@ -66,6 +71,8 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     metrics["verdict"] = verdict.plain()
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1, allow_nan=False) + "\n")
     console.print(str(folder), highlight=False, markup=False, soft_wrap=True)
+    if nan := nan_line(list(scores.by_setup.values())):
+        raise InputError(f"{checkpoint}: {nan}")
     print_verdict(verdict, console)
     return metrics
 

@@ -21,6 +21,7 @@ from datamodules.split import PARTS, write_split
 from zoo.build import apply_quick, build_data, build_module, build_trainer
 from zoo.checkpoint import make_card, read_checkpoint_file
 from zoo.code_fingerprint import code_fingerprint
+from zoo.console_progress import working
 from zoo.embedded_recording import apply_recording
 from zoo.frozen_front import feed_cached_features, random_front_lines
 from zoo.outcome import report_outcome
@@ -136,14 +137,15 @@ def _say_what_runs(
         f"{config.model.name}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour}, on {trainer.strategy.root_device}",
         f"split by {config.data.split}: {split} rows; {len(data.samples):,} training samples",
-        *_leak_lines(data),
+        *_leak_lines(data, console),
         *random_front_lines(config, module.network),
     ):
         console.print(line, highlight=False, markup=False)
 
 
-def _leak_lines(data: DrivingData) -> list[str]:
-    data.measured_leaks = data.leaks()
+def _leak_lines(data: DrivingData, console: Console) -> list[str]:
+    with working("measuring train/validation similarity", console):
+        data.measured_leaks = data.leaks()
     return [
         f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame, and differs"
         f" {leak.likeness:.0%} as much from the most alike as from any (medians)"
@@ -196,8 +198,8 @@ def _naming_files(folder: Path) -> Iterator[None]:
             )
         else:
             remedy = (
-                "no epoch was complete yet; free some space, or correct that, and start again with: "
-                f"{_resume_command(folder)}"
+                "no epoch was complete yet; free some space, or correct that, and start again "
+                f"with: {_resume_command(folder)}"
             )
         raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
     finally:

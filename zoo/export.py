@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.onnx_policy import CARD, IMAGES, INSTALL, SPEED, SUFFIX, OnnxPolicy, is_onnx
 from zoo.options import read_arguments
 
@@ -58,21 +60,23 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
         InputError: no such checkpoint or recording, a package that is not installed, a file that
             cannot be written, or one that steers otherwise than the checkpoint.
     """
-    out = _checked_out(checkpoint_path, options.out)
-    from zoo.checkpoint import load_checkpoint
-    from zoo.parity import compare, take_frames
-    from zoo.policy import Policy
+    path = find_checkpoint(checkpoint_path)
+    out = _checked_out(path, options.out)
+    with loading():
+        from zoo.checkpoint import load_checkpoint
+        from zoo.parity import compare, take_frames
+        from zoo.policy import Policy
 
-    checkpoint = load_checkpoint(checkpoint_path)
-    frames = take_frames(options.frames, checkpoint.config)
-    contents = onnx_bytes(checkpoint)
+        checkpoint = load_checkpoint(path)
+        frames = take_frames(options.frames, checkpoint.config)
+        contents = onnx_bytes(checkpoint)
     part = out.with_name(f"{out.name}.part")
     try:
         try:
             part.write_bytes(contents)
             exported = OnnxPolicy(part)
             parity = compare(Policy(checkpoint), exported, frames)
-            _check_parity(checkpoint_path, parity)
+            _check_parity(path, parity)
             part.replace(out)
         finally:
             part.unlink(missing_ok=True)
@@ -165,15 +169,11 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
     return buffer.getvalue()
 
 
-def _checked_out(checkpoint_path: str, name: str) -> Path:
+def _checked_out(path: Path, name: str) -> Path:
     """Where to write; what can be wrong with the arguments is said before torch is imported."""
-    path, out = Path(checkpoint_path), Path(name).expanduser()
+    out = Path(name).expanduser()
     if is_onnx(path):
         raise InputError(f"{path}: is ONNX already; name the checkpoint")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a checkpoint, checkpoints/best.ckpt of a run")
-    if not path.is_file():
-        raise InputError(f"{path}: no such checkpoint; a run leaves checkpoints/best.ckpt")
     if not is_onnx(out):
         raise InputError(f"out={out}: must end in {SUFFIX}, as the driver knows it by")
     if out.is_dir() or not out.parent.is_dir():
@@ -185,15 +185,15 @@ def _checked_out(checkpoint_path: str, name: str) -> Path:
     return out
 
 
-def _check_parity(checkpoint_path: str, parity: "Parity") -> None:
+def _check_parity(path: Path, parity: "Parity") -> None:
     if not math.isfinite(parity.difference):
         raise InputError(
-            f"{checkpoint_path}: steers by NaN, its training diverged; nothing was written, "
+            f"{path}: steers by NaN, its training diverged; nothing was written, "
             "train again with a smaller optim.lr"
         )
     if parity.difference > TOLERANCE:
         raise InputError(
-            f"{checkpoint_path}: exported, it differs by {parity.difference:.2g} from the "
+            f"{path}: exported, it differs by {parity.difference:.2g} from the "
             f"checkpoint, more than {TOLERANCE:g}; nothing was written: try another version of "
             "onnxruntime"
         )

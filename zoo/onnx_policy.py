@@ -41,7 +41,8 @@ class OnnxPolicy:
         takes_speed, outputs: as the networks of `zoo.models` have them.
 
     Raises:
-        InputError: no such file, none of ONNX, another program's, or onnxruntime is not installed.
+        InputError: no such file, none of ONNX, another program's, one that steers by NaN, or
+            onnxruntime is not installed.
     """
 
     def __init__(self, path: str | Path, threads: int = 1) -> None:
@@ -52,6 +53,7 @@ class OnnxPolicy:
         self.name, self.parameters = card["network"], card["parameters"]
         self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
         self.outputs = self.session.get_outputs()[0].shape[1]
+        _check_finite(self)
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
         """Frame uint8 [160, 320, 3] RGB and mph -> steering -1..1, and throttle -1..1 (negative
@@ -65,6 +67,16 @@ class OnnxPolicy:
         if self.takes_speed:
             feed[SPEED] = speed_mph.astype(np.float32)
         return self.session.run(None, feed)[0].clip(-1, 1)
+
+
+def _check_finite(policy: OnnxPolicy) -> None:
+    """Check a frame of noise: weights that are NaN make every output NaN."""
+    frame = np.random.default_rng(0).integers(0, 256, (1, *policy.view.shape), np.uint8)
+    if not np.isfinite(policy.predict(frame, np.array([20.0]))).all():
+        raise InputError(
+            f"{policy.path}: steers by NaN, its training diverged; train again with a smaller "
+            "optim.lr, and export that"
+        )
 
 
 def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":

@@ -22,6 +22,7 @@ from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoint import read_checkpoint_file
 from zoo.code_fingerprint import code_fingerprint
+from zoo.console_progress import working
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering, side_response
 from zoo.report import write_report
 from zoo.scoring.candidates import Choice
@@ -56,15 +57,17 @@ def report_outcome(
         if not len(rows):
             continue
         batches = data.evaluation_batches(part)
-        predicted = predict_steering(module, batches)
+        with working(f"predicting {part} rows", console):
+            predicted = predict_steering(module, batches)
         true = data.recording.steering[rows]
         figures[part] = open_loop_metrics(predicted, true)
         baselines[part] = baseline_metrics(true, train_mean)
         if part != "train":
-            sides = (predict_steering(module, side) for side in batches.sides())
-            responses[part] = side_response(*sides)
-            figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
-            plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
+            with working(f"predicting and plotting {part} rows", console):
+                sides = (predict_steering(module, side) for side in batches.sides())
+                responses[part] = side_response(*sides)
+                figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
+                plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
     zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
     curves = read_curves(folder)
     if curves["train/loss"]:
@@ -125,7 +128,8 @@ def report_outcome(
             highlight=False,
         )
     try:
-        page = str(write_report(folder))
+        with working("writing the report", console):
+            page = str(write_report(folder))
     except InputError as error:
         page = f"no report: {error}"
     best_path = folder / "checkpoints" / "best.ckpt"

@@ -81,11 +81,11 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Tensor]:
 
 
 def load_policy(path: str | Path, threads: int = 1) -> Policy | OnnxPolicy:
-    """The policy of a checkpoint, or of a `.onnx` file of `python -m zoo.export`.
+    """Return the policy of a checkpoint, or of a `.onnx` file of `python -m zoo.export`.
 
     Args:
-        path: the file.
-        threads: of onnxruntime; torch's are set by `torch.set_num_threads`.
+        path: file, run's folder, or `latest`: see `find_checkpoint`.
+        threads: number of onnxruntime's; torch's are set by `torch.set_num_threads`.
 
     Raises:
         InputError: as `load_checkpoint` and `OnnxPolicy` do.

@@ -17,7 +17,9 @@ from rich.progress import Progress
 
 from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
 from zoo.options import read_arguments
 
@@ -49,18 +51,21 @@ def replay_recording(
     """Replay, print the table, and write `metrics.json`, the drive and its plot; returns figures.
 
     Raises:
-        InputError: no such checkpoint or recording, one that cannot be replayed, a wrong option.
+        InputError: no such checkpoint or recording, one that cannot be replayed, a wrong option;
+            or, when all is written, a network that steered NaN.
     """
-    import torch
+    checkpoint = str(find_checkpoint(checkpoint))  # a wrong path is said before torch is imported
+    with loading():
+        import torch
 
-    from zoo.plots import save_figure
-    from zoo.policy import load_policy
-    from zoo.scoring.figures import error_over_distance
-    from zoo.scoring.replay import replay, score_replay
-    from zoo.scoring.table import drives_table, mean_and_spread
+        from zoo.plots import save_figure
+        from zoo.policy import load_policy
+        from zoo.scoring.figures import error_over_distance
+        from zoo.scoring.replay import replay, score_replay
+        from zoo.scoring.table import drives_table, mean_and_spread, nan_line
 
-    policy = load_policy(checkpoint)
-    recording = read_recordings(recording_folder)
+        policy = load_policy(checkpoint)
+        recording = read_recordings(recording_folder)
     torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other
     with _Shown(recording, options, console) as shown:
         drive = replay(policy, recording, options.margin, options.frame_rate, shown)
@@ -80,6 +85,9 @@ def replay_recording(
     save_figure(error_over_distance(drive, title), shown.folder / "error.png")
     console.print(drives_table({"replay": mean_and_spread([figures])}))
     console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)
+    replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
+    if nan := nan_line([replayed]):
+        raise InputError(f"{checkpoint}: {nan}")
     return figures
 
 

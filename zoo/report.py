@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 
 if TYPE_CHECKING:
     from zoo.reporting.blocks import Section
@@ -109,10 +111,13 @@ def report(arguments: list[str]) -> None:
     """The command: a run's folder."""
     if {"-h", "--help"} & set(arguments):
         print(f"usage: {USAGE}\n\nWrites RUN_FOLDER/{FOLDER}/{PAGE} and {MARKDOWN}.")
+        print("RUN_FOLDER may be latest: the newest run below outputs.")
         return
     if len(arguments) != 1:
         raise InputError(f"usage: {USAGE}")
-    page = write_report(Path(arguments[0]).expanduser())
+    run = find_run(arguments[0])
+    with loading("writing the report"):
+        page = write_report(run)
     print(page)
     print(page.with_name(MARKDOWN))
 

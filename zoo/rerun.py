@@ -12,6 +12,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
 from zoo.config import escape_interpolation
 from zoo.options import read_arguments
@@ -63,7 +64,7 @@ def rerun(arguments: list[str]) -> None:
         StoppedError: on Ctrl-C, with the command to go on.
     """
     (name,), options = read_arguments(RerunOptions, ["RUN"], arguments, USAGE)
-    run = Path(name)
+    run = find_run(name)
     if not (run / "metrics.json").is_file() or not (run / ".hydra" / "config.yaml").is_file():
         raise InputError(
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"

@@ -8,6 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
 from zoo.config import config_groups, quote_paths
+from zoo.console_progress import loading
 from zoo.status import read_metrics, read_status
 
 
@@ -42,7 +43,8 @@ def resume(folder: Path, overrides: list[str]) -> None:
                 f"{finished.last}: is not there to train on from; start a new run with "
                 f"model.weights={finished.best}"
             )
-    from zoo.experiment import run_experiment
+    with loading():
+        from zoo.experiment import run_experiment
 
     run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
 

@@ -10,7 +10,9 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.recording import read_recordings
+from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
+from zoo.console_progress import loading
 from zoo.options import read_arguments
 
 USAGE = "python -m zoo.saliency CKPT IMAGE_OR_RECORDING [out=saliency.png] [published=true]"
@@ -37,14 +39,16 @@ def draw_saliency(arguments: list[str]) -> None:
     """Write a PNG: each frame, and beside it what the checkpoint's network looks at."""
     paths = ["CKPT", "IMAGE_OR_RECORDING"]
     (checkpoint, source), options = read_arguments(SaliencyOptions, paths, arguments, USAGE)
-    from zoo.policy import load_policy
-    from zoo.visual_backprop import Saliency, overlay
+    checkpoint = find_checkpoint(checkpoint)
+    with loading():
+        from zoo.policy import load_policy
+        from zoo.visual_backprop import Saliency, overlay
 
-    saliency = Saliency(load_policy(checkpoint), options.published)
-    pairs = [
-        np.hstack([frame, overlay(frame, saliency(frame, speed))])
-        for frame, speed in _frames(Path(source).expanduser())
-    ]
+        saliency = Saliency(load_policy(checkpoint), options.published)
+        pairs = [
+            np.hstack([frame, overlay(frame, saliency(frame, speed))])
+            for frame, speed in _frames(Path(source).expanduser())
+        ]
     columns = 1 if len(pairs) < 3 else 2
     pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % columns)
     rows = [np.hstack(pairs[start : start + columns]) for start in range(0, len(pairs), columns)]

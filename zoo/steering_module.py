@@ -162,9 +162,11 @@ class SteeringModule(lightning.LightningModule):
         # Before anything of this epoch is saved: the last checkpoint stays a good one.
         if not self.trainer.sanity_checking:
             self._check_finite()
+            self._check_weights()
 
     def on_train_epoch_end(self) -> None:
         self._check_finite()
+        self._check_weights()
         self.train_epochs += 1
         self.log("train/loss", float(self.mean_loss()), sync_dist=True)
 
@@ -177,6 +179,15 @@ class SteeringModule(lightning.LightningModule):
             raise InputError(
                 f"the loss is not finite in epoch {self.current_epoch + 1}: training stopped, the "
                 "checkpoints of the epochs before are kept; lower optim.lr, or set "
+                "trainer.gradient_clip_val=1"
+            )
+
+    def _check_weights(self) -> None:
+        """The last step's loss is that of the weights before it: it does not show what they are."""
+        if not all(bool(torch.isfinite(one).all()) for one in self.network.parameters()):
+            raise InputError(
+                f"the weights are not finite after epoch {self.current_epoch + 1}: training "
+                "stopped, the checkpoints of the epochs before are kept; lower optim.lr, or set "
                 "trainer.gradient_clip_val=1"
             )
 

@@ -2,11 +2,17 @@
 
 from pathlib import Path
 
-import torch
 from torch import Tensor, nn
 
 from datamodules.errors import InputError
-from zoo.checkpoint import PREFIX, load_plain, read_checkpoint_file
+from zoo.checkpoint import (
+    PREFIX,
+    check_fit,
+    checked_state,
+    find_checkpoint,
+    load_plain,
+    read_checkpoint_file,
+)
 
 IMAGENET = "imagenet"
 KERAS_SUFFIXES = (".h5", ".hdf5")
@@ -17,8 +23,9 @@ def load_weights(network: nn.Module, source: str) -> str:
     """Load weights into `network`, in place, and say what was loaded, in one line.
 
     Args:
-        source: `imagenet` (VGG16's, downloaded once), or a file: `.ckpt` of ours, `.pth` or `.pt`
-            with a state dict (of the whole network, or VGG16's public one), or Keras' `.h5`.
+        source: `imagenet` (VGG16's, downloaded once); run's folder, or `latest`; or a file: `.ckpt`
+            of ours, `.pth` or `.pt` with a state dict (of the whole network, or VGG16's public
+            one), or Keras' `.h5`.
 
     Raises:
         InputError: no such file, one that cannot be read or carries code, or one that does not fit.
@@ -33,20 +40,21 @@ def load_weights(network: nn.Module, source: str) -> str:
 
         path = imagenet_file()
     else:
-        path = Path(source).expanduser()
-        if not path.is_file():
-            raise InputError(f"{path}: no such file; model.weights names one, or null for none")
+        try:
+            path = find_checkpoint(source)
+        except InputError as error:
+            raise InputError(f"model.weights={error}") from None
     suffix = path.suffix.lower()
     if suffix in KERAS_SUFFIXES:
         from zoo.keras_weights import load_keras_weights
 
         return load_keras_weights(network, path)
     if suffix == ".ckpt":
-        state = _checked_state(read_checkpoint_file(path)["state_dict"], path)
+        state = checked_state(read_checkpoint_file(path)["state_dict"], path)
         state = {name.removeprefix(PREFIX): tensor for name, tensor in state.items()}
         return load_state(network, state, path)
     if suffix in TORCH_SUFFIXES:
-        return load_state(network, _checked_state(load_plain(path), path), path)
+        return load_state(network, checked_state(load_plain(path), path), path)
     known = ", ".join((".ckpt", *TORCH_SUFFIXES, *KERAS_SUFFIXES))
     raise InputError(f"{path}: is none of {known}; model.weights reads these")
 
@@ -56,35 +64,15 @@ def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
     `classifier` that it may hold.
 
     Raises:
-        InputError: names the first tensor that is missing, unknown or of another shape.
+        InputError: names the first tensor that does not fit, see `check_fit`.
     """
     own = network.state_dict()
     is_public_vgg = hasattr(network, "backbone") and not any(n.startswith("head.") for n in state)
     if is_public_vgg:
         own = {name: tensor for name, tensor in own.items() if name.startswith("features.")}
         state = {name: one for name, one in state.items() if not name.startswith("classifier.")}
-    kind = type(network).__name__
-    for name in [*own, *state]:
-        if name not in state:
-            raise InputError(f"{path}: holds no {name}, which {kind} needs; is it another model's?")
-        if name not in own:
-            raise InputError(f"{path}: holds {name}, which {kind} lacks; is it another model's?")
-        if state[name].shape != own[name].shape:
-            raise InputError(
-                f"{path}: {name} is {list(state[name].shape)} in the file, "
-                f"{list(own[name].shape)} in {kind}; set model and data.crop as it was trained"
-            )
-        if state[name].layout != torch.strided or not state[name].is_floating_point():
-            raise InputError(f"{path}: {name} holds no plain floats; save the model's state_dict()")
+    fix = "set model and data.crop as it was trained"
+    check_fit(own, state, type(network).__name__, path, fix)
     network.load_state_dict(state, strict=False)
     what = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
     return f"{what} from {path}"
-
-
-def _checked_state(state: object, path: Path) -> dict[str, Tensor]:
-    if not isinstance(state, dict) or not all(
-        isinstance(name, str) and isinstance(one, Tensor) and not one.is_meta
-        for name, one in state.items()
-    ):
-        raise InputError(f"{path}: is no state dict; save the model's state_dict()")
-    return state

@@ -5,6 +5,8 @@ import pickle
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -115,9 +117,70 @@ def test_what_is_no_checkpoint_is_named(best: Path, tmp_path: Path) -> None:
             load_checkpoint(tmp_path / f"{name}.ckpt")
 
 
-def test_weights_that_do_not_fit_their_config_are_named(best: Path, tmp_path: Path) -> None:
+def changed(best: Path, path: Path, change: Callable[[dict], object]) -> Path:
+    """A copy of a checkpoint with other contents."""
     contents = torch.load(best, weights_only=True)
-    contents["drivezoo"]["config"]["model"]["width"] = 2.0
-    torch.save(contents, tmp_path / "wide.ckpt")
-    with pytest.raises(InputError, match=r"wide\.ckpt: cannot be made into a network"):
-        load_checkpoint(tmp_path / "wide.ckpt")
+    change(contents)
+    torch.save(contents, path)
+    return path
+
+
+def test_weights_that_do_not_fit_their_config_name_the_tensor_and_its_shapes(
+    best: Path, tmp_path: Path
+) -> None:
+    def widen(contents: dict) -> None:
+        contents["drivezoo"]["config"]["model"]["width"] = 2.0
+
+    wide = changed(best, tmp_path / "wide.ckpt", widen)
+    words = r"wide\.ckpt: \S+\.weight is \[24, 3, 5, 5\] in the file, \[48, 3, 5, 5\] in PilotNet"
+    with pytest.raises(InputError, match=words):
+        load_checkpoint(wide)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_weights_that_are_not_finite_are_refused_with_their_tensor(
+    value: float, best: Path, tmp_path: Path
+) -> None:
+    def spoil(contents: dict) -> None:
+        contents["state_dict"]["network.head.0.weight"][0, 0] = value
+
+    path = changed(best, tmp_path / "diverged.ckpt", spoil)
+    with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight .*optim\.lr"):
+        load_policy(path)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path, _: path.mkdir(), "cannot be read.*directory"),
+        (lambda path, _: None, "cannot be read.*[Nn]o such file"),
+        (lambda path, _: path.touch(), "is empty"),
+        (lambda path, whole: path.write_bytes(whole[:20_000]), "is truncated"),
+        (lambda path, _: path.write_text("steering"), "is no file of torch"),
+        (lambda path, whole: path.write_bytes(whole[:99] + whole[150:]), "is damaged"),
+    ],
+)
+def test_a_file_that_cannot_be_used_says_why(
+    make: Callable[[Path, bytes], object], words: str, best: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "x.ckpt"
+    make(path, best.read_bytes())
+    with pytest.raises(InputError, match=rf"x\.ckpt: {words}"):
+        read_checkpoint_file(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "seteuid"), reason="needs files that a user may not read")
+def test_a_file_that_may_not_be_read_says_so(best: Path) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(shutil.copy(best, Path(folder) / "mine.ckpt"))
+        path.chmod(0)
+        Path(folder).chmod(0o755)
+        was_root = os.geteuid() == 0
+        if was_root:
+            os.seteuid(65_534)  # nobody: root may read everything
+        try:
+            with pytest.raises(InputError, match=r"mine\.ckpt: cannot be read.*ermission"):
+                load_checkpoint(path)
+        finally:
+            if was_root:
+                os.seteuid(0)

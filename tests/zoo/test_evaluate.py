@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 from PIL import Image
 
 from datamodules.errors import InputError
@@ -121,6 +122,29 @@ def test_a_folder_that_holds_something_is_kept(checkpoint: str, tmp_path: Path) 
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match="is not empty; name another folder with out="):
         command([checkpoint, f"out={tmp_path}"])
+
+
+def test_a_network_that_steers_nan_is_said_when_all_is_written(
+    checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Weights that are finite, and overflow in the network."""
+    contents = torch.load(checkpoint, weights_only=True)
+    for name, one in contents["state_dict"].items():
+        if name.endswith("weight"):
+            one[:] = 1e30 * torch.sign(one)
+    torch.save(contents, tmp_path / "overflow.ckpt")
+    options = ("laps=0.01", "quality=simple", f"out={tmp_path / 'out'}")
+    with pytest.raises(InputError, match=r"overflow\.ckpt: .*NaN in [\d,]+ frames \(lake-0\)"):
+        command([str(tmp_path / "overflow.ckpt"), *options])
+    assert "warning: " in capsys.readouterr().out
+    (drive,) = drives_of(tmp_path / "out")
+    assert drive["nan_frames"] > 5
+
+
+def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "[brightness]" / "[/red] :car: ï=1"
+    command([checkpoint, "laps=0.01", "quality=simple", f"out={out}"])
+    assert capsys.readouterr().out.rstrip().endswith(str(out))
 
 
 def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:

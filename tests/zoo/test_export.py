@@ -120,7 +120,7 @@ def test_a_network_that_diverged_is_not_exported(
     contents["state_dict"]["network.head.0.weight"][:] = float("nan")
     torch.save(contents, tmp_path / "diverged.ckpt")
     options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
-    with pytest.raises(InputError, match=r"diverged\.ckpt: steers by NaN"):
+    with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight holds NaN"):
         export.export(str(tmp_path / "diverged.ckpt"), options, Console(quiet=True))
     assert not list(tmp_path.glob("*.onnx*"))
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import onnx
 import pytest
+import torch
 
 from datamodules.errors import InputError
 from tests.zoo.commands import only_line, run
@@ -78,3 +79,13 @@ def test_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
         load_policy(tmp_path / "folder.onnx")
     with pytest.raises(InputError, match=r"none\.onnx: no such file"):
         load_policy(tmp_path / "none.onnx")
+
+
+def test_a_file_that_steers_nan_is_refused(tmp_path: Path) -> None:
+    network, view = build("lenet")
+    with torch.no_grad():
+        network.head[-1].bias[:] = float("nan")
+    path = tmp_path / "nan.onnx"
+    path.write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+    with pytest.raises(InputError, match=r"nan\.onnx: steers by NaN.*optim\.lr"):
+        load_policy(path)

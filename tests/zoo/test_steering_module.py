@@ -1,10 +1,13 @@
 """The LightningModule's optimizer: what decays, and what learns at which rate."""
 
+from pathlib import Path
+
 import pytest
 from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from tests.recordings import Written
+from tests.zoo.trainings import train_here
 from zoo.build import build_data, build_module
 from zoo.config import compose_config
 
@@ -41,3 +44,12 @@ def test_frozen_blocks_are_left_to_no_optimizer(recorded: Written) -> None:
 def test_a_rate_that_is_none_is_refused(recorded: Written) -> None:
     with pytest.raises(InputError, match=r"optim\.lr=0 is not a number above 0"):
         groups(recorded, "optim.lr=0")
+
+
+def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
+    recorded: Written, tmp_path: Path
+) -> None:
+    """The epoch's losses are finite: they are those of the weights before."""
+    one_step = ("model=lenet", "data.batch_size=16", "data.samples_per_epoch=16")
+    with pytest.raises(InputError, match=r"weights are not finite after epoch 1.*optim\.lr"):
+        train_here(recorded, tmp_path, *one_step, "optim.lr=1e39", "trainer.max_epochs=1")

@@ -2,10 +2,12 @@
 
 import hashlib
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from datamodules.errors import InputError
 from simulator.errors import SimulatorError
@@ -14,6 +16,7 @@ from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS
 from simulator.weather import read_weather
 from simulator.world import World
+from zoo.console_progress import progress_bar
 from zoo.correcting.options import FIRST_SEED, CorrectOptions
 from zoo.driving.drive_log import DriveRow
 from zoo.scoring.closed_loop import Policy
@@ -105,7 +108,12 @@ def worth_keeping(
 
 
 def collect(
-    checkpoint: str, options: CorrectOptions, round_number: int, identity: str, folder: Path
+    checkpoint: str,
+    options: CorrectOptions,
+    round_number: int,
+    identity: str,
+    folder: Path,
+    console: Console,
 ) -> int:
     """Drive on every track with seeds of the round's own, and leave what is worth training on in
     `folder`, as a recording; returns its number of rows. With 0 there is no such folder.
@@ -113,6 +121,7 @@ def collect(
     Args:
         identity: of the checkpoint that is corrected; file names are drawn from it, so that those
             of several corrections differ.
+        console: where progress is shown.
 
     Raises:
         InputError: the simulator cannot be opened, the disk is full, a process was ended.
@@ -129,7 +138,9 @@ def collect(
             begin_s = int.from_bytes(digest[:8], "big") % YEARS_S
             place = parts / f"{len(jobs):03d}"
             jobs.append((checkpoint, setup, options, options.beta**round_number, begin_s, place))
-    rows = sum(rows for _, rows in drive_in_processes(collect_drive, jobs, options.workers))
+    with progress_bar(f"collecting {len(jobs)} drives", console) as show:
+        found = drive_in_processes(collect_drive, jobs, options.workers, show)
+        rows = sum(rows for _, rows in found)
     if rows:
         _join(sorted(parts.iterdir()), folder)
     shutil.rmtree(parts, ignore_errors=True)
@@ -143,9 +154,13 @@ def collect_drive(
     beta: float,
     begin_s: float,
     folder: Path,
+    report: Callable[[float], None] | None = None,
 ) -> int:
-    """One drive in this process and its recording, the first row `begin_s` after the recorder's
-    first moment; returns the number of rows."""
+    """Drive once in this process and record it; returns the number of rows.
+
+    The first row is `begin_s` after the recorder's first moment; `report` is called at every frame
+    with the share that is driven, 0..1.
+    """
     import torch
 
     from zoo.policy import load_policy
@@ -162,7 +177,7 @@ def collect_drive(
             options.nudge,
             setup.seed,
         )
-        drive = drive_setup(policy, world, setup)
+        drive = drive_setup(policy, world, setup, report=report)
         keep = worth_keeping(drive.rows, options.before_s, options.after_s, options.off_m)
         with Recorder(folder, relative=True) as recorder:
             _record(recorder, world, drive.rows, policy.asked, keep, begin_s)

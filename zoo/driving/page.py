@@ -8,6 +8,7 @@ from http import HTTPStatus
 from pathlib import Path
 
 from datamodules.errors import InputError
+from zoo.checkpoint_path import find_checkpoint
 from zoo.driving.beside import beside
 from zoo.driving.driver import Driver
 from zoo.driving.gaze import Gaze, jpeg
@@ -183,7 +184,7 @@ class LivePage:
             raise RequestError(HTTPStatus.CONFLICT, f"{self.loading} is being loaded, wait for it")
         self.loading = value.strip()
         try:
-            beside(self.driver.switch, Path(self.loading).expanduser())
+            beside(lambda named: self.driver.switch(find_checkpoint(named)), self.loading)
         except Exception as error:  # InputError, or whatever a file of any kind makes torch raise
             raise RequestError(HTTPStatus.BAD_REQUEST, str(error) or type(error).__name__) from None
         finally:

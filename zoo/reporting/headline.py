@@ -2,12 +2,12 @@
 
 from zoo.reporting.blocks import Block, Box, Missing, MissingError, Text, Tile, Tiles
 from zoo.reporting.run import Run
+from zoo.scoring.intervals import count_with_interval
+from zoo.scoring.table import with_deviation
 from zoo.verdict.evidence import Evidence
 from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
 
 KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
-from zoo.scoring.intervals import count_with_interval
-from zoo.scoring.table import with_deviation
 
 
 def title(run: Run) -> str:

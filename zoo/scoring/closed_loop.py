@@ -32,7 +32,8 @@ class ScoredDrive:
         xy: where the car was, metres, one a frame.
         distance_m: along the lap, from the track's first point, one a frame.
         lap_s: seconds of simulated time of each whole lap.
-        driven_m, laps: progress along the track in all.
+        driven_m, laps: total progress along the track.
+        nan_frames: number of frames in which the policy steered NaN; the car went straight on.
     """
 
     track: str
@@ -45,6 +46,7 @@ class ScoredDrive:
     lap_s: list[float] = field(default_factory=list)
     driven_m: float = 0.0
     laps: int = 0
+    nan_frames: int = 0
 
 
 def drive_closed_loop(
@@ -57,6 +59,7 @@ def drive_closed_loop(
     margin_m: float | None = None,
     start: Start | None = None,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
+    report: Callable[[float], None] | None = None,
 ) -> ScoredDrive:
     """Let a policy drive laps from a start that the seed draws.
 
@@ -74,6 +77,7 @@ def drive_closed_loop(
         margin_m: from the centreline; None is the edge line.
         start: instead of the seed's.
         show: is given every frame, uint8 RGB, with its row.
+        report: is given, at every frame, the share of the laps that is driven, 0..1.
     """
     world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
@@ -86,7 +90,10 @@ def drive_closed_loop(
         began = time.perf_counter()
         steering, predicted = policy(frame, world.car.speed_mph)
         latency_ms = 1000 * (time.perf_counter() - began)
-        steering = 0.0 if math.isnan(steering) else min(max(float(steering), -1.0), 1.0)
+        if math.isnan(steering):
+            drive.nan_frames += 1
+            steering = 0.0
+        steering = min(max(float(steering), -1.0), 1.0)
         mph = world.car.speed_mph
         throttle = limit_pedal(speed.throttle(mph, steering, predicted, world.time), mph)
         lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None
@@ -104,6 +111,8 @@ def drive_closed_loop(
         drive.distance_m.append(world.place.distance)
         if show:
             show(frame, row)
+        if report:
+            report(min(world.travelled / (laps * world.track.length), 1.0))
         if lost:
             world.put_back(Start(world.place.distance, speed_mph=speed.set_mph or mph))
             speed.reset()

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import track as show_progress
 
 from datamodules.errors import InputError
 from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
+from zoo.console_progress import progress_bar
 from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
 from zoo.driving.speed_controller import PI, Network, SpeedController
 from zoo.film_drive import KeptFrames
@@ -108,21 +108,29 @@ def drive_all(
     """
     drivers = [checkpoint] * len(setups) if isinstance(checkpoint, str) else checkpoint
     jobs = list(zip(drivers, setups, folders, strict=True))
-    done = show_progress(
-        drive_in_processes(drive_once, jobs, workers),
-        f"driving {len(setups)} x {setups[0].laps:g} laps",
-        total=len(setups),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal or len(setups) == 1,
-    )
-    found = dict(done)
+    laps = f"{setups[0].laps:g} lap{'' if setups[0].laps == 1 else 's'}"
+    with progress_bar(f"driving {len(setups)} x {laps}", console) as show:
+        found = dict(drive_in_processes(drive_once, jobs, workers, show))
     return [found[number] for number in range(len(setups))]
 
 
-def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, float | str | None]:
-    """One drive in this process: its figures, None for one that is not finite. The drive, its plots
-    and the frames of its worst moments are left in `folder`."""
+def drive_once(
+    checkpoint: str,
+    setup: Setup,
+    folder: Path | None,
+    report: Callable[[float], None] | None = None,
+) -> dict[str, float | str | None]:
+    """Drive once in this process, and return the figures, None for one that is not finite.
+
+    The drive, its plots and the frames of its worst moments are left in `folder`. `nan_frames` is
+    among the figures only where the policy steered NaN.
+
+    Args:
+        checkpoint: file.
+        setup: what to drive.
+        folder: place for the drive; None leaves nothing.
+        report: called at every frame with the share that is driven, 0..1.
+    """
     import torch
 
     from zoo.policy import load_policy
@@ -134,11 +142,13 @@ def drive_once(checkpoint: str, setup: Setup, folder: Path | None) -> dict[str, 
         policy = load_policy(checkpoint)
         check_throttle(policy, setup.throttle)
         with KeptFrames(folder, setup.frame_rate, setup.film_speed) as kept:
-            drive = drive_setup(policy, world, setup, kept)
+            drive = drive_setup(policy, world, setup, kept, report)
         kept.write(drive.rows)
     finally:
         torch.set_num_threads(threads)
     figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
+    if drive.nan_frames:
+        figures["nan_frames"] = drive.nan_frames
     if folder is not None:
         _leave(folder, world, drive, figures)
     world.pictures.close()
@@ -166,8 +176,9 @@ def drive_setup(
     world: World,
     setup: Setup,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
+    report: Callable[[float], None] | None = None,
 ) -> ScoredDrive:
-    """Drive a policy as a setup says, in a world that was opened for it; `show` as in
+    """Drive a policy as a setup says, in a world that was opened for it; `show` and `report` as in
     `drive_closed_loop`."""
     speed: SpeedController = speed_controller(setup.speed_mph)
     if setup.throttle == "network":
@@ -188,6 +199,7 @@ def drive_setup(
         setup.margin_m,
         start,
         show,
+        report,
     )
 
 

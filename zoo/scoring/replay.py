@@ -135,6 +135,7 @@ def replay(
         began = time.perf_counter()
         steering = policy(frame, float(recording.speed_mph[row]))[0]
         latency_ms = 1000 * (time.perf_counter() - began)
+        drive.nan_frames += bool(np.isnan(steering))
         steering = float(np.clip(np.nan_to_num(steering), -1, 1))
         lost = abs(car.cte_m) > margin_m or car.lost
         shown = DriveRow(

@@ -59,7 +59,7 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
         lost = [one["interventions"] for one in drives]
         found["drives_without_intervention"] = sum(not one for one in lost)
     for key in drives[0]:
-        if key in ("track", "seed"):
+        if key in ("track", "seed", "nan_frames"):
             continue
         values = [one[key] for one in drives if one[key] is not None]
         found[key] = mean_and_deviation(values) if values else None
@@ -69,6 +69,23 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
         driven = sum(one["driven_m"] for one in drives)
         found["m_per_intervention"] = driven / sum(lost), None
     return found
+
+
+def nan_line(drives: list[dict]) -> str | None:
+    """Return what to say of drives in which the policy steered NaN; None where none has.
+
+    >>> nan_line([{"track": "lake", "seed": 0, "nan_frames": 7}]).split(":")[0]
+    'the network steered NaN in 7 frames (lake-0)'
+    """
+    bad = [one for one in drives if one.get("nan_frames")]
+    if not bad:
+        return None
+    frames = sum(one["nan_frames"] for one in bad)
+    names = ", ".join(dict.fromkeys(f"{one['track']}-{one['seed']}" for one in bad))
+    return (
+        f"the network steered NaN in {frames:,} frames ({names}): the car went straight on there, "
+        "and the figures say nothing of the network; train again with a smaller optim.lr"
+    )
 
 
 def read_figures(figures: Mapping, drives: int | None) -> dict[str, Spread | int | None]:

@@ -12,7 +12,7 @@ from datamodules.errors import InputError
 from zoo.scoring.drives import Setup, drive_all, expert_steering_per_s
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.options import EvaluateOptions, check_options
-from zoo.scoring.table import mean_and_spread, with_deviation
+from zoo.scoring.table import mean_and_spread, nan_line, with_deviation
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ def score_on_tracks(
         checkpoint, setups + more, places + [None] * len(more), options.workers, console
     )
     by_setup = dict(zip(setups + more, found, strict=True))
+    if warning := nan_line(found):
+        console.print(f"warning: {warning}", style="red", highlight=False, markup=False)
     tracks = {}
     for track in options.tracks:
         own = [one for one in setups if one.track == track]

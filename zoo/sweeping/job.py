@@ -18,6 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
 from datamodules.errors import InputError
+from zoo.console_progress import loading
 from zoo.status import PrunedError, StoppedError, is_beating, read_status, write_status
 from zoo.sweeping.record import read_record, varying
 
@@ -113,9 +114,10 @@ def _claim(folder: Path) -> bool:
 
 
 def _train(config: DictConfig, folder: Path) -> float:
-    import torch
+    with loading():
+        import torch
 
-    from zoo.experiment import run_experiment
+        from zoo.experiment import run_experiment
 
     threads = torch.get_num_threads()
     if "SLURM_CPUS_PER_TASK" in os.environ:  # torch would take the whole node's

@@ -174,6 +174,14 @@ def test_a_switch_takes_effect_and_one_to_a_broken_checkpoint_does_not(driver: S
     assert order(driver, switch=first)[1]["checkpoint"] == first
 
 
+@pytest.mark.parametrize("named", ["outputs/old", "latest"])
+def test_a_switch_takes_a_runs_folder_and_latest(named: str, driver: Served) -> None:
+    first = read_state(driver)["checkpoint"]
+    status, answer = order(driver, switch=named)
+    assert status == 200
+    assert answer["checkpoint"] == first
+
+
 @pytest.mark.parametrize(
     ("body", "status"),
     [

@@ -106,3 +106,22 @@ def test_metres_per_intervention_are_of_all_drives_together() -> None:
     ]
     assert mean_and_spread(drives)["m_per_intervention"] == (500.0, None)
     assert mean_and_spread(drives[:1])["m_per_intervention"] is None
+
+
+def test_frames_in_which_the_policy_steers_nan_are_counted(lake: World) -> None:
+    drive = drive_closed_loop(lambda *_: (float("nan"), None), lake, speed_controller(15), 0, 0.01)
+    assert drive.nan_frames == len(drive.rows) > 5
+    assert score(drive) == score(
+        drive_closed_loop(straight_on, lake, speed_controller(15), 0, 0.01)
+    ) | {"latency_ms": score(drive)["latency_ms"]}
+
+
+def test_how_much_is_driven_is_reported_at_every_frame(lake: World) -> None:
+    shares = []
+    drive = drive_closed_loop(
+        straight_on, lake, speed_controller(15), 0, 0.05, report=shares.append
+    )
+    assert len(shares) == len(drive.rows)
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert 0.9 < shares[-1] <= 1

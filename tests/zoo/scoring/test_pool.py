@@ -2,6 +2,9 @@
 
 import os
 import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -9,18 +12,44 @@ from datamodules.errors import InputError
 from zoo.scoring.pool import drive_in_processes
 
 
-def half(number: int) -> tuple[float, int]:
+def half(number: int, report: Callable[[float], None]) -> tuple[float, int]:
     """Stands for a drive."""
     return number / 2, os.getpid()
 
 
-def end(number: int) -> None:
+def end(number: int, report: Callable[[float], None]) -> None:
     """A process that the system ends, as where memory runs out."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def refuse(number: int) -> None:
+def refuse(number: int, report: Callable[[float], None]) -> None:
     raise InputError(f"drive {number} cannot be")
+
+
+def stop_half_way(go_on: Path, report: Callable[[float], None]) -> None:
+    """A drive that is half done until a file is there."""
+    report(0.5)
+    end_s = time.monotonic() + 60
+    while not go_on.exists() and time.monotonic() < end_s:
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
+    """The drives end only once one that is half done was shown as such."""
+    go_on = tmp_path / "go on"
+    shown = []
+
+    def show(share: float) -> None:
+        shown.append(share)
+        if share == (0.25 if workers == 1 else 0.5):
+            go_on.touch()
+
+    done = dict(drive_in_processes(stop_half_way, [(go_on,), (go_on,)], workers, show))
+    assert done == {0: None, 1: None}
+    assert go_on.exists(), f"only {shown} was shown"
+    assert shown == sorted(shown)
+    assert shown[-1] == 1
 
 
 def test_results_come_with_the_number_of_their_job() -> None:

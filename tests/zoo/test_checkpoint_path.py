@@ -1,0 +1,205 @@
+"""A run's folder and `latest` stand for a checkpoint, wherever one is named."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from datamodules.errors import InputError
+from tests.zoo.commands import only_line, run
+from zoo import doctor
+from zoo.checkpoint import load_checkpoint
+from zoo.checkpoint_path import find_checkpoint, find_run, name_latest
+from zoo.evaluate import command as evaluate
+from zoo.policy import load_policy
+
+ODD = "a=b [ï] c"  # what shells, globs and Hydra read otherwise
+
+
+def make_run(folder: Path, started: float, *names: str) -> Path:
+    """A run's folder with checkpoints that hold nothing."""
+    (folder / "checkpoints").mkdir(parents=True)
+    for name in names:
+        (folder / "checkpoints" / name).write_bytes(b"weights")
+    config = folder / ".hydra" / "config.yaml"
+    config.parent.mkdir()
+    config.write_text("seed: 1\n")
+    os.utime(config, (started, started))
+    return folder
+
+
+@pytest.fixture
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to work in, with three runs: the newest has no checkpoint."""
+    monkeypatch.chdir(tmp_path)
+    make_run(tmp_path / "outputs" / "late", 2_000, "best.ckpt", "last.ckpt")
+    make_run(tmp_path / "outputs" / "day" / "early", 1_000, "last.ckpt")
+    make_run(tmp_path / "outputs" / "begun", 3_000)
+    return tmp_path
+
+
+def test_a_file_is_itself(work: Path) -> None:
+    path = "outputs/late/checkpoints/last.ckpt"
+    assert find_checkpoint(path) == Path(path)
+
+
+@pytest.mark.parametrize("below", [".", "checkpoints"])
+def test_a_run_is_its_best_checkpoint_or_else_its_last(work: Path, below: str) -> None:
+    late, early = Path("outputs/late"), Path("outputs/day/early")
+    assert find_checkpoint(late / below) == late / "checkpoints" / "best.ckpt"
+    assert find_checkpoint(early / below) == early / "checkpoints" / "last.ckpt"
+
+
+def test_latest_is_the_run_that_started_last_and_has_a_checkpoint(
+    work: Path, capsys: pytest.CaptureFixture
+) -> None:
+    # Resumed since, which changes its checkpoints and not when it started.
+    os.utime("outputs/day/early/checkpoints/last.ckpt", (9e9, 9e9))
+    assert find_checkpoint("latest") == Path("outputs/late/checkpoints/best.ckpt")
+    printed = capsys.readouterr()
+    assert printed.err == "latest: outputs/late/checkpoints/best.ckpt\n"
+    assert not printed.out
+    assert find_run("latest") == Path("outputs/late")
+
+
+def test_a_job_of_a_sweep_can_be_the_latest(work: Path) -> None:
+    make_run(Path("outputs/sweeps/day/time/3"), 5_000, "best.ckpt")
+    assert find_checkpoint("latest").parent.parent == Path("outputs/sweeps/day/time/3")
+
+
+def test_what_is_called_latest_goes_before_the_newest_run(work: Path) -> None:
+    make_run(work / "latest", 1, "best.ckpt")
+    assert find_checkpoint("latest") == Path("latest/checkpoints/best.ckpt")
+    assert find_run("latest") == Path("latest")
+
+
+def test_a_saved_config_keeps_the_checkpoint_that_latest_was(work: Path) -> None:
+    found = name_latest("model.weights=latest")
+    assert found == "model.weights=outputs/late/checkpoints/best.ckpt"
+
+
+def test_a_sweep_is_refused_with_one_of_its_jobs(work: Path) -> None:
+    for number in (0, 1):
+        make_run(Path(f"outputs/sweep/{number}"), number, "best.ckpt")
+    with pytest.raises(InputError, match=r"outputs/sweep: .*2 runs.*outputs/sweep/0"):
+        find_checkpoint("outputs/sweep")
+
+
+def test_a_run_without_a_checkpoint_is_refused_with_how_to_resume_it(work: Path) -> None:
+    with pytest.raises(InputError, match=r"outputs/begun: .*python -m zoo resume=outputs/begun"):
+        find_checkpoint("outputs/begun")
+
+
+def test_another_folder_is_refused_with_what_to_name(work: Path) -> None:
+    (work / "IMG").mkdir()
+    with pytest.raises(InputError, match=r"IMG: .*checkpoints/best\.ckpt"):
+        find_checkpoint("IMG")
+
+
+def test_what_does_not_exist_is_named_with_what_does(work: Path) -> None:
+    with pytest.raises(InputError, match=r"nowhere\.ckpt: .*outputs/late/checkpoints/best\.ckpt"):
+        find_checkpoint("nowhere.ckpt")
+
+
+def test_without_a_run_latest_says_where_it_looked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=rf"{tmp_path}/outputs .*python -m zoo"):
+        find_checkpoint("latest")
+
+
+def test_a_folder_that_may_not_be_entered_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "closed").mkdir(mode=0o700)
+    tmp_path.chmod(0o711)
+    if os.geteuid():
+        (tmp_path / "closed").chmod(0)
+    else:
+        os.seteuid(65_534)  # nobody
+    try:
+        with pytest.raises(InputError, match=r"closed/best\.ckpt: cannot be read"):
+            find_checkpoint(tmp_path / "closed" / "best.ckpt")
+    finally:
+        if os.getuid() == 0:
+            os.seteuid(0)
+        (tmp_path / "closed").chmod(0o700)
+
+
+@pytest.fixture(scope="module")
+def odd(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder to work in whose newest run has every odd character in its name."""
+    folder = tmp_path_factory.mktemp("odd")
+    shutil.copytree(run_folder, folder / "outputs" / ODD)
+    return folder
+
+
+@pytest.mark.parametrize("named", [f"outputs/{ODD}", "latest"])
+def test_python_loads_a_run(named: str, odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(odd)
+    assert load_policy(named).name == "PilotNet"
+    assert load_checkpoint(named).config["model"]["name"] == "nvidia"
+
+
+def test_evaluate_takes_the_latest_run_and_keeps_which_it_was(
+    odd: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(odd)
+    evaluate(["latest", "laps=0.01", "quality=simple", "out=scored"])
+    checkpoint = f"outputs/{ODD}/checkpoints/best.ckpt"
+    assert checkpoint in (odd / "scored" / "metrics.json").read_text().encode().decode(
+        "unicode_escape"
+    )
+    assert capsys.readouterr().err == f"latest: {checkpoint}\n"
+
+
+@pytest.mark.parametrize("named", [f"outputs/{ODD}", "latest"])
+def test_the_doctor_knows_a_run(named: str, odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(odd)
+    checkpoint, recording, _ = doctor.sort_arguments([named])
+    assert checkpoint == f"outputs/{ODD}/checkpoints/best.ckpt"
+    assert recording is None
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("zoo.evaluate", "outputs/none"),
+        ("zoo.drive", "outputs/none", "drive.port=0"),
+        ("zoo.replay", "outputs/none", "recording"),
+        ("zoo.saliency", "outputs/none", "recording"),
+        ("zoo.export", "outputs/none"),
+        ("zoo.correct", "outputs/none"),
+        ("zoo", "model.weights=outputs/none", "data.root={recording}"),
+    ],
+)
+def test_every_command_names_the_run_to_take_instead(
+    arguments: tuple[str, ...], odd: Path, recorded
+) -> None:
+    module, *rest = (one.format(recording=recorded.folder) for one in arguments)
+    line = only_line(run(odd, *rest, module=module))
+    assert "outputs/none: no such checkpoint" in line
+    assert f"outputs/{ODD}/checkpoints/best.ckpt" in line
+
+
+def test_report_takes_the_latest_run(odd: Path) -> None:
+    result = run(odd, "latest", module="zoo.report")
+    assert result.returncode == 0, result.stderr
+    assert f"outputs/{ODD}/report/index.html" in result.stdout
+
+
+def test_weights_come_from_the_latest_run(odd: Path, recorded) -> None:
+    result = run(
+        odd,
+        "model=nvidia",
+        "model.weights=latest",
+        f"data.root={recorded.folder}",
+        "data.block_s=0.5",
+        "data.gap_s=0.1",
+        "data.batch_size=16",
+        "trainer.max_epochs=0",
+        "score=none",
+        "hydra.run.dir=fine",
+    )
+    assert result.returncode == 0, result.stderr
+    assert f"tensors from outputs/{ODD}/checkpoints/best.ckpt" in result.stdout

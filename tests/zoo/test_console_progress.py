@@ -1,0 +1,106 @@
+"""What is shown while a command works."""
+
+import io
+import os
+import pty
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.zoo.commands import command, environment
+from zoo import console_progress
+from zoo.console_progress import loading, progress_bar, working
+
+
+@pytest.fixture
+def log() -> Console:
+    """A console that is a file."""
+    return Console(file=io.StringIO(), width=100)
+
+
+@pytest.fixture
+def terminal() -> Console:
+    return Console(file=io.StringIO(), width=100, force_terminal=True)
+
+
+def test_a_terminal_shows_a_bar_that_leaves_nothing(terminal: Console) -> None:
+    with progress_bar("driving 2 x 1 laps [/red]", terminal) as show:
+        show(0.25)
+        time.sleep(3 * console_progress.DRAW_EVERY_S)
+        drawn = terminal.file.getvalue()
+    assert "driving 2 x 1 laps [/red]" in drawn
+    assert "25%" in drawn
+    assert terminal.file.getvalue().endswith("\x1b[2K"), "the line is erased"
+
+
+def test_a_log_gets_a_line_now_and_then(log: Console, monkeypatch: pytest.MonkeyPatch) -> None:
+    with progress_bar("driving", log) as show:
+        for share in (0.1, 0.2):
+            show(share)
+    assert not log.file.getvalue(), "what is over at once needs no line"
+    monkeypatch.setattr(console_progress, "LINE_EVERY_S", 0.0)
+    with progress_bar("driving [/red]", log) as show:
+        show(0.0)
+        show(0.5)
+    first, second = log.file.getvalue().splitlines()
+    assert first.startswith("driving [/red]: 0%")
+    assert second.startswith("driving [/red]: 50%")
+    assert "left" in second
+
+
+def test_work_without_a_share_is_shown_on_a_terminal_alone(
+    log: Console, terminal: Console, capsys: pytest.CaptureFixture
+) -> None:
+    for console in (log, terminal):
+        with working("writing the report", console):
+            pass
+    with loading():
+        pass
+    assert not log.file.getvalue()
+    assert "writing the report" in terminal.file.getvalue()
+    assert capsys.readouterr() == ("", "")
+
+
+def on_a_terminal(cwd: Path, *words: str) -> str:
+    """What a command prints on a terminal."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(words, cwd=cwd, env=environment(), stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    try:
+        printed = b"".join(_chunks(ours))
+    finally:
+        process.kill()
+        process.wait()
+        os.close(ours)
+    return printed.decode(errors="replace")
+
+
+def _chunks(descriptor: int) -> Iterator[bytes]:
+    while True:
+        try:
+            chunk = os.read(descriptor, 65_536)
+        except OSError:  # how Linux says that the other side is closed
+            return
+        if not chunk:
+            return
+        yield chunk
+
+
+def test_evaluate_shows_what_it_does_from_loading_to_the_last_drive(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    options = ("laps=0.03", "quality=simple", f"out={tmp_path / 'out'}")
+    printed = on_a_terminal(tmp_path, *command("zoo.evaluate", str(run_folder), *options))
+    loads, drives, table = (
+        printed.find(one) for one in ("loading PyTorch", "driving 1 x 0.03 laps", "autonomy")
+    )
+    assert 0 <= loads < drives < table
+
+
+def test_a_typo_and_help_are_not_preceded_by_anything(tmp_path: Path) -> None:
+    assert "loading" not in on_a_terminal(tmp_path, *command("zoo.evaluate", "none.ckpt"))
+    assert "loading" not in on_a_terminal(tmp_path, *command("zoo", "--help"))
