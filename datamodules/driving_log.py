@@ -1,6 +1,5 @@
 """Parse `driving_log.csv`, as the original simulator, the course and their forks write it."""
 
-import codecs
 import csv
 import itertools
 import math
@@ -8,11 +7,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
 from datamodules.errors import InputError
+from datamodules.log_text import find_delimiter, printable, printable_path, read_fields
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
@@ -26,9 +25,6 @@ ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 # one digit before the comma where there is an exponent.
 _NUMBER = re.compile(r"-?((0|[1-9]\d*)(,\d*[1-9])?|[1-9](,\d*[1-9])?E[-+]?\d+)$", re.IGNORECASE)
 _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
-# What `surrogateescape` makes of bytes that are no UTF-8, and NUL, in a path's last part.
-_NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
-_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True)
@@ -76,7 +72,7 @@ def _read_plain_log(log: Path) -> LogColumns | None:
     lines, numbers, order = [], [], None
     with log.open(newline="", encoding="utf-8-sig") as file:
         try:
-            if _delimiter(file) != ",":
+            if find_delimiter(file) != ",":
                 return None
             reader = csv.reader(file, skipinitialspace=True)
             while True:
@@ -130,7 +126,7 @@ def read_log(log: Path) -> Iterator[LogRow]:
     previous_speed = 0.0
     order = None
     any_row = False
-    for line, fields in _read_fields(log):
+    for line, fields in read_fields(log):
         if order is None:
             order = _column_order(log, fields)
             if _is_header(fields):
@@ -140,69 +136,10 @@ def read_log(log: Path) -> Iterator[LogRow]:
         previous_speed = numbers[3]
         any_row = True
         if not (text := "".join(paths)).isascii() or "\0" in text:
-            paths = tuple(_as_text(log, line, path) for path in paths)
+            paths = tuple(printable_path(log, line, path) for path in paths)
         yield LogRow(line, paths, numbers)
     if not any_row:
         raise InputError(f"{log}: the log has no rows; record some driving first")
-
-
-def _read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield each row's line and stripped fields, without empty rows."""
-    _refuse_utf_16(log)
-    # A folder's name in an old code page does no harm: images are found by their own names.
-    with log.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
-        reader = csv.reader(file, delimiter=_delimiter(file), skipinitialspace=True)
-        while True:
-            line = reader.line_num + 1
-            try:
-                fields = next(reader, None)
-            except csv.Error as error:
-                raise InputError(
-                    f"{log}, row {line}: not a CSV row ({error}); delete a stray quote or the row"
-                ) from None
-            if fields is None:
-                return
-            if reader.line_num > line:
-                raise InputError(
-                    f"{log}, row {line}: a quote opens here and runs on to row {reader.line_num}; "
-                    "delete the quote or the row"
-                )
-            fields = [field.strip() for field in fields]
-            if any(fields):
-                yield line, fields
-
-
-def _delimiter(file: TextIO) -> str:
-    """Return what stands between the first line's fields; its numbers may have commas of theirs."""
-    line = file.readline()
-    file.seek(0)
-    return ";" if line.count(";") >= max(3, line.count(",")) else ","
-
-
-def _refuse_utf_16(log: Path) -> None:
-    """Raise InputError for a log that Notepad or Excel saved as "Unicode"."""
-    with log.open("rb") as file:
-        head = file.read(4)
-    one_byte_apart = (head[::2] == b"\0\0") != (head[1::2] == b"\0\0")
-    if head.startswith(_UTF_16) or one_byte_apart:
-        raise InputError(
-            f"{log}, row 1: the log is UTF-16, not UTF-8; save it as UTF-8 in an editor, or with "
-            "iconv -f UTF-16 -t UTF-8"
-        )
-
-
-def _as_text(log: Path, line: int, path: str) -> str:
-    """Return a path that can be printed, or raise InputError where its file cannot be found."""
-    if found := _NO_TEXT.search(path):
-        raise InputError(
-            f"{log}, row {line}: the image name {_printable(found.group())} is no UTF-8; save the "
-            "log as UTF-8, or delete the row"
-        )
-    return _printable(path)
-
-
-def _printable(text: str) -> str:
-    return text.encode(errors="surrogateescape").decode(errors="replace").replace("\0", "\ufffd")
 
 
 def _is_header(fields: list[str]) -> bool:
@@ -212,7 +149,7 @@ def _is_header(fields: list[str]) -> bool:
 def _column_order(log: Path, fields: list[str]) -> list[str]:
     """The names of the columns, from the header or, without one, from how many images a row has."""
     if _is_header(fields):
-        names = [_printable(field).lower() for field in fields]
+        names = [printable(field).lower() for field in fields]
         names = ["center" if name == "centre" else name for name in names]
         twice = [name for name in COLUMNS if names.count(name) > 1]
         if twice:

@@ -15,6 +15,7 @@ VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
 KEYS = ("width", "shoulder", "centre_line", "verge", "points", "stretches", "surroundings")
 # The car's tightest circle, and room to correct on it.
 TIGHTEST_RADIUS_M = 1.25 * WHEELBASE_M / np.tan(np.radians(MAX_STEERING_DEG))
+LEAST = {"water_level": -1e4, "hill_size": 1.0}  # of the surroundings' numbers; 0 of the others
 VERGE_M = 4.0  # beside the road that no other part of the track may use
 
 
@@ -163,8 +164,7 @@ def _surroundings(given: dict) -> Surroundings:
                 )
             values[key] = tuple(map(tuple, lakes.tolist()))
         else:
-            low = -1e4 if key == "water_level" else 0
-            number = _number(f"surroundings: {key}", value, low, 1e4)
+            number = _number(f"surroundings: {key}", value, LEAST.get(key, 0), 1e4)
             kind = type(names[key].default)
             if kind(number) != number:
                 raise SimulatorError(f"surroundings: {key}: {value}; must be a whole number")

@@ -90,6 +90,7 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"surroundings": {"trees": -1}}, "surroundings: trees: -1; must be a number"),
         ({"surroundings": {"trees": 2.5}}, "surroundings: trees: 2.5; must be a whole number"),
         ({"surroundings": {"trees": "9"}}, "surroundings: trees: 9; must be a number"),
+        ({"surroundings": {"hill_size": 0}}, "hill_size: 0; must be a number in 1.."),
         ({"surroundings": 0}, "surroundings: 0; must be keys and values"),
         ({"surroundings": {"lakes": [[1, 2, math.nan]]}}, "lakes: each must be [x, y, radius]"),
         ({"surroundings": {"lakes": [[1, 2, -3]]}}, "lakes, number 1: the radius is -3"),

@@ -1,0 +1,74 @@
+"""A log's text: its encoding, what stands between its fields, and quotes."""
+
+import codecs
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TextIO
+
+from datamodules.errors import InputError
+
+# What `surrogateescape` makes of bytes that are no UTF-8, and NUL, in a path's last part.
+_NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield each row's line and stripped fields, without empty rows."""
+    _refuse_utf_16(log)
+    # A folder's name in an old code page does no harm: images are found by their own names.
+    with log.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
+        reader = csv.reader(file, delimiter=find_delimiter(file), skipinitialspace=True)
+        while True:
+            line = reader.line_num + 1
+            try:
+                fields = next(reader, None)
+            except csv.Error as error:
+                raise InputError(
+                    f"{log}, row {line}: not a CSV row ({error}); delete a stray quote or the row"
+                ) from None
+            if fields is None:
+                return
+            if reader.line_num > line:
+                raise InputError(
+                    f"{log}, row {line}: a quote opens here and runs on to row {reader.line_num}; "
+                    "delete the quote or the row"
+                )
+            fields = [field.strip() for field in fields]
+            if any(fields):
+                yield line, fields
+
+
+def find_delimiter(file: TextIO) -> str:
+    """Return what stands between the first line's fields; its numbers may have commas of theirs."""
+    line = file.readline()
+    file.seek(0)
+    return ";" if line.count(";") >= max(3, line.count(",")) else ","
+
+
+def _refuse_utf_16(log: Path) -> None:
+    """Raise InputError for a log that Notepad or Excel saved as "Unicode"."""
+    with log.open("rb") as file:
+        head = file.read(4)
+    one_byte_apart = (head[::2] == b"\0\0") != (head[1::2] == b"\0\0")
+    if head.startswith(_UTF_16) or one_byte_apart:
+        raise InputError(
+            f"{log}, row 1: the log is UTF-16, not UTF-8; save it as UTF-8 in an editor, or with "
+            "iconv -f UTF-16 -t UTF-8"
+        )
+
+
+def printable_path(log: Path, line: int, path: str) -> str:
+    """Return a path that can be printed, or raise InputError where its file cannot be found."""
+    if found := _NO_TEXT.search(path):
+        raise InputError(
+            f"{log}, row {line}: the image name {printable(found.group())} is no UTF-8; save the "
+            "log as UTF-8, or delete the row"
+        )
+    return printable(path)
+
+
+def printable(text: str) -> str:
+    """Return a text without what `read_fields` could not decode."""
+    return text.encode(errors="surrogateescape").decode(errors="replace").replace("\0", "\ufffd")
