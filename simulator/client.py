@@ -198,7 +198,7 @@ class Client:
         """Print a line, once."""
         if text not in self.said:
             self.said.add(text)
-            self.console.print(text, highlight=False, markup=False, soft_wrap=True)
+            self.console.print(text, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
     def _swallow(self, what: str, reason: str) -> None:
         self.counts["swallowed"] += 1

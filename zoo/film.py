@@ -124,10 +124,10 @@ def make_film(
         raise InputError(f"{faults[0]}; none of {len(shots)} pictures can be read")
     if faults:
         line = f"{len(faults):,} pictures left out: {faults[0]}"
-        console.print(line, highlight=False, markup=False)
+        console.print(line, highlight=False, markup=False, emoji=False)
     speed = "" if fps is None else f", {rate / real_fps(shots):.1f} times as fast as driven"
     line = f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s{speed}"
-    console.print(line, highlight=False, markup=False)
+    console.print(line, highlight=False, markup=False, emoji=False)
     return out
 
 
@@ -212,7 +212,7 @@ def film(arguments: list[str]) -> None:
     (folder,), options = read_arguments(FilmOptions, ["FOLDER"], arguments, USAGE)
     console = Console(soft_wrap=True)
     path = make_film(folder, options.out, options.fps, console)
-    console.print(str(path), highlight=False, markup=False)
+    console.print(str(path), highlight=False, markup=False, emoji=False)
 
 
 if __name__ == "__main__":

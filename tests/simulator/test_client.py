@@ -314,6 +314,12 @@ def test_a_reply_puts_the_car_back_on_the_road_when_asked(world: World) -> None:
     assert client.counts["put back"] == 1
 
 
+def test_a_name_that_rich_would_read_is_printed_as_it_stands(world: World) -> None:
+    console = recorder()
+    Client(world, ClientOptions(), console).say("[brightness] [/red] :car:")
+    assert console.export_text() == "[brightness] [/red] :car:\n"
+
+
 def test_a_reply_puts_nothing_back_as_the_original(world: World) -> None:
     put_back(ClientOptions(truth=True), world, {**STEER, "put_back": "12.0000"})
     assert abs(world.cte) > 4

@@ -99,6 +99,21 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
+def test_a_name_that_rich_would_read_is_printed_as_it_stands(
+    recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    folder = tmp_path / "[brightness] [red] :car:"
+    folder.mkdir()
+    shutil.copy(recorded.image(0), folder)
+    (folder / recorded.image(1).name).write_bytes(b"")
+
+    film_command([str(folder)])
+
+    said = capsys.readouterr().out
+    assert said.splitlines()[-1] == f"{folder}.mp4"
+    assert f"{folder / recorded.image(1).name}: the file is empty" in said
+
+
 def test_pictures_that_cannot_be_read_are_left_out_and_counted(
     recorded: Written, tmp_path: Path, console: Console
 ) -> None:
