@@ -17,6 +17,7 @@ from rich.progress import Progress
 
 from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
+from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.command_line import run_command
 from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
 from zoo.options import read_arguments
@@ -57,7 +58,7 @@ def replay_recording(
     from zoo.policy import load_policy
     from zoo.scoring.figures import error_over_distance
     from zoo.scoring.replay import replay, score_replay
-    from zoo.scoring.table import drives_table, mean_and_spread
+    from zoo.scoring.table import REPLAY_ROWS, drives_table, mean_and_spread
 
     policy = load_policy(checkpoint)
     recording = read_recordings(recording_folder)
@@ -78,9 +79,22 @@ def replay_recording(
         f"{figures['interventions']} interventions"
     )
     save_figure(error_over_distance(drive, title), shown.folder / "error.png")
-    console.print(drives_table({"replay": mean_and_spread([figures])}))
+    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAY_ROWS))
+    for line in keyboard_lines(recording):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)
     return figures
+
+
+def keyboard_lines(recording: Recording) -> list[str]:
+    """Return a line for each recording whose path is no lane centre: a keyboard's."""
+    return [
+        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as a keyboard leaves it; "
+        "its path is no lane centre, so these figures say little about the network; score it on a "
+        "track instead: python -m zoo.evaluate CKPT track=lake"
+        for one in report_recordings(recording)
+        if one.zero_share > KEYBOARD_SHARE
+    ]
 
 
 class _Shown:

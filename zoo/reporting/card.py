@@ -6,6 +6,7 @@ import shlex
 import numpy as np
 from omegaconf import OmegaConf
 
+from datamodules.recording_report import KEYBOARD_SHARE
 from zoo.reporting.blocks import (
     Block,
     Bullets,
@@ -23,7 +24,6 @@ from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.table import with_deviation
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
-KEYBOARD = 0.4  # of steering exactly 0 and above: a keyboard's, as a rule
 
 
 def settings_blocks(run: Run) -> list[Block]:
@@ -155,7 +155,7 @@ def _limits_of_data(run: Run) -> list[str]:
     said = []
     try:
         zeros = float(np.mean(run.recording.steering == 0))
-        if zeros >= KEYBOARD:
+        if zeros > KEYBOARD_SHARE:
             said.append(
                 f"{zeros:.0%} of the recorded steering is exactly 0, as a keyboard leaves it: "
                 "labels say less than a mouse's or a wheel's."
