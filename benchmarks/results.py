@@ -119,9 +119,9 @@ def csv_row(recipe: Recipe, seed: int) -> dict:
 
 
 def markdown_table(rows: list[dict]) -> str:
-    """A line a recipe, in their order: means over its seeds, and the worst of them."""
+    """A line a recipe, in their order: means over its training seeds, and the worst of them."""
     lines = [
-        "| model | setting | parameters | seeds | training | test MSE (zero) "
+        "| model | setting | parameters | training seeds | training | test MSE (zero) "
         "| lake: autonomy (worst) | mean, max error | mountain: autonomy (worst) | latency |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]

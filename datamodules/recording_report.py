@@ -6,6 +6,8 @@ import numpy as np
 
 from datamodules.recording import GAP_S, Recording
 
+KEYBOARD_SHARE = 0.4  # of steering exactly 0; above it, as a rule, a keyboard's
+
 
 @dataclass(frozen=True)
 class RecordingReport:

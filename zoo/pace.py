@@ -46,6 +46,7 @@ def set_pace(
             f"trainer.precision={trainer.precision}: this processor has no instructions for it, "
             "32-true trains twice to eight times as fast",
             highlight=False,
+            markup=False,
         )
     keep_freed_memory()
     # With trainer.deterministic torch fills all memory that it takes, lest something be read there

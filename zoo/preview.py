@@ -41,7 +41,8 @@ def preview(arguments: list[str]) -> None:
         ("fed_batch", figure_of_fed_batch(data, COUNT)),
         ("steering_histogram", figure_of_steering(data)),
     ):
-        console.print(str(plots.save_figure(figure, folder / f"{name}.png")), highlight=False)
+        path = plots.save_figure(figure, folder / f"{name}.png")
+        console.print(str(path), highlight=False, markup=False)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ Sweeps and the leaderboard share it. A run that was not driven comes after all t
 
 import csv
 import json
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
@@ -14,23 +13,11 @@ import numpy as np
 
 from zoo.scoring.table import Spread, mean_and_deviation, read_figures
 from zoo.status import is_alive, read_status
+from zoo.trained_recordings import TrainedOn, read_trained_on
 
 # Not what a run is: its seed, where things are kept, and what a search adds.
 APART = ("seed",)
 LAST = float("inf")
-
-
-@dataclass(frozen=True)
-class TrainedOn:
-    """What a run was trained on.
-
-    Attributes:
-        roots: the recordings' folders, absolute.
-        fingerprint: of the rows; empty in runs of earlier versions.
-    """
-
-    roots: tuple[str, ...] = ()
-    fingerprint: str = ""
 
 
 @dataclass(frozen=True)
@@ -115,7 +102,7 @@ def read_run(folder: Path) -> Run | None:
         shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
         config, overrides, hydra = _configs(folder)
         choices = hydra["runtime"]["choices"]
-        trained_on = _trained_on(config, hydra, metrics)
+        trained_on = read_trained_on(config, hydra, metrics)
         return Run(
             folder=folder,
             name=choices.get("experiment") or metrics["model"],
@@ -271,17 +258,6 @@ def _order(entry: Entry) -> tuple:
         mse[0] if mse else LAST,
         str(entry.first.folder),
     )
-
-
-def _trained_on(config: dict, hydra: dict, metrics: dict) -> TrainedOn:
-    """Return the recordings of a run, from its config and its figures."""
-    data = config.get("data") if isinstance(config.get("data"), dict) else {}
-    # data=lake names no root: the run records it where data.record.out says.
-    root = data.get("root") or (data.get("record") or {}).get("out") or []
-    cwd = Path(hydra["runtime"].get("cwd") or "")
-    roots = [root] if isinstance(root, str) else root
-    found = tuple(os.path.normpath(cwd / Path(one).expanduser()) for one in roots)
-    return TrainedOn(found, str((metrics.get("data") or {}).get("fingerprint") or ""))
 
 
 def _settings(config: dict, trained_on: TrainedOn) -> str:

@@ -1,7 +1,7 @@
 """The ranking as a table for the terminal, and as rows for a page."""
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +9,10 @@ from rich.console import Console
 from rich.table import Table
 
 from zoo.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
-from zoo.ranking import Count, Entry, TrainedOn, Unranked, protocols, rank, read_runs
+from zoo.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.table import two_lines, with_deviation
+from zoo.trained_recordings import recording_names
 
 SURELY = 2  # figures that long names do not push out: autonomy, and of how many drives
 WIDTH = 140  # of a table that no terminal limits
@@ -176,51 +177,17 @@ def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cel
 
 def _in_one_column(settings: Sequence[Cells]) -> Cells:
     """Where there are too many for a column each."""
-    rows = zip(*(column.cells for column in settings), strict=True)
     keys = [column.heading for column in settings]
-    return Cells(
-        "settings",
-        tuple(
-            "\n".join(
-                f"{key}={value}" for key, value in zip(keys, row, strict=True) if value != "-"
-            )
-            for row in rows
-        ),
-    )
+    cells = []
+    for values in zip(*(column.cells for column in settings), strict=True):
+        typed = [(key, value) for key, value in zip(keys, values, strict=True) if value != "-"]
+        cells.append("\n".join(f"{key}={value}" for key, value in typed))
+    return Cells("settings", tuple(cells))
 
 
 def run_name(entry: Entry, under: Path | None) -> str:
     """The folders of its runs, below `under` where they are."""
     return ", ".join(below(run.folder, under) for run in entry.runs)
-
-
-def recording_names(recordings: Sequence[TrainedOn]) -> dict[TrainedOn, str]:
-    """Return a name for each: folder names, with as much of the path as tells them apart.
-
-    Where the folders are the same, the first digits of the fingerprint follow.
-
-    >>> old, new = TrainedOn(("/a/lake",), "0123456789"), TrainedOn(("/a/lake",), "abcdef0123")
-    >>> list(recording_names([old, new, TrainedOn(("/b/lake",))]).values())
-    ['a/lake (012345)', 'a/lake (abcdef)', 'b/lake']
-    """
-    roots = {root for one in recordings for root in one.roots}
-    labels = {root: _end_of_path(root, roots) for root in roots}
-    names = {}
-    for one in recordings:
-        name = ", ".join(labels[root] for root in one.roots) or "-"
-        same = {other.fingerprint for other in recordings if other.roots == one.roots}
-        names[one] = f"{name} ({one.fingerprint[:6] or 'not known'})" if len(same) > 1 else name
-    return names
-
-
-def _end_of_path(root: str, roots: Collection[str]) -> str:
-    """Return the last parts of a path, so many that no other path ends in them."""
-    parts = Path(root).parts
-    for count in range(1, len(parts)):
-        end = parts[-count:]
-        if sum(Path(one).parts[-count:] == end for one in roots) == 1:
-            return "/".join(end)
-    return root
 
 
 def below(folder: Path, under: Path | None) -> str:
@@ -249,7 +216,7 @@ def print_ranking(
         console.print(table)
         if left_out:
             line = left_out_line(left_out, console.width, page)
-            console.print(line, highlight=False, markup=False)
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
     different = protocols(runs)
     if different:
         console.print(

@@ -17,6 +17,7 @@ from rich.progress import Progress
 
 from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
+from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.console_progress import loading
@@ -62,7 +63,7 @@ def replay_recording(
         from zoo.policy import load_policy
         from zoo.scoring.figures import error_over_distance
         from zoo.scoring.replay import replay, score_replay
-        from zoo.scoring.table import drives_table, mean_and_spread, nan_line
+        from zoo.scoring.table import REPLAY_ROWS, drives_table, mean_and_spread, nan_line
 
         policy = load_policy(checkpoint)
         recording = read_recordings(recording_folder)
@@ -83,12 +84,25 @@ def replay_recording(
         f"{figures['interventions']} interventions"
     )
     save_figure(error_over_distance(drive, title), shown.folder / "error.png")
-    console.print(drives_table({"replay": mean_and_spread([figures])}))
+    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAY_ROWS))
+    for line in keyboard_lines(recording):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)
     replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
     if nan := nan_line([replayed]):
         raise InputError(f"{checkpoint}: {nan}")
     return figures
+
+
+def keyboard_lines(recording: Recording) -> list[str]:
+    """Return a line for each recording whose path is no lane centre: a keyboard's."""
+    return [
+        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as a keyboard leaves it; "
+        "its path is no lane centre, so these figures say little about the network; score it on a "
+        "track instead: python -m zoo.evaluate CKPT track=lake"
+        for one in report_recordings(recording)
+        if one.zero_share > KEYBOARD_SHARE
+    ]
 
 
 class _Shown:

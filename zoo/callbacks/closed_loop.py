@@ -78,7 +78,8 @@ class ClosedLoop(lightning.Callback):
             if monitor.startswith(MONITORED):
                 raise InputError(f"{type(callback).__name__} monitors {monitor}, but {said}")
         if trainer.is_global_zero:
-            Console(soft_wrap=True).print(f"closed loop: not driven: {said}", highlight=False)
+            line = f"closed loop: not driven: {said}"
+            Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
     def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
         self.started = time.perf_counter()

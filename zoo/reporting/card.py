@@ -3,6 +3,7 @@
 import numpy as np
 from omegaconf import OmegaConf
 
+from datamodules.recording_report import KEYBOARD_SHARE
 from zoo.reporting.blocks import (
     Block,
     Bullets,
@@ -21,7 +22,6 @@ from zoo.scoring.table import with_deviation
 from zoo.verdict.evidence import training_command
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
-KEYBOARD = 0.4  # of steering exactly 0 and above: a keyboard's, as a rule
 
 
 def settings_blocks(run: Run) -> list[Block]:
@@ -151,7 +151,7 @@ def _limits_of_data(run: Run) -> list[str]:
     said = []
     try:
         zeros = float(np.mean(run.recording.steering == 0))
-        if zeros >= KEYBOARD:
+        if zeros > KEYBOARD_SHARE:
             said.append(
                 f"{zeros:.0%} of the recorded steering is exactly 0, as a keyboard leaves it: "
                 "labels say less than a mouse's or a wheel's."

@@ -30,6 +30,19 @@ ROWS = {
     "stalled": ("time stalled", "{:.1%}"),
     "latency_ms": ("latency, median, ms", "{:.1f}"),
 }
+# Laps are not known in a replay, and the speed is the recorded one: neither is the network's.
+REPLAY_ROWS = {
+    "autonomy": ("autonomy", "{:.1%}"),
+    "interventions": ("interventions", "{:.0f}"),
+    "m_per_intervention": ("metres per intervention", "{:.0f}"),
+    "driven_s": ("time replayed, s", "{:.1f}"),
+    "cte_mean_m": ("off the recorded path, mean, m", "{:.2f}"),
+    "cte_rms_m": ("off the recorded path, RMS, m", "{:.2f}"),
+    "cte_max_m": ("off the recorded path, max, m", "{:.2f}"),
+    "steering_per_s": ("steering change, 1/s", "{:.2f}"),
+    "expert_steering_per_s": ("  the recorded driver's", "{:.2f}"),
+    "latency_ms": ("latency, median, ms", "{:.1f}"),
+}
 WITHOUT = {"m_per_intervention": "no intervention", "lap_s": "no whole lap"}
 POOLED = ("m_per_intervention", "expert_steering_per_s")  # one figure for all drives
 

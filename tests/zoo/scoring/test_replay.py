@@ -16,6 +16,7 @@ from simulator.rig import MPS_PER_MPH
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
 from zoo.driving.drive_log import read_drive
+from zoo.replay import ReplayOptions, keyboard_lines, replay_recording
 from zoo.scoring.replay import (
     VirtualCar,
     curvature,
@@ -200,6 +201,9 @@ def test_the_command_prints_a_table_and_leaves_figures_a_drive_and_frames(
 
     assert result.returncode == 0, result.stderr
     assert "autonomy" in result.stdout
+    assert "keyboard" not in result.stdout
+    for meaningless in ("laps", "lap time", "stalled", "expert", "drives", "speed"):
+        assert meaningless not in result.stdout.replace(str(folder), "")
     out = tmp_path / "a b"
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["margin_m"] == 0.8
@@ -211,6 +215,33 @@ def test_the_command_prints_a_table_and_leaves_figures_a_drive_and_frames(
 
     again = run(tmp_path, checkpoint, str(folder), *options, module="zoo.replay")
     assert "a b: is not empty" in only_line(again)
+
+
+@pytest.mark.parametrize(("share", "lines"), [(0.41, 1), (0.4, 0)])
+def test_a_keyboards_recording_is_said_to_mean_little(recording, share, lines):
+    steering = np.where(np.arange(ROWS) < share * ROWS, 0.0, 0.1)
+    said = keyboard_lines(replace(recording, steering=steering))
+
+    assert len(said) == lines
+    for line in said:
+        assert recording.names[0] in line
+        assert "41%" in line
+        assert "keyboard" in line
+        assert "python -m zoo.evaluate CKPT track=" in line
+
+
+def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, console):
+    written = write_recording(tmp_path / "keys[/red]", rows=ROWS)
+    log = written.folder / "driving_log.csv"
+    rows = [line.split(",") for line in log.read_text().splitlines()]
+    log.write_text("\n".join(",".join([*row[:3], "0", *row[4:]]) for row in rows) + "\n")
+    checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
+
+    options = ReplayOptions(out=str(tmp_path / "out"))
+    replay_recording(checkpoint, str(written.folder), options, console)
+
+    text = console.file.getvalue()
+    assert text.index("autonomy") < text.index("keys[/red]: 100% of the steering is exactly 0")
 
 
 def test_a_wrong_command_is_one_line(tmp_path, run_folder, folder):

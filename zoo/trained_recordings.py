@@ -1,0 +1,59 @@
+"""Which recordings runs were trained on, and how to name them where they differ."""
+
+import os
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class TrainedOn:
+    """What a run was trained on.
+
+    Attributes:
+        roots: the recordings' folders, absolute.
+        fingerprint: of the rows; empty in runs of earlier versions.
+    """
+
+    roots: tuple[str, ...] = ()
+    fingerprint: str = ""
+
+
+def read_trained_on(config: dict, hydra: dict, metrics: dict) -> TrainedOn:
+    """Return the recordings of a run, from its config and its figures."""
+    data = config.get("data") if isinstance(config.get("data"), dict) else {}
+    # data=lake names no root: the run records it where data.record.out says.
+    root = data.get("root") or (data.get("record") or {}).get("out") or []
+    cwd = Path(hydra["runtime"].get("cwd") or "")
+    roots = [root] if isinstance(root, str) else root
+    found = tuple(os.path.normpath(cwd / Path(one).expanduser()) for one in roots)
+    return TrainedOn(found, str((metrics.get("data") or {}).get("fingerprint") or ""))
+
+
+def recording_names(recordings: Sequence[TrainedOn]) -> dict[TrainedOn, str]:
+    """Return a name for each: folder names, with as much of the path as tells them apart.
+
+    Where the folders are the same, the first digits of the fingerprint follow.
+
+    >>> old, new = TrainedOn(("/a/lake",), "0123456789"), TrainedOn(("/a/lake",), "abcdef0123")
+    >>> list(recording_names([old, new, TrainedOn(("/b/lake",))]).values())
+    ['a/lake (012345)', 'a/lake (abcdef)', 'b/lake']
+    """
+    roots = {root for one in recordings for root in one.roots}
+    labels = {root: _end_of_path(root, roots) for root in roots}
+    names = {}
+    for one in recordings:
+        name = ", ".join(labels[root] for root in one.roots) or "-"
+        same = {other.fingerprint for other in recordings if other.roots == one.roots}
+        names[one] = f"{name} ({one.fingerprint[:6] or 'not known'})" if len(same) > 1 else name
+    return names
+
+
+def _end_of_path(root: str, roots: Collection[str]) -> str:
+    """Return the last parts of a path, so many that no other path ends in them."""
+    parts = Path(root).parts
+    for count in range(1, len(parts)):
+        end = parts[-count:]
+        if sum(Path(one).parts[-count:] == end for one in roots) == 1:
+            return "/".join(end)
+    return root
