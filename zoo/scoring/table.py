@@ -1,6 +1,7 @@
 """The figures of several drives as one table: mean and spread over the drives of a track."""
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 # The order of the table; what each means is in the README, under Scoring.
@@ -63,7 +64,7 @@ def nan_line(drives: list[dict]) -> str | None:
 
 def drives_table(tracks: dict[str, dict]) -> Table:
     """A column for each track, from `mean_and_spread`; rows that no track has are left out."""
-    table = Table("driving", *tracks)
+    table = Table("driving", *map(escape, tracks))
     for key, (label, form) in ROWS.items():
         if not any(key in figures for figures in tracks.values()):
             continue

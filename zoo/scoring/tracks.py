@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.console_progress import working
 from zoo.scoring.drives import Setup, drive_all, expert_steering_per_s
 from zoo.scoring.options import EvaluateOptions, check_options
 from zoo.scoring.table import mean_and_spread, nan_line
@@ -56,8 +57,10 @@ def score_on_tracks(
     tracks = {}
     for track in options.tracks:
         own = [one for one in setups if one.track == track]
+        with working("driving the expert, to compare with", console):
+            expert = expert_steering_per_s(own[0])
         tracks[by_setup[own[0]]["track"]] = mean_and_spread([by_setup[one] for one in own]) | {
-            "expert_steering_per_s": (expert_steering_per_s(own[0]), 0.0)
+            "expert_steering_per_s": (expert, 0.0)
         }
     return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
 
@@ -107,6 +110,7 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
             f"interventions, cross-track error {figures['cte_mean_m'][0]:.2f} m on average, "
             f"{figures['cte_max_m'][0]:.2f} m at most",
             highlight=False,
+            markup=False,
         )
     return {
         "speed_mph": None if options.throttle == "network" else options.speed,
