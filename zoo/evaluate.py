@@ -124,7 +124,7 @@ def command(arguments: list[str]) -> None:
         others = [one for one in rest if not one.startswith("replay=")]
         replay.command([checkpoint, *recordings, *others])
         return
-    evaluate(checkpoint, options.options_from(rest), Console())
+    evaluate(checkpoint, options.options_from(rest), Console(emoji=False))
 
 
 if __name__ == "__main__":

@@ -146,7 +146,7 @@ def command(arguments: list[str]) -> None:
     """The command: a checkpoint's path, a recording's, then `key=value` options."""
     paths = ["CKPT", "RECORDING"]
     (checkpoint, recording), options = read_arguments(ReplayOptions, paths, arguments, USAGE)
-    replay_recording(checkpoint, recording, options, Console())
+    replay_recording(checkpoint, recording, options, Console(emoji=False))
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.console_progress import working
 from zoo.scoring.drives import Setup, drive_all, expert_steering_per_s
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.options import EvaluateOptions, check_options
@@ -57,8 +58,10 @@ def score_on_tracks(
     tracks = {}
     for track in options.tracks:
         own = [one for one in setups if one.track == track]
+        with working("driving the expert, to compare with", console):
+            expert = expert_steering_per_s(own[0])
         tracks[by_setup[own[0]]["track"]] = mean_and_spread([by_setup[one] for one in own]) | {
-            "expert_steering_per_s": (expert_steering_per_s(own[0]), None)
+            "expert_steering_per_s": (expert, None)
         }
     return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
 
