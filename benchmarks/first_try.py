@@ -1,4 +1,4 @@
-"""`python benchmarks/first_try.py [real=FOLDER]`: what should a newcomer's first training be?
+"""`python benchmarks/first_try.py [real=FOLDER]`: which first training drives?
 
 Records laps of the embedded lake as a student drives them, with the mouse and with the keyboard,
 one way round, without recoveries; trains each candidate on each, and on a recording of the original
@@ -24,12 +24,15 @@ from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.human_control import REACTION_S
 
-ALL_AUGMENT = "augment=[brightness,shadow,shift]"
+AUGMENTED = "augment=[brightness,shadow,shift]"
+BEFORE = "quick_samples=3200"  # what quick=true once was
 CANDIDATES = {
-    "lenet, quick": ("experiment=lenet", "quick=true"),
-    "lenet, quick, shadow, shift": ("experiment=lenet", "quick=true", ALL_AUGMENT),
-    "pilotnet, quick": ("experiment=pilotnet", "quick=true"),
-    "pilotnet, quick, shadow, shift": ("experiment=pilotnet", "quick=true", ALL_AUGMENT),
+    "lenet": ("experiment=lenet", "quick=true"),
+    "lenet, augmented": ("experiment=lenet", "quick=true", AUGMENTED),
+    "lenet, 3,200": ("experiment=lenet", "quick=true", BEFORE),
+    "pilotnet": ("experiment=pilotnet", "quick=true"),
+    "pilotnet, augmented": ("experiment=pilotnet", "quick=true", AUGMENTED),
+    "pilotnet, 3,200": ("experiment=pilotnet", "quick=true", BEFORE),
 }
 
 
@@ -40,8 +43,8 @@ class FirstTryOptions:
     Args:
         out: folder of the recordings and runs.
         real: a recording of the original simulator; null for none.
-        only: a part of the names of candidates; null for all.
-        recordings: which of mouse, keyboard and real; all for all.
+        only: the name of one candidate; null for all.
+        recording: mouse, keyboard, real, or all.
         seeds: trainings of each candidate on each recording.
         laps: how many to record.
         speed: miles per hour of the recorded laps.
@@ -51,7 +54,7 @@ class FirstTryOptions:
     out: str = "outputs/first_try"
     real: str | None = None
     only: str | None = None
-    recordings: str = "all"
+    recording: str = "all"
     seeds: int = 2
     laps: float = 2.5
     speed: float = 25.0
@@ -71,15 +74,24 @@ class Tried:
 
 
 def recordings(options: FirstTryOptions) -> dict[str, str]:
-    """Return the folders by name; record what is not there yet."""
-    found = {name: str(Path(options.out, "recordings", name)) for name in REACTION_S}
+    """Return the folders by name; record what is not there yet.
+
+    Raises:
+        InputError: no recording has that name.
+    """
+    home = Path(options.out, "recordings")
+    found = {name: str(home / name) for name in REACTION_S}
+    if options.recording not in ("all", "real", *found):
+        raise InputError(f"recording={options.recording}: must be all, real, {' or '.join(found)}")
+    if options.recording == "real" and not options.real:
+        raise InputError("recording=real: name its folder with real=FOLDER")
     for name, folder in found.items():
-        if not Path(folder, "driving_log.csv").is_file():
+        if options.recording in ("all", name) and not Path(folder, "driving_log.csv").is_file():
             words = [f"control={name}", f"laps={options.laps}", f"speed={options.speed}", "seed=1"]
             _run(["simulator", "record", "track=lake", *words, f"out={folder}"], options.threads)
     if options.real:
         found["real"] = str(Path(options.real).resolve())
-    return {k: v for k, v in found.items() if options.recordings in ("all", k)}
+    return {k: v for k, v in found.items() if options.recording in ("all", k)}
 
 
 def try_one(overrides: Sequence[str], data: str, run: Path, options: FirstTryOptions) -> Tried:
@@ -131,13 +143,15 @@ def main(arguments: Sequence[str]) -> None:
         options = read_options(FirstTryOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
+    if options.only not in (None, *CANDIDATES):
+        raise InputError(f"only={options.only}: there are {'; '.join(CANDIDATES)}")
     table = Table("recording", "candidate", "seed", "wall, CPU s", "best", "last", "of epochs")
     for candidate, overrides in CANDIDATES.items():
-        if (options.only or "") not in candidate:
+        if options.only not in (None, candidate):
             continue
         for name, folder in recordings(options).items():
             for seed in range(1, options.seeds + 1):
-                run = Path(options.out, name, candidate.replace(", ", "-"), str(seed))
+                run = Path(options.out, name, candidate.replace(", ", "-"), str(seed)).absolute()
                 tried = try_one((*overrides, f"seed={seed}"), folder, run, options)
                 row = (
                     name,

@@ -1,7 +1,6 @@
 """`python -m simulator record track=lake laps=2 out=FOLDER`: laps that the simulator drives."""
 
 import difflib
-import shlex
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
-from simulator.record_report import Driven, print_report
+from simulator.record_report import Driven, print_report, train_command
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.weather import read_weather
@@ -165,8 +164,7 @@ def main(arguments: Sequence[str]) -> None:
     """The command: `key=value` arguments, see `RecordOptions`."""
     options = read_options(RecordOptions, arguments)
     folder = record_laps(options)
-    command = shlex.join(["python", "-m", "zoo", f"data.root={options.out}"])
-    for line in (str(folder / LOG_NAME), f"train on it: {command}"):
+    for line in (str(folder / LOG_NAME), f"train on it: {train_command(options.out)}"):
         Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
 
