@@ -27,8 +27,8 @@ from simulator.human_control import REACTION_S
 AUGMENTED = "augment=[brightness,shadow,shift]"
 BEFORE = "quick_samples=3200"  # what quick=true once was
 CANDIDATES = {
+    "first_try": ("experiment=first_try",),
     "lenet": ("experiment=lenet", "quick=true"),
-    "lenet, augmented": ("experiment=lenet", "quick=true", AUGMENTED),
     "lenet, 3,200": ("experiment=lenet", "quick=true", BEFORE),
     "pilotnet": ("experiment=pilotnet", "quick=true"),
     "pilotnet, augmented": ("experiment=pilotnet", "quick=true", AUGMENTED),

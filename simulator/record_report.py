@@ -10,7 +10,7 @@ from rich.table import Table
 
 from simulator.recorder import Recorder
 
-FIRST_TRY = ("python", "-m", "zoo", "experiment=lenet", "quick=true")  # benchmarks/first_try.py
+FIRST_TRY = ("python", "-m", "zoo", "experiment=first_try")  # benchmarks/first_try.py
 BARS = " ▁▂▃▄▅▆▇█"
 BINS = 41
 

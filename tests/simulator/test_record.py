@@ -113,7 +113,7 @@ def test_the_command_records_and_says_what_to_do_next(tmp_path):
     assert f"images      {3 * rows}" in said
     assert "times real time" in said
     assert str(tmp_path / "my laps" / "driving_log.csv") in said
-    assert "quick=true 'data.root=my laps'" in said
+    assert "experiment=first_try 'data.root=my laps'" in said
     again = run(tmp_path, "record", "laps=0.01", "out=my laps", module="simulator")
     assert "holds a driving_log.csv already" in only_line(again)
 

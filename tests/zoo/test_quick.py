@@ -1,11 +1,17 @@
 """`quick=true`: a first try in minutes that learns enough to drive."""
 
+from pathlib import Path
+
 import pytest
 from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
+from simulator.record_report import train_command
 from zoo.build import apply_quick
 from zoo.config import compose_config
+from zoo.config_help import ABOUT
+
+ROOT = Path(__file__).parents[2]
 
 
 def quick(*overrides: str) -> tuple[int, int]:
@@ -20,6 +26,17 @@ def quick(*overrides: str) -> tuple[int, int]:
 )
 def test_a_quick_training_keeps_the_samples_that_driving_takes(recipe):
     assert quick(recipe) == (3, 24_000)
+
+
+def test_the_first_try_is_lenet_s_recipe_quick_with_all_that_was_measured():
+    ours = compose_config(["experiment=first_try"])
+    same = ["experiment=lenet", "trainer.max_epochs=3", "augment=[brightness,shadow,shift]"]
+    assert ours == compose_config(same)
+
+
+@pytest.mark.parametrize("hint", [train_command("FOLDER"), ABOUT, (ROOT / "README.md").read_text()])
+def test_every_hint_names_the_first_try(hint):
+    assert "python -m zoo experiment=first_try data.root=FOLDER" in hint
 
 
 @pytest.mark.parametrize("recipe", ["experiment=vgg", "experiment=commaai"])
