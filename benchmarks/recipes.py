@@ -87,9 +87,9 @@ def table_recipes() -> list[Recipe]:
 def variations() -> list[Recipe]:
     """Better and worse ones, which tell whether a metric can tell them apart."""
     bases = {
-        "lenet": ("model=lenet", "quick=true"),
+        "lenet": ("model=lenet", "quick=true", "quick_samples=3200"),
         "tiny": ("experiment=tiny41", "trainer.max_epochs=10"),
-        "nvidia": ("model=nvidia", "quick=true"),
+        "nvidia": ("model=nvidia", "quick=true", "quick_samples=3200"),
     }
     changes = {
         "plain": (),

@@ -12,7 +12,7 @@ from simulator.errors import SimulatorError
 
 # What each imports takes a second: --help and a typo need none of it.
 COMMANDS = {
-    "record": "record laps that the expert drives",
+    "record": "record laps that the simulator drives",
     "drive": "drive in a window, with the keyboard",
     "client": "connect to a driver, exactly as the original simulator does",
 }

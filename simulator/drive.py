@@ -1,7 +1,6 @@
 """`python -m simulator drive track=lake`: a window to drive in, and to record what was driven."""
 
 import datetime
-import shlex
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,7 +14,7 @@ from simulator.command_line import read_options
 from simulator.drive_loop import Drive
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.errors import SimulatorError
-from simulator.record_report import print_report
+from simulator.record_report import print_report, train_command
 from simulator.recorder import LOG_NAME, Recorder, check_free
 from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import read_weather
@@ -92,8 +91,7 @@ def main(arguments: Sequence[str]) -> None:
         return
     here = Path.cwd()
     root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    command = shlex.join(["python", "-m", "zoo", f"data.root={root}"])
-    for line in (str(folder / LOG_NAME), f"train on it: {command}"):
+    for line in (str(folder / LOG_NAME), f"train on it: {train_command(root)}"):
         Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
 

@@ -32,6 +32,7 @@ class ExpertSettings:
         cornering_mps2: across; it slows down for bends that would take more.
         braking_mps2: along, ahead of such bends.
         steering_per_s: the most that the steering, -1..1, changes in a second.
+        reaction_s: how late its steering takes effect, besides the car's delay.
         seed: of the swaying.
     """
 
@@ -42,6 +43,7 @@ class ExpertSettings:
     cornering_mps2: float = 5.0
     braking_mps2: float = 3.0
     steering_per_s: float = 4.0
+    reaction_s: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -53,6 +55,7 @@ class ExpertSettings:
             "cornering_mps2": (0.5, 8),
             "braking_mps2": (0.5, 6),
             "steering_per_s": (1, 50),
+            "reaction_s": (0, 1),
         }
         for key, (low, high) in ranges.items():
             if not low <= getattr(self, key) <= high:
@@ -122,7 +125,7 @@ class Expert:
         car, way, track = world.car, world.direction, self.track
         speed = max(car.ahead_mps, 1.0)
         # A command takes effect after the car's delay, and holds for a frame.
-        late = car.delay_steps * 0.02 + world.frame_s / 2
+        late = car.delay_steps * 0.02 + world.frame_s / 2 + self.settings.reaction_s
         # Where the car goes, not where it points: in a bend its tail hangs out.
         course = world.heading_error - float(np.arctan2(car.left_mps, speed))
         distance = world.place.distance

@@ -1,6 +1,6 @@
-"""`python -m simulator record track=lake laps=2 out=FOLDER`: laps that the expert drives."""
+"""`python -m simulator record track=lake laps=2 out=FOLDER`: laps that the simulator drives."""
 
-import shlex
+import difflib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,29 +12,32 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
-from simulator.record_report import Driven, print_report
+from simulator.human_control import REACTION_S, HumanControl
+from simulator.record_report import Driven, print_report, train_command
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
-from simulator.rig import CAMERAS
+from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
 STUCK_S = 10.0  # in which a driver makes some way
+CONTROLS = ("expert", *REACTION_S)
 DIRECTIONS = {"forward": (1,), "1": (1,), "backward": (-1,), "-1": (-1,), "both": (1, -1)}
 
 
 @dataclass(frozen=True)
 class RecordOptions:
-    """Record laps that the expert drives, as the original simulator records a person's.
+    """Record laps that a driver without a camera drives, as the original records a person's.
 
     Args:
         out: the folder to write; it must not hold a recording yet.
         track: its name, or the path of a track's YAML file.
         laps: how many; 0.5 is half of one.
+        control: expert, which steers exactly, or a student's keyboard (taps of keys) or mouse.
         speed: miles per hour on the straight, 8..30; the expert slows down for sharp bends.
         noise: 0..1, how far it sways off now and then; its way back is recorded.
         direction: forward, backward, or both, one after the other.
         frame_rate: rows per second of simulated time, up to 50.
-        seed: of the swaying and the weather.
+        seed: of the swaying, the hand's inaccuracy and the weather.
         start: metres along the lap.
         weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
         renderer: auto, software or opengl.
@@ -47,6 +50,7 @@ class RecordOptions:
     out: str
     track: str = "lake"
     laps: float = 1.0
+    control: str = "expert"
     speed: float = 30.0
     noise: float = 0.0
     direction: str = "forward"
@@ -63,30 +67,36 @@ class RecordOptions:
 
 def record(
     world: World,
-    expert: Expert,
+    driver: Expert | HumanControl,
     recorder: Recorder,
     laps: float,
     progress: Callable[[float], None] | None = None,
+    row_s: float = 0.0,
 ) -> Driven:
-    """Let the expert drive laps from where the world is; `progress` gets the metres driven.
+    """Let a driver drive laps from where the world is; `progress` gets the metres driven.
+
+    Args:
+        row_s: simulated seconds from one row to the next; a row each of the world's frames if less.
 
     Raises:
-        SimulatorError: the expert left the road or got stuck, or the disk is full.
+        SimulatorError: the driver left the road or got stuck, or the disk is full.
     """
     driven = Driven(world.track.length)
     begin_m, begin_s, lap, lap_began_s = world.travelled, world.time, 0, world.time
-    farthest, farthest_s = 0.0, world.time
+    farthest, farthest_s, begin_steps = 0.0, world.time, world.steps
     recorder.begin_pass()
     while driven.metres < laps * world.track.length:
-        steering, throttle = expert(world)
-        if expert.recording:
+        steering, throttle = driver(world)
+        # Rounded as the world rounds its frames, so that each frame of such a rate is a row.
+        is_row = world.steps - begin_steps >= round(driven.frames * row_s / PHYSICS_STEP_S)
+        if is_row and driver.recording:
             frames = {camera: world.frame(camera) for camera in CAMERAS}
             pedals = split_pedals(throttle)
             recorder.add(frames, steering, *pedals, world.car.speed_mph, world.time - begin_s)
             driven.cte.append(world.cte)
             driven.steering.append(steering)
         world.step(steering, throttle)
-        driven.frames += 1
+        driven.frames += is_row
         driven.metres = world.travelled - begin_m
         if driven.metres > farthest + 1:
             farthest, farthest_s = driven.metres, world.time
@@ -119,7 +129,7 @@ def record_laps(
     began = time.perf_counter()
     first = given[0]
     # Opened before the folder is made: an option that cannot be leaves nothing behind.
-    world, expert = _open(*runs[0])
+    world, driver = _open(*runs[0])
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[metres]}"))
     with (
         Recorder(first.out, first.header, first.relative) as recorder,
@@ -134,7 +144,7 @@ def record_laps(
         all_driven = []
         for number, (options, way) in enumerate(runs):
             if number:
-                world, expert = _open(options, way)
+                world, driver = _open(options, way)
             name = options.track if way > 0 else f"{options.track}, backward"
             total = options.laps * world.track.length
             task = progress.add_task(name, total=total, metres="")
@@ -143,7 +153,8 @@ def record_laps(
                 text = f"{min(metres, total):,.0f} of {total:,.0f} m"
                 progress.update(task, completed=metres, metres=text)
 
-            all_driven.append(record(world, expert, recorder, options.laps, show))
+            row_s = 1 / options.frame_rate
+            all_driven.append(record(world, driver, recorder, options.laps, show, row_s))
             world.pictures.close()
     print_report(console, recorder, all_driven, time.perf_counter() - began, world.pictures.name)
     return recorder.folder
@@ -153,8 +164,7 @@ def main(arguments: Sequence[str]) -> None:
     """The command: `key=value` arguments, see `RecordOptions`."""
     options = read_options(RecordOptions, arguments)
     folder = record_laps(options)
-    command = shlex.join(["python", "-m", "zoo", f"data.root={options.out}"])
-    for line in (str(folder / LOG_NAME), f"train on it: {command}"):
+    for line in (str(folder / LOG_NAME), f"train on it: {train_command(options.out)}"):
         Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
 
@@ -164,28 +174,41 @@ def _directions(options: RecordOptions) -> tuple[int, ...]:
     return DIRECTIONS[options.direction]
 
 
-def _open(options: RecordOptions, direction: int) -> tuple[World, Expert]:
+def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | HumanControl]:
+    if options.control not in CONTROLS:
+        near = difflib.get_close_matches(options.control, CONTROLS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"must be {', '.join(CONTROLS)}"
+        raise SimulatorError(f"control={options.control}: there is no such control; {hint}")
+    if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
+        raise SimulatorError(f"frame_rate={options.frame_rate:g}: must be above 0, up to 50")
     if not 0 < options.laps <= 1000:
         raise SimulatorError(f"laps={options.laps:g}: must be above 0, up to 1000")
     read_weather(options.weather)  # says now what is wrong with it
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
-    settings = ExpertSettings(speed_mph=options.speed, noise=options.noise, seed=options.seed)
+    is_person = options.control in REACTION_S
+    settings = ExpertSettings(
+        speed_mph=options.speed,
+        noise=options.noise,
+        reaction_s=REACTION_S.get(options.control, 0.0),
+        seed=options.seed,
+    )
     world = open_world(
         options.track,
         options.renderer,
         options.quality,
-        options.frame_rate,
+        1 / PHYSICS_STEP_S if is_person else options.frame_rate,
         options.delay_s,
         direction,
     )
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
-    return world, Expert(world.track, settings)
+    expert = Expert(world.track, settings)
+    return world, HumanControl(options.control, expert, options.seed) if is_person else expert
 
 
 def _failure(world: World, recorder: Recorder) -> str:
     what = f"left the road, {world.cte:+.1f} m" if world.off_road else "got stuck"
     return (
-        f"the expert {what} at {world.place.distance:.0f} m of {world.track.name}; the "
+        f"the driver {what} at {world.place.distance:.0f} m of {world.track.name}; the "
         f"{recorder.rows} rows before are in {recorder.folder}; try another seed=, or less speed="
     )

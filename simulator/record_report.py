@@ -1,6 +1,8 @@
 """What a recording has come to, for a person."""
 
+import shlex
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -8,6 +10,7 @@ from rich.table import Table
 
 from simulator.recorder import Recorder
 
+FIRST_TRY = ("python", "-m", "zoo", "experiment=first_try")  # benchmarks/first_try.py
 BARS = " ▁▂▃▄▅▆▇█"
 BINS = 41
 
@@ -50,6 +53,11 @@ def print_report(
     table.add_row("off centre", f"{cte.mean():.2f} m on average, {cte.max():.2f} m at most")
     table.add_row("steering", f"-1 {histogram(steering)} 1")
     console.print(table)
+
+
+def train_command(folder: str | Path) -> str:
+    """Return the command that trains on a recording for the first time, as a shell takes it."""
+    return shlex.join([*FIRST_TRY, f"data.root={folder}"])
 
 
 def histogram(steering: np.ndarray) -> str:

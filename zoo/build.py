@@ -22,17 +22,25 @@ from zoo.checkpoint_files import CheckpointFiles
 from zoo.config import escape_interpolation
 from zoo.steering_module import SteeringModule
 
-QUICK_EPOCHS, QUICK_SAMPLES = 3, 3_200
+QUICK_EPOCHS = 3
+QUICK_SAMPLES_BEFORE = 3_200  # of runs from before config.quick_samples, which resume and repeat
 OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
 
 
 def apply_quick(config: DictConfig) -> None:
-    """With `quick=true`, cap epochs and samples in place: a first try in minutes."""
+    """With `quick=true`, cap epochs and samples in place: a first try in minutes.
+
+    Raises:
+        InputError: `quick_samples` is not a whole number above 0.
+    """
     if not config.quick:
         return
+    samples = config.get("quick_samples", QUICK_SAMPLES_BEFORE)
+    if type(samples) is not int or samples < 1:
+        raise InputError(f"quick_samples={samples} is not a whole number above 0")
     for node, key, most in (
         (config.trainer, "max_epochs", QUICK_EPOCHS),
-        (config.data, "samples_per_epoch", QUICK_SAMPLES),
+        (config.data, "samples_per_epoch", samples),
     ):
         if node[key] is None:
             node[key] = most

@@ -11,6 +11,7 @@ ABOUT = """usage: python -m zoo [key=value...]
 
 Trains, tests and reports one experiment; with -m, a sweep.
 
+  python -m zoo experiment=first_try data.root=FOLDER    a first network that drives, in minutes
   python -m zoo data.root=FOLDER                         train nvidia on a recording
   python -m zoo experiment=tiny41 data.root=FOLDER       a published recipe
   python -m zoo -m model=lenet,nvidia data.root=FOLDER   a sweep; again, it goes on

@@ -46,6 +46,7 @@ def demo(arguments: list[str]) -> None:
             "zoo",
             "model=nvidia",
             "quick=true",
+            "quick_samples=3200",  # enough of an expert's laps with recoveries
             f"hydra.run.dir={run}",
         ],
         "drive a lap over the socket": [

@@ -85,7 +85,7 @@ def test_a_person_drives_to_the_left_and_records_it(tmp_path, desktop: Desktop, 
     recording = read_recordings(str(tmp_path / "mine"))
     assert f"rows        {len(recording)} " in said
     assert str(tmp_path / "mine" / LOG_NAME) in said
-    assert "python -m zoo data.root=mine" in said
+    assert "experiment=first_try data.root=mine" in said
     assert recording.steering.min() == -1
     assert recording.steering.max() <= 0
     assert recording.throttle.max() == 1

@@ -113,7 +113,7 @@ def test_the_command_records_and_says_what_to_do_next(tmp_path):
     assert f"images      {3 * rows}" in said
     assert "times real time" in said
     assert str(tmp_path / "my laps" / "driving_log.csv") in said
-    assert "python -m zoo 'data.root=my laps'" in said
+    assert "experiment=first_try 'data.root=my laps'" in said
     again = run(tmp_path, "record", "laps=0.01", "out=my laps", module="simulator")
     assert "holds a driving_log.csv already" in only_line(again)
 
@@ -131,6 +131,11 @@ def test_the_command_records_and_says_what_to_do_next(tmp_path):
         (["record", "out=x", "seed=-1"], "seed=-1: must be 0 or more"),
         (["record", "out=x", "track=laek"], "there is no track laek"),
         (["record", "out=x", "direction=up"], "direction=up: must be forward, backward or both"),
+        (
+            ["record", "out=x", "control=mose"],
+            "no such control; did you mean mouse?",
+        ),
+        (["record", "out=x", "frame_rate=60"], "frame_rate=60: must be above 0, up to 50"),
         (["record", "out=x", "weather=snow"], "weather=snow: must be clear, random or settings"),
         (["record", "out=x", "renderer=none"], "a recording needs pictures"),
     ],
