@@ -23,6 +23,7 @@ from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, HEAD, NO_IMAGE, TAIL, f
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
 
+FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 SHOWN = 20  # bad images that are listed, before a count
 
 
@@ -69,8 +70,8 @@ def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Itera
     keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
     keys += [f"data.images={images}"] if images else []
     keys += ["data.on_bad_image=skip"] if any_bad else []
-    for what, module in (("see what a network is fed", "zoo.preview"), ("train on it", "zoo")):
-        yield f"{what}: {shlex.join(['python', '-m', module, *keys])}"
+    yield f"see what a network is fed: {shlex.join(['python', '-m', 'zoo.preview', *keys])}"
+    yield f"train on it: {shlex.join(['python', '-m', 'zoo', FIRST_TRY, *keys])}"
 
 
 def _hydra_list(texts: list[str]) -> str:

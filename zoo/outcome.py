@@ -13,6 +13,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
@@ -155,7 +156,8 @@ def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
             values = [row[key] for key in ("mse", "mae", "balanced_mae", "bias")]
             texts = [f"{value:.4f}" for value in values[:3]] + [f"{values[3]:+.4f}"]
             style = "bold" if predictor == name else "dim"
-            table.add_row(part if predictor == name else "", predictor, *texts, style=style)
+            # A model's name is a user's text, not markup.
+            table.add_row(part if predictor == name else "", Text(predictor), *texts, style=style)
         table.add_section()
     return table
 

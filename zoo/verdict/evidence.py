@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -46,6 +48,14 @@ class Evidence:
         """Return the command that trained it with keys changed or (None) taken out; None where the
         command is not known."""
         return None if self.overrides is None else training_command(self.overrides, changed)
+
+    def first_try(self) -> str | None:
+        """Return the command of the first try on the same recording; None where the recording is
+        not known, or it was the first try."""
+        if self.overrides is None or FIRST_TRY in self.overrides:
+            return None
+        kept = [one for one in self.overrides if one.startswith(("data.root=", "data.images="))]
+        return training_command([FIRST_TRY, *kept], {})
 
 
 def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:

@@ -132,7 +132,9 @@ def _commands(
     if level in (ALMOST, FAILS):
         correct = f"python -m zoo.correct {path} track={shlex.quote(track)}"
         better = [("train better", fixes[0])] if fixes else []
-        return [*better, ("or let the expert correct it", correct)]
+        simple = evidence.first_try() if level == FAILS else None
+        sooner = [("or try what drove with other recordings", simple)] if simple else []
+        return [*better, *sooner, ("or let the expert correct it", correct)]
     sure = f"python -m zoo.evaluate {path} track={shlex.quote(track)} seeds=5"
     drive = f"python -m zoo.drive {path} drive.sim={shlex.quote(track)}"
     if level == UNKNOWN:
