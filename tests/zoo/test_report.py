@@ -14,6 +14,7 @@ import torch
 from PIL import Image
 
 from datamodules.errors import InputError
+from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.report import write_report
 from zoo.reporting.blocks import Picture, Pictures, Rows, Section, Text
@@ -155,6 +156,13 @@ def test_the_command_repeats_the_run(driven: Path) -> None:
     assert words[3] == "model=nvidia"
     assert "data.batch_size=16" in words
     assert any(word.startswith("data.root=") and word.endswith("lake") for word in words)
+
+
+def test_the_settings_name_the_recording(driven: Path, recorded: Written) -> None:
+    report = (driven / "report" / "report.md").read_text()
+    settings = report[report.index("## Settings") :]
+    assert "| data.root |" in settings
+    assert Path(recorded.folder).name in settings[: settings.index("<details>")]
 
 
 def test_side_cameras_are_shown_with_the_label_they_were_fed(driven: Path) -> None:

@@ -47,6 +47,8 @@ def _command(run: Run) -> list[Block]:
 
 def _choices(run: Run) -> list[Block]:
     chosen = [[group, _text(run.choices[group])] for group in GROUPS if run.choices.get(group)]
+    if chosen and (root := run.config["data"].get("root")):  # data=lake does not say where it is
+        chosen.append(["data.root", _text(root)])
     return [Rows(["group", "choice"], chosen, left=2)] if chosen else []
 
 
