@@ -3,21 +3,19 @@
 import os
 import sys
 from pathlib import Path
-
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
-from omegaconf import DictConfig
+from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
-from zoo.config import conf_folder, quote_paths
 from zoo.options import is_help
-from zoo.run_folder import claimed_folder, is_folder_named
 from zoo.status import StoppedError
 from zoo.waiting import choose_waiting
 
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
 # torch, lightning and albumentations take seconds to import; --help and a typo need none of them.
+# Nothing slow is imported before run_command, which catches Ctrl-C.
 
 
 def zoo(arguments: list[str]) -> None:
@@ -40,11 +38,22 @@ def zoo(arguments: list[str]) -> None:
 
         sweep(arguments)
         return
+    train_once(arguments)
+
+
+def train_once(arguments: list[str]) -> None:
+    """Train as the arguments say, in a folder of its own."""
+    import hydra
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.errors import HydraException
+
+    from zoo.config import conf_folder, quote_paths
+    from zoo.run_folder import claimed_folder, is_folder_named
 
     failures: list[Exception] = []
     began = False
 
-    def train(config: DictConfig) -> float:
+    def train(config: "DictConfig") -> float:
         nonlocal began
         began = True
         from zoo.experiment import run_experiment

@@ -174,7 +174,7 @@ def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> objec
     """`hydra.utils.instantiate`, whose failures name the config's key in one line."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     # Hydra would resolve a path with ${ in it, whatever escapes it: such go in at the call.
-    late = {name: one for name, one in more.items() if "${" in str(one)}
+    late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
     more = {name: one for name, one in more.items() if name not in late}
     try:
         if late:

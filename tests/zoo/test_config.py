@@ -1,5 +1,7 @@
 """What a person types: every YAML, every typo."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import environment, only_line, run
 from zoo.build import build_data, build_module, build_trainer
 from zoo.config import (
     PATH_KEYS,
@@ -172,3 +174,16 @@ def test_what_belongs_to_another_command_is_not_proposed(typed: str, tmp_path: P
     line = only_line(run(tmp_path, typed))
     assert "no such key" in line
     assert f"did you mean {typed.partition('=')[0]}" not in line
+
+
+def test_nothing_slow_is_imported_before_ctrl_c_is_caught(tmp_path: Path) -> None:
+    source = "import sys, zoo.__main__; print([*{'hydra', 'omegaconf', 'torch'} & {*sys.modules}])"
+    result = subprocess.run(
+        [sys.executable, "-c", source],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert result.stdout.strip() == "[]"
