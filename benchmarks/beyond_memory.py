@@ -7,6 +7,7 @@ process is only watched. A recording a quarter as long shows what grows with the
 
 import contextlib
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -104,6 +105,7 @@ def train(rows: int, limit_mb: int | None, console: Console) -> Watched:
     for file in Path(CACHE).glob("*.npy"):
         forget(file)
     run = Path(CACHE).parent / "beyond_memory"
+    shutil.rmtree(run, ignore_errors=True)
     command = [
         sys.executable,
         "-m",

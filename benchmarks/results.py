@@ -68,7 +68,7 @@ def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
         if (folder / "metrics.json").is_file():
             return
         words = [*recipe.overrides, f"seed={seed}", *SCORE, f"hydra.run.dir={folder}"]
-        if (folder / "checkpoints" / "last.ckpt").is_file():
+        if (folder / ".hydra" / "config.yaml").is_file():
             words = [f"resume={folder}"]
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / "log.txt").open("w") as log:

@@ -1,5 +1,6 @@
 """`python benchmarks/start.py`: from the command to the first training step, views in the cache."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -7,6 +8,7 @@ import time
 from material import CACHE, linked_recording
 from timing import Row, median_ratio, medians, run_part, take_turns
 
+RUN = "outputs/bench/start"
 IMPORTS = "import torch, lightning"
 # Ends the process when the first step is about to be taken.
 FIRST_STEP = "+callbacks.first._target_=benchmarks.first_step.EndAtFirstStep"
@@ -16,14 +18,20 @@ def measure(short: bool) -> list[Row]:
     """Seconds of `python -m zoo` until then, as a multiple of what its imports alone take."""
     folder = linked_recording(200 if short else 3_000)
     zoo = ["-m", "zoo", f"data.root={folder}", f"data.cache={CACHE}", "trainer.accelerator=cpu"]
-    zoo += ["score=none", FIRST_STEP, "hydra.run.dir=outputs/bench/start"]
-    run_python(zoo)  # decodes the views, once
+    zoo += ["score=none", FIRST_STEP, f"hydra.run.dir={RUN}"]
+    start(zoo)  # decodes the views, once
     found = take_turns(
-        {"zoo s": lambda: run_python(zoo), "imports s": lambda: run_python(["-c", IMPORTS])},
+        {"zoo s": lambda: start(zoo), "imports s": lambda: run_python(["-c", IMPORTS])},
         1 if short else 2,
     )
     what = "python -m zoo to its first step, views cached"
     return [Row(what, IMPORTS, median_ratio(*found.values()), 1.5, False, medians(found))]
+
+
+def start(zoo: list[str]) -> float:
+    """Seconds of a new run, in the folder of the one before."""
+    shutil.rmtree(RUN, ignore_errors=True)
+    return run_python(zoo)
 
 
 def run_python(arguments: list[str]) -> float:

@@ -2,25 +2,24 @@
 
 import os
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
-from omegaconf import DictConfig
+from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
 from zoo.checkpoint_path import find_run, name_latest
 from zoo.command_line import run_command
-from zoo.config import conf_folder, quote_paths
 from zoo.console_progress import loading
 from zoo.options import is_help
-from zoo.run_folder import claimed_folder, is_folder_named
 from zoo.status import StoppedError
 from zoo.waiting import choose_waiting
 
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
 # torch, lightning and albumentations take seconds to import; --help and a typo need none of them.
+# Nothing slow is imported before run_command, which catches Ctrl-C.
 
 
 def zoo(arguments: list[str]) -> None:
@@ -44,17 +43,33 @@ def zoo(arguments: list[str]) -> None:
 
         sweep(arguments)
         return
+    with ExitStack() as starting:
+        starting.enter_context(loading())
+        train_once(arguments, starting.close)
+
+
+def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
+    """Train as the arguments say, in a folder of its own.
+
+    Args:
+        is_started: called when the run can show by itself what it does.
+    """
+    import hydra
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.errors import HydraException
+
+    from zoo.config import conf_folder, quote_paths
+    from zoo.run_folder import claimed_folder, is_folder_named
 
     failures: list[Exception] = []
     began = False
-    starting = ExitStack()
 
-    def train(config: DictConfig) -> float:
+    def train(config: "DictConfig") -> float:
         nonlocal began
         began = True
         from zoo.experiment import run_experiment
 
-        starting.close()
+        is_started()
         try:
             return run_experiment(config, Path(HydraConfig.get().runtime.output_dir))
         except InputError as error:
@@ -65,7 +80,6 @@ def zoo(arguments: list[str]) -> None:
 
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
     conf = str(conf_folder().resolve())
-    starting.enter_context(loading())
     try:
         with claimed_folder(quote_paths(arguments)) as claimed:
             sys.argv = [sys.argv[0], *claimed]
@@ -80,8 +94,6 @@ def zoo(arguments: list[str]) -> None:
             f"{named}: cannot be made the run's folder ({error.strerror or error}); set "
             "hydra.run.dir=FOLDER to another"
         ) from error
-    finally:
-        starting.close()
     if failures:
         raise failures[0]
 

@@ -19,11 +19,11 @@ from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoint import VIEW_KEYS, make_network
 from zoo.checkpoint_files import CheckpointFiles
-from zoo.config import escape_interpolation
 from zoo.steering_module import SteeringModule
 
 QUICK_EPOCHS = 3
 QUICK_SAMPLES_BEFORE = 3_200  # of runs from before config.quick_samples, which resume and repeat
+PLACES = ("root", "images", "cache", "split")  # of `data`
 OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
 
 
@@ -56,8 +56,10 @@ def build_data(config: DictConfig) -> DrivingData:
     view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
+    places = {key: settings.pop(key) for key in PLACES if key in settings}
     # Hydra would turn the view, a dataclass, into a config of its own.
-    return _instantiate("data", settings, _partial_=True)(view=view, seed=config.seed)
+    make = _instantiate("data", settings, _partial_=True)
+    return make(view=view, seed=config.seed, **places)
 
 
 def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringModule:
@@ -179,10 +181,14 @@ def silence_libraries() -> None:
 def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
     """`hydra.utils.instantiate`, whose failures name the config's key in one line."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
-    if not OmegaConf.is_config(settings):  # resolved already: a path is taken as it stands
-        settings = escape_interpolation(settings)
+    # Hydra would resolve a path with ${ in it, whatever escapes it: such go in at the call.
+    late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
+    more = {name: one for name, one in more.items() if name not in late}
     try:
-        return instantiate(settings, **escape_interpolation(more), _convert_="all")
+        if late:
+            partial = instantiate(settings, **more, _partial_=True, _convert_="all")
+            return partial(**late)
+        return instantiate(settings, **more, _convert_="all")
     except InstantiationException as error:
         cause = error.__cause__ or error
         while isinstance(cause, InstantiationException) and cause.__cause__:

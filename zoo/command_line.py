@@ -4,12 +4,10 @@ import os
 import sys
 from collections.abc import Callable
 
-from hydra.errors import HydraException
-from omegaconf.errors import OmegaConfBaseException
-
 from datamodules.errors import InputError
-from zoo.config import explain
 from zoo.status import StoppedError
+
+# Hydra takes a third of a second to import, in which Ctrl-C would print a trace.
 
 
 def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
@@ -20,17 +18,29 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         command(arguments)
     except (InputError, StoppedError) as error:
         failure = error
-    except (HydraException, OmegaConfBaseException) as error:
-        failure = InputError(explain(error, arguments))
     except KeyboardInterrupt:
         failure = StoppedError("stopped")
     except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:  # of a disk or a folder: named, and nothing that a trace explains
-        if error.strerror is None:
+    except Exception as error:
+        failure = _failure(error, arguments)
+        if failure is None:
             raise
-        failure = InputError(f"{error.filename or 'a file'}: {error.strerror}")
     if failure is None:
         return 0
     print(f"{name}: {' '.join(str(failure).split())}", file=sys.stderr)
     return 130 if isinstance(failure, StoppedError) else 1
+
+
+def _failure(error: Exception, arguments: list[str]) -> InputError | None:
+    """Return what a user can act on: a config's mistake, a disk or a folder; None for the rest."""
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    from zoo.config import explain
+
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return InputError(explain(error, arguments))
+    if isinstance(error, OSError) and error.strerror is not None:
+        return InputError(f"{error.filename or 'a file'}: {error.strerror}")
+    return None

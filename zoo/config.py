@@ -36,7 +36,7 @@ def conf_folder() -> Path:
 def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
     """Quote the value of a key that names a place on this disk, so that Hydra reads none of it.
 
-    `${...}` is Hydra's, unless a file or folder has exactly that name; `\\${...}` never is.
+    `${...}` is Hydra's, unless there is a file or folder of that very name; `\\${...}` never is.
 
     >>> quote_paths(["data.root=a=b", "data.root=[my laps,b]", "seed=1"])
     ["data.root='a=b'", "data.root=['my laps','b']", 'seed=1']
@@ -79,6 +79,9 @@ def quote(value: str) -> str:
 def _quote_value(value: str, sweep: bool) -> str:
     if _exists(value):
         return quote(escape_interpolation(value))
+    for parent in map(str, Path(value).parents):  # of what is not there yet
+        if "${" in parent and _exists(parent) and value.startswith(parent):
+            return quote(escape_interpolation(parent) + value[len(parent) :])
     if value.lower() in NO_PATHS:
         return value
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":

@@ -191,16 +191,10 @@ def _naming_files(folder: Path) -> Iterator[None]:
         last = folder / "checkpoints" / "last.ckpt"
         if not folder.is_dir():
             remedy = f"{folder} was removed, with all that the run had saved; start it again"
-        elif last.is_file():
-            remedy = (
-                f"{last} is kept; free some space, or correct that, and go on with: "
-                f"{_resume_command(folder)}"
-            )
         else:
-            remedy = (
-                "no epoch was complete yet; free some space, or correct that, and start again "
-                f"with: {_resume_command(folder)}"
-            )
+            kept = f"{last} is kept" if last.is_file() else "no epoch was complete yet"
+            again = _resume_command(folder)
+            remedy = f"{kept}; free some space, or correct that, and go on with: {again}"
         raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
     finally:
         threading.excepthook = before

@@ -6,7 +6,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from datamodules.errors import InputError
-from zoo.config import conf_folder, escape_interpolation, quote
+from zoo.config import conf_folder, quote
 from zoo.status import claim_run, is_first_process
 from zoo.sweeping.job import needs_processes
 
@@ -28,6 +28,7 @@ def claimed_folder(arguments: list[str]) -> Iterator[list[str]]:
     """
     named = [one for one in arguments if is_folder_named(one)]
     folder = _composed_folder(arguments) if named else None
+    check_name(folder or Path())
     if folder is None:
         yield arguments
         return
@@ -37,7 +38,7 @@ def claimed_folder(arguments: list[str]) -> Iterator[list[str]]:
         folder.mkdir(parents=True, exist_ok=True)
         claim_run(folder, _refuse_a_run)
         others = [one for one in arguments if one not in named]
-        yield [*others, f"{KEY}{quote(escape_interpolation(str(folder)))}"]
+        yield [*others, f"{KEY}{quote(str(folder))}"]
     except OSError:
         if not (folder / ".hydra" / "config.yaml").is_file():
             _remove(folder, created)
@@ -47,6 +48,16 @@ def claimed_folder(arguments: list[str]) -> Iterator[list[str]]:
 def is_folder_named(argument: str) -> bool:
     """Whether an argument names the run's folder."""
     return argument.lstrip("+").startswith(KEY)
+
+
+def check_name(folder: Path) -> None:
+    """Raise InputError for a folder that Hydra would take for an interpolation and fail to write
+    its config into."""
+    if "${" in str(folder.absolute()):
+        raise InputError(
+            f"{folder.absolute()}: Hydra cannot write a run where a folder's name has ${{ in it; "
+            f"name another: {KEY}FOLDER"
+        )
 
 
 def _composed_folder(arguments: list[str]) -> Path | None:
@@ -78,7 +89,8 @@ def _refuse_a_run(folder: Path) -> None:
 def _remove(folder: Path, created: list[Path]) -> None:
     shutil.rmtree(folder / ".hydra", ignore_errors=True)
     for name in ("status.json", "status.lock"):
-        (folder / name).unlink(missing_ok=True)
+        with suppress(OSError):
+            (folder / name).unlink()
     for one in created:
         with suppress(OSError):
             one.rmdir()

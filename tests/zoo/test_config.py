@@ -1,15 +1,28 @@
 """What a person types: every YAML, every typo."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import get_object
+from hypothesis import given
+from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import environment, only_line, run
 from zoo.build import build_data, build_module, build_trainer
-from zoo.config import choices, compose_config, conf_folder, quote_paths
+from zoo.config import (
+    PATH_KEYS,
+    choices,
+    compose_config,
+    conf_folder,
+    escape_interpolation,
+    quote,
+    quote_paths,
+)
 
 # Tracks are the simulator's: tests/simulator/test_track_file.py reads them all.
 GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name != "track")
@@ -75,11 +88,81 @@ def test_a_file_where_the_runs_folder_is_to_be_gets_one_line(tmp_path: Path) -> 
     assert (tmp_path / "taken").read_text() == "mine"
 
 
-def test_a_path_that_exists_is_taken_as_it_stands(tmp_path: Path) -> None:
-    odd = tmp_path / "my 'run'=1 [a], (b)"
+ODD = ["my 'run'=1 [a], (b)", "piste à ïle", "a${seed}b", "\\${seed}", 'back\\slash"', "1e5", "~x"]
+
+
+@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("key", PATH_KEYS)
+def test_a_path_that_exists_is_taken_as_it_stands(key: str, name: str, tmp_path: Path) -> None:
+    odd = tmp_path / name
     odd.mkdir()
-    config = compose_config(quote_paths([f"data.root={odd}"]))
-    assert config["data"]["root"] == str(odd)
+    assert composed(f"{key}={odd}", key) == str(odd)
+
+
+@pytest.mark.parametrize("name", [one for one in ODD if "${" not in one])
+@pytest.mark.parametrize("key", ["hydra.run.dir", "data.root"])
+def test_a_path_that_does_not_exist_yet_is_taken_as_it_stands(key: str, name: str) -> None:
+    assert composed(f"{key}=not/{name}", key) == f"not/{name}"
+
+
+def test_what_a_path_interpolates_is_put_in_unless_it_is_escaped() -> None:
+    assert composed("hydra.run.dir=runs/${model.name}", "hydra.run.dir") == "runs/nvidia"
+    assert composed("hydra.run.dir=runs/\\${model.name}", "hydra.run.dir") == "runs/${model.name}"
+
+
+def test_a_list_of_odd_paths_is_a_list(tmp_path: Path) -> None:
+    odd = tmp_path / "laps [1], é"
+    odd.mkdir()
+    found = composed(f"data.root=[{odd}, other laps=2,'c, d']", "data.root")
+    assert found == [str(odd), "other laps=2", "c, d"]
+
+
+@given(st.text(alphabet="a\\'\"${}[]=, ï:()", max_size=8))
+def test_any_text_can_be_quoted(text: str) -> None:
+    override = OverridesParser.create().parse_override(f"k={quote(escape_interpolation(text))}")
+    assert OmegaConf.create({"k": override.value()}).k == text
+
+
+def test_a_sweep_over_odd_paths_splits_at_commas() -> None:
+    assert quote_paths(["data.root=my laps,b=1"], sweep=True) == ["data.root='my laps','b=1'"]
+
+
+def composed(argument: str, key: str) -> object:
+    """Return what `python -m zoo ARGUMENT` has for a key."""
+    from hydra import compose, initialize_config_dir
+
+    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+        config = compose("config", quote_paths([argument]), return_hydra_config=True)
+    found = OmegaConf.select(config, key)
+    return list(found) if OmegaConf.is_list(found) else found
+
+
+@pytest.mark.parametrize(
+    ("arguments", "more"),
+    [
+        (["callbacks=fed_batch"], {"fed_batch"}),
+        (["callbacks=checkpoints"], set()),
+        (["callbacks=mine", "hydra.searchpath=[file://{folder}]"], {"mine"}),
+        (["callbacks=lists", "hydra.searchpath=[file://{folder}]"], {"early_stopping"}),
+        (["~callbacks"], set()),
+    ],
+)
+def test_every_choice_of_callbacks_keeps_checkpoints_and_progress(
+    arguments: list[str], more: set[str], tmp_path: Path
+) -> None:
+    (tmp_path / "callbacks").mkdir()
+    mine = tmp_path / "callbacks" / "mine.yaml"
+    mine.write_text("mine: {_target_: lightning.pytorch.callbacks.Timer}")
+    mine.with_name("lists.yaml").write_text("defaults: [checkpoints, early_stopping]")
+    found = compose_config([one.format(folder=tmp_path) for one in arguments])["callbacks"]
+    assert set(found) == {"best", "last", "progress"} | more
+
+
+def test_single_callbacks_are_added_and_switched_off() -> None:
+    typed = ["callbacks={mine:{_target_:lightning.pytorch.callbacks.Timer}}"]
+    found = compose_config(quote_paths([*typed, "callbacks.progress=null"]))["callbacks"]
+    assert set(found) >= {"best", "last", "mine", "early_stopping"}
+    assert found["progress"] is None
 
 
 def test_several_roots_are_a_list() -> None:
@@ -91,3 +174,16 @@ def test_what_belongs_to_another_command_is_not_proposed(typed: str, tmp_path: P
     line = only_line(run(tmp_path, typed))
     assert "no such key" in line
     assert f"did you mean {typed.partition('=')[0]}" not in line
+
+
+def test_nothing_slow_is_imported_before_ctrl_c_is_caught(tmp_path: Path) -> None:
+    source = "import sys, zoo.__main__; print([*{'hydra', 'omegaconf', 'torch'} & {*sys.modules}])"
+    result = subprocess.run(
+        [sys.executable, "-c", source],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert result.stdout.strip() == "[]"

@@ -14,7 +14,7 @@ import torch
 from omegaconf import OmegaConf
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment
+from tests.zoo.commands import command, environment, run
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.ranking import read_runs
@@ -187,6 +187,61 @@ def test_a_run_that_another_process_trains_is_not_resumed(
     assert "hydra.run.dir=FOLDER" in line
     assert read_status(two_epochs)["pid"] == other_process
     assert all(torch.equal(one, weights(two_epochs, "last")[key]) for key, one in before.items())
+
+
+def test_odd_names_are_trained_in_and_resumed(
+    zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Of the recording, its cache, its split and the run."""
+    odd = tmp_path / "a${b} 'ï' [x]=1"
+    odd.mkdir()
+    (odd / "lake").symlink_to(recorded.folder)
+    places = (f"data.root={odd / 'lake'}", f"data.cache={odd / 'cache'}")
+    new = "b 'ï' [x]=1"  # is not there yet
+    assert zoo(*SMALL, *places, "trainer.max_epochs=1", f"hydra.run.dir={new}") == 0
+    assert str(tmp_path / new / "checkpoints" / "best.ckpt") in capsys.readouterr().out
+    shutil.move(tmp_path / new, odd / "run")
+    assert zoo(f"resume={odd / 'run'}", "trainer.max_epochs=2") == 0
+    assert metrics(odd / "run")["epochs"] == 2
+    again = (f"data.split={odd / 'run' / 'split.csv'}", "trainer.max_epochs=0")
+    start = f"model.weights={odd / 'run' / 'checkpoints' / 'best.ckpt'}"
+    assert zoo(*SMALL, *places, *again, start, "hydra.run.dir=again") == 0
+    best = weights(odd / "run", "best")
+    assert all(
+        torch.equal(one, best[key]) for key, one in weights(tmp_path / "again", "last").items()
+    )
+
+
+def test_a_name_that_hydra_cannot_write_to_is_refused(
+    zoo: Zoo, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    assert zoo("hydra.run.dir=a\\${b}") == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"{tmp_path / 'a${b}'}: " in line
+    assert "hydra.run.dir=FOLDER" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_checkpoint_is_named_that_is_not_there(
+    zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
+    assert zoo(*arguments, "callbacks.best=null", "hydra.run.dir=run") == 0
+    assert "best.ckpt" not in capsys.readouterr().out
+    assert zoo("resume=run") == 0
+    assert "best.ckpt" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_two_processes_train_in_a_folder_with_an_odd_name(
+    recorded: Written, tmp_path: Path
+) -> None:
+    arguments = (*SMALL, f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=1")
+    folder = 'ï it\'s "x"=1'
+    result = run(tmp_path, *arguments, f"hydra.run.dir={folder}", timeout=300)
+    assert result.returncode == 0, result.stderr
+    assert metrics(tmp_path / folder)["epochs"] == 1
+    assert [path.name for path in tmp_path.iterdir() if path.name != "outputs"] == [folder]
 
 
 @pytest.mark.slow

@@ -15,8 +15,9 @@ from hydra.core.plugins import Plugins
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.config import conf_folder, escape_interpolation, quote, quote_paths
+from zoo.config import conf_folder, quote, quote_paths
 from zoo.ranking_table import wide_console
+from zoo.run_folder import check_name
 from zoo.status import StoppedError, read_status
 from zoo.sweeping import record as records
 from zoo.sweeping.job import DONE, run_job
@@ -89,13 +90,14 @@ def go_on(folder: Path, more: list[str]) -> None:
 
 def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
     """Run what is not done yet in `folder`, then rank all of it."""
+    check_name(folder)
     with _held(folder):
         if not (folder / records.NAME).is_file():
             records.write_record(folder, records.new_record(arguments))
         if not finished:
             try:
-                literal = quote(escape_interpolation(str(folder.resolve())))
-                _hydra([*quote_paths(arguments, sweep=True), f"{FOLDER_KEY}{literal}"])
+                named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
+                _hydra([*quote_paths(arguments, sweep=True), named])
             except KeyboardInterrupt:
                 again = shlex.join(["python", "-m", "zoo.sweep", f"resume={folder}"])
                 raise StoppedError(f"stopped; go on with the same command, or: {again}") from None
