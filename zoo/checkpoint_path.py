@@ -72,6 +72,16 @@ def name_latest(argument: str) -> str:
     return f"{key}={find_checkpoint(value)}"
 
 
+def short_name(path: Path) -> str:
+    """Return a path as a person would type it: relative where it lies below the current folder.
+
+    >>> short_name(Path.cwd() / "outputs" / "run"), short_name(Path("/elsewhere/run"))
+    ('outputs/run', '/elsewhere/run')
+    """
+    path, here = Path(path).absolute(), Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
+
+
 def latest_run() -> Path:
     """Return the folder of the run that started last, of those below `outputs` with a checkpoint.
 

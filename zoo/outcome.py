@@ -22,6 +22,7 @@ from datamodules.split import PARTS
 from zoo import plots
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoint import read_checkpoint_file
+from zoo.checkpoint_path import short_name
 from zoo.code_fingerprint import code_fingerprint
 from zoo.console_progress import working
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering, side_response
@@ -29,7 +30,7 @@ from zoo.report import write_report
 from zoo.scoring.candidates import Choice
 from zoo.scoring.tracks import RunScore, score_run
 from zoo.steering_module import SteeringModule
-from zoo.verdict.evidence import Evidence, read_overrides
+from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import judge, print_verdict
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
@@ -113,12 +114,7 @@ def report_outcome(
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},
     }
-    evidence = Evidence(
-        str(folder / "checkpoints" / "best.ckpt"),
-        OmegaConf.to_container(config, resolve=True),
-        metrics,
-        read_overrides(folder),
-    )
+    evidence = evidence_of_run(folder, OmegaConf.to_container(config, resolve=True), metrics)
     verdict = judge(drive["drives"] if drive else [], evidence)
     metrics["verdict"] = verdict.plain()
     (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
@@ -130,12 +126,12 @@ def report_outcome(
         )
     try:
         with working("writing the report", console):
-            page = str(write_report(folder))
+            page = short_name(write_report(folder))
     except InputError as error:
         page = f"no report: {error}"
     best_path = folder / "checkpoints" / "best.ckpt"
-    for line in [best_path, page] if best_path.is_file() else [page]:
-        console.print(str(line), highlight=False, markup=False)
+    for line in [short_name(best_path), page] if best_path.is_file() else [page]:
+        console.print(line, highlight=False, markup=False)
     print_verdict(verdict, console)
     return figures.get("val", {}).get("mse", float("nan"))
 

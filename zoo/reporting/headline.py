@@ -4,7 +4,7 @@ from zoo.reporting.blocks import Block, Box, Missing, MissingError, Text, Tile, 
 from zoo.reporting.run import Run
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.table import with_deviation
-from zoo.verdict.evidence import Evidence
+from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
 
 KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
@@ -29,8 +29,7 @@ def _verdict(run: Run) -> list[Block]:
     """The verdict as a box; nothing for a run that has not finished."""
     if not run.metrics or run.ended_early:
         return []
-    path = str(run.folder / "checkpoints" / "best.ckpt")
-    evidence = Evidence(path, run.config, run.metrics, tuple(map(str, run.overrides)))
+    evidence = evidence_of_run(run.folder, run.config, run.metrics)
     verdict = judge([one.summary for one in run.drives], evidence)
     lines = [*verdict.tracks, verdict.certainty]
     lines += ["Likely causes:"] if verdict.causes else []

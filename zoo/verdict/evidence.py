@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from zoo.checkpoint_path import short_name
+
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 
 
@@ -15,13 +17,14 @@ class Evidence:
     """What is known of a network beside its drives.
 
     Attributes:
-        checkpoint: how to name it in a command: its path, or its run's folder.
+        checkpoint: how to name it in a command: its path, or its run's folder; None where there is
+            none to drive with.
         config: the experiment's, of the checkpoint; another program's may hold anything.
         metrics: its run's `metrics.json`; empty where there is none.
         overrides: what was typed after `python -m zoo`; None where that is not known.
     """
 
-    checkpoint: str
+    checkpoint: str | None
     config: Mapping = field(default_factory=dict)
     metrics: Mapping = field(default_factory=dict)
     overrides: tuple[str, ...] | None = None
@@ -62,7 +65,16 @@ def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:
     """Read what the run of a checkpoint left beside it, as far as it can be read."""
     folder = Path(checkpoint).parent.parent
     metrics = read_json(folder / "metrics.json")
-    return Evidence(str(checkpoint), config, metrics, read_overrides(folder))
+    is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
+    name = short_name(folder if is_best else Path(checkpoint))
+    return Evidence(name, config, metrics, read_overrides(folder))
+
+
+def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
+    """Return the evidence on a run's own best checkpoint, or on its last."""
+    kept = any((folder / "checkpoints" / name).is_file() for name in ("best.ckpt", "last.ckpt"))
+    name = short_name(folder) if kept else None
+    return Evidence(name, config, metrics, read_overrides(folder))
 
 
 def read_json(path: Path) -> dict:

@@ -126,17 +126,19 @@ def _certainty(drives: Sequence[Mapping]) -> str:
 def _commands(
     level: str, evidence: Evidence, causes: Sequence[Cause], tracks: Sequence[str]
 ) -> list[tuple[str, str]]:
-    path = shlex.quote(evidence.checkpoint)
-    track = tracks[0] if tracks else "lake"
-    fixes = [cause.command for cause in causes if cause.command]
-    if level in (ALMOST, FAILS):
-        correct = f"python -m zoo.correct {path} track={shlex.quote(track)}"
-        better = [("train better", fixes[0])] if fixes else []
-        simple = evidence.first_try() if level == FAILS else None
-        sooner = [("or try what drove with other recordings", simple)] if simple else []
-        return [*better, *sooner, ("or let the expert correct it", correct)]
-    sure = f"python -m zoo.evaluate {path} track={shlex.quote(track)} seeds=5"
-    drive = f"python -m zoo.drive {path} drive.sim={shlex.quote(track)}"
-    if level == UNKNOWN:
-        return [("drive it", sure)]
-    return [("how sure is that", sure), ("watch it drive", drive)]
+    """Return what to type next, each with what it is for; the first is what to try first."""
+    fails = level in (ALMOST, FAILS)
+    found = [("train better", cause.command) for cause in causes if cause.command][:1]
+    if level == FAILS and (first_try := evidence.first_try()):
+        found.append(("or try what drove with other recordings", first_try))
+    if evidence.checkpoint is None:
+        return found
+    path, track = shlex.quote(evidence.checkpoint), shlex.quote(tracks[0] if tracks else "lake")
+    if fails:
+        correct = f"python -m zoo.correct {path} track={track}"
+        return [*found, ("or let the expert correct it", correct)]
+    question = "drive it" if level == UNKNOWN else "how sure is that"
+    found.append((question, f"python -m zoo.evaluate {path} track={track} seeds=5"))
+    if level == DRIVES:
+        found.append(("watch it drive", f"python -m zoo.drive {path} drive.sim={track}"))
+    return found
