@@ -5,6 +5,7 @@ import resource
 import socket
 import time
 from collections.abc import Callable, Iterable
+from http import HTTPStatus
 
 import engineio
 import eventlet
@@ -65,6 +66,7 @@ class DriveServer:
             listener.getsockname(),
             self._note_head(guard(socketio.WSGIApp(self.sio, page))),
             log_output=False,
+            protocol=_protocol(driver.notices),
             keepalive=False,
             debug=False,
             socket_timeout=PATIENCE_S,
@@ -219,6 +221,21 @@ def _connection_limit() -> int:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
         return MOST_CONNECTIONS
     return max(soft - OTHER_FILES, 1)
+
+
+def _protocol(notices: Notices) -> type[wsgi.HttpProtocol]:
+    """Return eventlet's reader of requests, which counts the bad ones by their status."""
+
+    class Counted(wsgi.HttpProtocol):
+        def log_message(self, text: str, *values: object) -> None:
+            pass  # two lines on the terminal for each bad request
+
+        def log_error(self, text: str, *values: object) -> None:
+            # "code %d, message %s", or the time that a client took too long.
+            status = int(values[0]) if text.startswith("code") else HTTPStatus.REQUEST_TIMEOUT
+            notices.say(f"a bad HTTP request was refused ({status:d})", text % values)
+
+    return Counted
 
 
 def _logger(notices: Notices) -> logging.Logger:
