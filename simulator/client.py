@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from rich.console import Console
 
+from simulator.bounded_socket import HandshakeSilentError
 from simulator.client_options import ClientOptions, check_options
 from simulator.command_line import read_options
 from simulator.film import Film
@@ -25,6 +26,7 @@ from simulator.world import Start, World, open_world
 RETRY_S = 0.5
 SILENT_S = 5.0  # without a reply, a person wants to know
 LATE_S = 1 / 3  # what a slow computer falls behind by in real time, it does not drive later
+START = "start it with: python -m zoo.drive CKPT"
 REPLIES = {
     "steer": '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]',
     "manual": '42["manual",{}]',
@@ -59,7 +61,7 @@ class Client:
         self.expected = "steer"  # the reply to what was sent last
         self.said: set[str] = set()
         self.began = self.heard = self.next_frame = time.monotonic()
-        self.dropped = self.held = False
+        self.dropped = self.held = self.opened = False
         self.on_frame: list[Callable[[np.ndarray], None]] = []  # called with each frame drawn
         self._frame: tuple[int, np.ndarray] | None = None
 
@@ -86,6 +88,7 @@ class Client:
         """Until the end that the options name; raises ConnectionError when the driver goes."""
         realtime = self.options.clock == "realtime"
         self.waiting, self.heard = 0, time.monotonic()
+        self.opened = self.options.protocol != "legacy"  # else a socket is open before this
         self.emit(socket)  # unasked, as the socket opens; and once more for the OPEN packet
         while not self.finished:
             left = self.next_frame - time.monotonic()
@@ -113,6 +116,7 @@ class Client:
     def take(self, socket: Socket, name: str, data: object) -> None:
         """Obey an event. What the original would swallow ends its loop here too."""
         if name == OPENED:
+            self.opened = True
             self.emit(socket)
             return
         if name == UNREADABLE:
@@ -206,10 +210,19 @@ class Client:
 
     def _say_silence(self) -> None:
         if time.monotonic() - self.heard > SILENT_S:
+            if not self.opened:
+                self.say_no_handshake()
             self.say(
                 f"no reply for {SILENT_S:.0f} s, and the original never asks again; expected: "
                 f"{REPLIES[self.expected]}"
             )
+
+    def say_no_handshake(self) -> None:
+        """Print that something is there, which does not speak as a driver does."""
+        self.say(
+            f"connected to {self.options.url}, but the driver has not answered the handshake for "
+            f"{SILENT_S:.0f} s; is another program on the port? {START}"
+        )
 
     def _drop(self, socket: Socket) -> None:
         if self.world.time >= self.options.drop_at:
@@ -256,10 +269,13 @@ def _drive_until_gone(client: Client) -> None:
     options = client.options
     try:
         socket = _connect(options)
+    except HandshakeSilentError:
+        client.say_no_handshake()
+        client.pause(RETRY_S)
+        return
     except OSError as error:
         there = f" (what listens there says {error})" * isinstance(error, HandshakeRefusedError)
-        start = "start it with: python -m zoo.drive CKPT"
-        client.say(f"waiting for a driver at {options.url}; {start}{there}")
+        client.say(f"waiting for a driver at {options.url}; {START}{there}")
         client.pause(RETRY_S)
         return
     connected, obeyed, dropped = time.monotonic(), client.obeyed, client.dropped

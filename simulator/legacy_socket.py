@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 import websocket
 
+from simulator.bounded_socket import HANDSHAKE_S, BoundedWebSocket
 from simulator.errors import SimulatorError
 
 FRAGMENT_BYTES = 1016
@@ -49,14 +50,16 @@ class LegacySocket:
 
     Raises:
         SimulatorError: a URL that is none.
-        OSError: nobody listens there, or the handshake is refused.
+        OSError: nobody listens there, or the handshake is refused or not answered.
     """
 
     def __init__(self, url: str) -> None:
         address = websocket_address(url)
         try:
             # No Origin: the original sends none, and a driver may refuse strangers' pages by it.
-            self._web = websocket.create_connection(address, timeout=5, suppress_origin=True)
+            self._web = websocket.create_connection(
+                address, timeout=HANDSHAKE_S, class_=BoundedWebSocket, suppress_origin=True
+            )
         except websocket.WebSocketBadStatusException as error:
             raise HandshakeRefusedError(f"HTTP {error.status_code}") from None
         except (websocket.WebSocketException, ssl.SSLError) as error:

@@ -2,6 +2,7 @@
 
 import errno
 import functools
+import secrets
 import signal
 import sys
 from datetime import datetime
@@ -13,7 +14,6 @@ from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.console_progress import loading
-from zoo.driving.origin import is_loopback
 
 if TYPE_CHECKING:
     from eventlet.greenio import GreenSocket
@@ -78,17 +78,22 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         load=load,
         margin_m=settings.margin,
     )
-    server = DriveServer(driver, listener, LivePage(driver), settings.expose)
+    token = secrets.token_urlsafe(16) if settings.expose else None
+    server = DriveServer(driver, listener, LivePage(driver, token=token), settings.expose)
     url = f"http://{local_name(settings.host)}:{server.port}"
     client = EmbeddedClient(settings.sim, url, settings.laps, settings.put_back)
 
     def listening() -> None:
-        if not is_loopback(settings.host):
-            notices.tell(f"warning: every machine that reaches {url} can drive, and watch")
+        if token:
+            notices.tell(
+                f"warning: every machine that reaches {url} can connect a simulator, and watch; "
+                "only the address with the token below works the page's buttons"
+            )
         notices.tell(f"{checkpoint}: {view_line(policy)}")
         waits = "a simulator; Ctrl-C ends the drive"
         notices.tell(f"listening on {url} for {settings.sim or waits}")
-        notices.tell(f"open {url} in a browser to watch")
+        page = f"{url}/?token={token}" if token else url
+        notices.tell(f"open {page} in a browser to watch{' and command' * bool(token)}")
         client.start()
 
     try:

@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Callable
 
+MOST_DETAIL = 300  # characters
+
 
 class Notices:
     """Says a kind's first few events, and counts them all.
@@ -16,15 +18,21 @@ class Notices:
     """
 
     def __init__(self, tell: Callable[[str], None] | None = None) -> None:
-        self.tell = tell or (lambda line: print(line, flush=True))
+        self._tell = tell or (lambda line: print(line, flush=True))
         self.counts: Counter[str] = Counter()
         self._told: Counter[str] = Counter()
+
+    def tell(self, line: str) -> None:
+        """Print a line; control characters that a client sent never reach the terminal."""
+        self._tell(printable(line))
 
     def say(self, kind: str, detail: str = "") -> None:
         """Trouble of some kind: told the first time, with its detail in one line."""
         self.counts[kind] += 1
         if self.counts[kind] == 1:
             detail = " ".join(detail.split())
+            if len(detail) > MOST_DETAIL:
+                detail = f"{detail[:MOST_DETAIL]}..."
             self.tell(f"{kind}{': ' if detail else ''}{detail} (said once, then counted)")
 
     def tell_some(self, kind: str, line: str, most: int = 10) -> None:
@@ -36,3 +44,16 @@ class Notices:
     def count_lines(self) -> list[str]:
         """How often there was trouble of each kind, for the end of a drive."""
         return [f"{count:,} times: {kind}" for kind, count in self.counts.items() if count > 1]
+
+
+def printable(text: str) -> str:
+    """Return a text that cannot command a terminal: all but printable characters are escaped.
+
+    >>> printable("\x1b[2Jis é\u202e")
+    '\\x1b[2Jis é\\u202e'
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode() for one in text
+    )

@@ -6,6 +6,8 @@ from urllib.parse import urlsplit
 
 from zoo.driving.notices import Notices
 
+OWN_SITES = ("same-origin", "none")  # Sec-Fetch-Site of our own page, and of a typed address
+
 
 def is_loopback(host: str) -> bool:
     """Whether only this machine can reach a server that is bound to `host`.
@@ -22,8 +24,10 @@ def is_loopback(host: str) -> bool:
 class OriginGuard:
     """A WSGI middleware that refuses what a page of another site makes a browser ask for.
 
-    A simulator sends no Origin. A browser does, and it must be that of our own page. On loopback
-    the Host must be loopback's, too: a site can give its own name our address (DNS rebinding).
+    A simulator sends no Origin. A browser does, and it must be that of our own page. For a plain
+    image or link it sends none, but Sec-Fetch-Site; another site's may show the page, and open no
+    session. On loopback the Host must be loopback's, too: a site can give its own name our address
+    (DNS rebinding).
 
     Args:
         exposed: the server is meant to be reached under any name.
@@ -38,7 +42,12 @@ class OriginGuard:
         host = environ.get("HTTP_HOST")
         if origin and origin not in (f"http://{host}", f"https://{host}"):
             return False
-        return self.exposed or host is None or is_loopback(urlsplit(f"//{host}").hostname or "")
+        if self.exposed:
+            return True
+        site = environ.get("HTTP_SEC_FETCH_SITE", "none")
+        if site not in OWN_SITES and environ.get("PATH_INFO", "").startswith("/socket.io"):
+            return False
+        return host is None or is_loopback(urlsplit(f"//{host}").hostname or "")
 
     def __call__(self, app: Callable) -> Callable:
         def guarded(environ: dict, start_response: Callable) -> Iterable[bytes]:

@@ -1,11 +1,13 @@
 """The live page of a drive: `static/` in a browser, what it polls, and what its buttons do."""
 
+import hmac
 import json
 import math
 import time
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from pathlib import Path
+from urllib.parse import parse_qs
 
 from datamodules.errors import InputError
 from zoo.checkpoint_path import find_checkpoint
@@ -32,6 +34,7 @@ HEADERS = [
     ),
     ("Cross-Origin-Resource-Policy", "same-origin"),
     ("X-Content-Type-Options", "nosniff"),
+    ("Referrer-Policy", "no-referrer"),  # the address may hold the token
 ]
 
 
@@ -52,10 +55,14 @@ class LivePage:
     Args:
         driver: that is shown, and commanded.
         folder: below which checkpoints are listed.
+        token: must be in the address of a command, `?token=...`; None where only this machine can
+            send one.
     """
 
-    def __init__(self, driver: Driver, folder: Path = Path("outputs")) -> None:
-        self.driver, self.folder = driver, folder
+    def __init__(
+        self, driver: Driver, folder: Path = Path("outputs"), token: str | None = None
+    ) -> None:
+        self.driver, self.folder, self.token = driver, folder, token
         self.loading = ""  # the checkpoint that is being switched to
         self.gaze, self.pace = Gaze(driver), Pace()
         self._files = {
@@ -138,6 +145,10 @@ class LivePage:
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, line) from None
 
     def _command(self, environ: dict) -> tuple[bytes, str]:
+        given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
+        if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):
+            line = "the buttons need the address with ?token=... that the driver printed"
+            raise RequestError(HTTPStatus.FORBIDDEN, line)
         # A form of another site cannot send JSON, nor can its script without being asked for the
         # Origin, which the guard has seen to.
         if environ.get("CONTENT_TYPE", "").partition(";")[0].strip() != "application/json":

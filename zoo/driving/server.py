@@ -5,13 +5,16 @@ import resource
 import socket
 import time
 from collections.abc import Callable, Iterable
+from http import HTTPStatus
 
 import engineio
 import eventlet
 import socketio
 from eventlet import wsgi
 from eventlet.greenio import GreenSocket
+from eventlet.greenthread import GreenThread
 
+from zoo.driving.connections import MOST_CONNECTIONS, Connections
 from zoo.driving.driver import Driver
 from zoo.driving.fast_socket import ENVIRON_KEY
 from zoo.driving.legacy import SimulatorServer
@@ -19,9 +22,10 @@ from zoo.driving.notices import Notices
 from zoo.driving.origin import OriginGuard
 
 BACKLOG = 1024
-MOST_CONNECTIONS = 1024
-OTHER_FILES = 128  # that the process may have open
-# A client that sends no whole request, or no more telemetry and no PONG, is dropped after this.
+CLOSING = 64  # connections that may be on their way out while new ones come
+OTHER_FILES = 128 + CLOSING  # that the process may have open
+TEND_EVERY_S = 1.0
+# A client that sends no more telemetry and no PONG is dropped after this.
 PATIENCE_S = 20.0
 MOST_UNSENT = 64  # replies that a client has not read; the original waits for one or two
 
@@ -60,14 +64,17 @@ class DriveServer:
         self._http = wsgi.Server(
             listener,
             listener.getsockname(),
-            guard(socketio.WSGIApp(self.sio, page)),
+            self._note_head(guard(socketio.WSGIApp(self.sio, page))),
             log_output=False,
+            protocol=_protocol(driver.notices),
             keepalive=False,
             debug=False,
             socket_timeout=PATIENCE_S,
         )
-        self._pool = eventlet.GreenPool(_connection_limit())
-        self._accepting = None
+        most = _connection_limit()
+        self._connections = Connections(most, driver.notices)
+        self._pool = eventlet.GreenPool(most + CLOSING)
+        self._tasks: list[GreenThread] = []
 
     @property
     def port(self) -> int:
@@ -81,7 +88,7 @@ class DriveServer:
         It is asked ten times a second: an exception that a signal raises could land in any
         session's task, and be swallowed there.
         """
-        self._accepting = eventlet.spawn(self._accept)
+        self._tasks = [eventlet.spawn(self._accept), eventlet.spawn(self._tend)]
         eventlet.sleep(0)
         listening()
         while not until():
@@ -89,8 +96,8 @@ class DriveServer:
 
     def close(self) -> None:
         """Take no more connections, and hang up on those there are."""
-        if self._accepting is not None:
-            self._accepting.kill()
+        for task in self._tasks:
+            task.kill()
         self.listener.close()
         for environ in list(self.sio.environ.values()):
             if ENVIRON_KEY in environ:
@@ -106,7 +113,29 @@ class DriveServer:
                 self.driver.notices.say("a connection could not be taken", str(error))
                 eventlet.sleep(0.05)
                 continue
-            self._pool.spawn_n(self._serve, connection, address)
+            host = str(address[0])
+            if not self._connections.make_room(host):
+                connection.close()
+                continue
+            task = self._pool.spawn(self._serve, connection, address)
+            self._connections.add(task, connection, host)
+            eventlet.sleep(0)  # a flood of connections must not keep the others waiting
+
+    def _tend(self) -> None:
+        while True:
+            eventlet.sleep(TEND_EVERY_S)
+            try:
+                self._connections.close_overdue()
+                self.sio.tend()
+            except Exception as error:
+                self.driver.notices.say("tending failed", f"{type(error).__name__}: {error}")
+
+    def _note_head(self, app: WsgiApp) -> WsgiApp:
+        def noted(environ: dict, start_response: Callable) -> Iterable[bytes]:
+            self._connections.head_came(environ)
+            return app(environ, start_response)
+
+        return noted
 
     def _serve(self, connection: GreenSocket, address: object) -> None:
         try:
@@ -117,9 +146,10 @@ class DriveServer:
         except Exception as error:
             self.driver.notices.say("a request failed", f"{type(error).__name__}: {error}")
         finally:
+            self._connections.remove(eventlet.getcurrent())
             connection.close()
 
-    def _connect(self, sid: str, environ: dict) -> None:
+    def _connect(self, sid: str, environ: dict, auth: object = None) -> None:
         self.driver.connect(sid)
 
     def _disconnect(self, sid: str, reason: str) -> None:
@@ -130,6 +160,8 @@ class DriveServer:
         session = self.driver.sessions.get(sid)
         if session is None or self._hung_up(sid):
             return
+        self._connections.telemetry_came()
+        self.sio.heard(self.sio.manager.eio_sid_from_sid(sid, "/"))
         websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
         if websocket is not None:
             began_s = websocket.received_s
@@ -189,6 +221,21 @@ def _connection_limit() -> int:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
         return MOST_CONNECTIONS
     return max(soft - OTHER_FILES, 1)
+
+
+def _protocol(notices: Notices) -> type[wsgi.HttpProtocol]:
+    """Return eventlet's reader of requests, which counts the bad ones by their status."""
+
+    class Counted(wsgi.HttpProtocol):
+        def log_message(self, text: str, *values: object) -> None:
+            pass  # two lines on the terminal for each bad request
+
+        def log_error(self, text: str, *values: object) -> None:
+            # "code %d, message %s", or the time that a client took too long.
+            status = int(values[0]) if text.startswith("code") else HTTPStatus.REQUEST_TIMEOUT
+            notices.say(f"a bad HTTP request was refused ({status:d})", text % values)
+
+    return Counted
 
 
 def _logger(notices: Notices) -> logging.Logger:

@@ -1,5 +1,9 @@
-"""`python -m tests.zoo.driving.serve FOLDER`: the driver, in a process of its own, with a policy
-that needs no torch: it steers by how red the picture is, and fails on purpose."""
+"""`python -m tests.zoo.driving.serve FOLDER [PATIENCE_S]`: the driver, in a process of its own.
+
+Its policy needs no torch: it steers by how red the picture is, and fails on purpose.
+
+At its end it prints how much it holds for its clients; see `Served.held`.
+"""
 
 import contextlib
 import signal
@@ -49,6 +53,12 @@ class Served:
                 return int(line.split()[2].rpartition(":")[2])
         raise AssertionError(f"it did not start: {self.lines}")
 
+    def held(self) -> tuple[int, int]:
+        """Stop it, and return the sessions and the tasks that it held for clients before."""
+        assert self.stop() == 0
+        (line,) = (line for line in self.lines if line.startswith("holds "))
+        return int(line.split()[1]), int(line.split()[4])
+
     def stop(self) -> int:
         """End it as Ctrl-C does; its exit status."""
         if self.process.returncode is None:
@@ -77,8 +87,14 @@ def served(folder: Path, *command: str) -> Iterator[Served]:
         process.wait()
 
 
-def main(folder: str) -> None:
+def main(folder: str, patience_s: str | None = None) -> None:
+    import gc
+
+    from engineio.socket import Socket
+    from eventlet.greenthread import GreenThread
+
     from zoo.drive import StopOnSignal
+    from zoo.driving import connections, polling_sessions
     from zoo.driving.driver import Driver
     from zoo.driving.notices import Notices
     from zoo.driving.scribe import Scribe
@@ -91,10 +107,16 @@ def main(folder: str) -> None:
     driver = Driver(red_policy, Constant(0.2), SteeringFilter(), scribe, notices, record=True)
     server = DriveServer(driver, listen("127.0.0.1", 0))
     tell = f"listening on http://127.0.0.1:{server.port}"
+    if patience_s is not None:
+        connections.HEAD_S = connections.QUIET_S = polling_sessions.QUIET_S = float(patience_s)
     server.serve(lambda: notices.tell(tell), lambda: stop.asked)
+    gc.collect()
+    tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())
+    sessions = sum(isinstance(one, Socket) for one in gc.get_objects())
+    print(f"holds {sessions} sessions and {tasks} tasks", flush=True)
     server.close()
     driver.end(datetime.now())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

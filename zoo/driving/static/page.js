@@ -30,7 +30,7 @@ async function get(path) {
 
 async function send(command) {
   try {
-    const response = await fetch("command", {
+    const response = await fetch(`command${location.search}`, {
       method: "POST",
       headers: { "Content-Type": "application/json" },
       body: JSON.stringify(command),

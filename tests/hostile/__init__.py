@@ -1,0 +1,1 @@
+"""Hostile input: files, sockets and requests that are written to do harm."""

@@ -1,0 +1,258 @@
+"""`python -m simulator client` and servers that are no driver, or a hostile one."""
+
+import base64
+import contextlib
+import hashlib
+import io
+import resource
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from simulator import bounded_socket
+from simulator import client as client_module
+from simulator.bounded_socket import MAX_MESSAGE, HandshakeSilentError
+from simulator.client import Client, ClientOptions
+from simulator.legacy_socket import OPENED, LegacySocket
+from simulator.modern_socket import ModernSocket
+from simulator.world import open_world
+from tests.simulator.drivers import GUID, make_frame
+
+OPEN = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":60000}'
+SEND_MOST = 64 << 20  # bytes that a hostile server sends at most
+
+
+@contextlib.contextmanager
+def serving(talk: Callable[[socket.socket], None]) -> Iterator[str]:
+    """A server's URL; `talk` has each connection to itself, in a thread."""
+
+    def run(connection: socket.socket) -> None:
+        with connection, contextlib.suppress(OSError):
+            talk(connection)
+
+    def accept() -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=run, args=(connection,), daemon=True).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=accept, daemon=True).start()
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        listener.shutdown(socket.SHUT_RDWR)
+
+
+def shake_hands(connection: socket.socket) -> None:
+    request = b""
+    while not request.endswith(b"\r\n\r\n"):
+        request += connection.recv(4096)
+    lines = request.split(b"\r\n")
+    key = next(one for one in lines if one.lower().startswith(b"sec-websocket-key")).split()[1]
+    accept = base64.b64encode(hashlib.sha1(key + GUID).digest())
+    connection.sendall(
+        b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Accept: " + accept + b"\r\n\r\n"
+    )
+
+
+def wait(connection: socket.socket) -> None:
+    """Read, and answer nothing."""
+    while connection.recv(1 << 16):
+        pass
+
+
+def trickle(connection: socket.socket) -> None:
+    """Send a response's head that has no end, a byte at a time."""
+    connection.sendall(b"HTTP/1.1 101 Switching Protocols\r\nX: ")
+    for _ in range(600):
+        connection.sendall(b"x")
+        time.sleep(0.02)
+
+
+def open_and(send: Callable[[socket.socket], None]) -> Callable[[socket.socket], None]:
+    def talk(connection: socket.socket) -> None:
+        shake_hands(connection)
+        connection.sendall(make_frame(OPEN))
+        send(connection)
+
+    return talk
+
+
+def endless_frame(length: int, opcode: int = 1) -> Callable[[socket.socket], None]:
+    def send(connection: socket.socket) -> None:
+        connection.sendall(bytes([0x80 | opcode, 127]) + struct.pack(">Q", length))
+        for _ in range(SEND_MOST >> 16):
+            connection.sendall(b"a" * (1 << 16))
+        wait(connection)
+
+    return send
+
+
+def endless_fragments(connection: socket.socket) -> None:
+    connection.sendall(b"\x01\x01a")
+    for _ in range(SEND_MOST >> 15):
+        connection.sendall(b"\x00\x7e" + struct.pack(">H", 1 << 15) + b"a" * (1 << 15))
+    wait(connection)
+
+
+TOO_LONG = {
+    "a frame of 1 TB": endless_frame(1 << 40),
+    "a binary frame of 1 TB": endless_frame(1 << 40, 2),
+    "a PING of 1 TB": endless_frame(1 << 40, 9),
+    "a frame of 2 MB": endless_frame(2 << 20),
+    "a message without an end": endless_fragments,
+}
+
+
+def first_events(link: LegacySocket | ModernSocket, seconds: float = 10) -> None:
+    ends = time.monotonic() + seconds
+    while time.monotonic() < ends:
+        link.events(0.25)
+    raise AssertionError("the connection was kept")
+
+
+@pytest.mark.parametrize("name", TOO_LONG)
+def test_a_message_beyond_the_limit_ends_the_connection(name: str) -> None:
+    with serving(open_and(TOO_LONG[name])) as url:
+        link = LegacySocket(url)
+        with contextlib.closing(link), pytest.raises(ConnectionError, match=f"{MAX_MESSAGE:,}"):
+            first_events(link)
+
+
+def test_the_modern_socket_has_the_same_limit() -> None:
+    def send(connection: socket.socket) -> None:
+        connection.recv(4096)
+        connection.sendall(make_frame('40{"sid":"y"}'))
+        endless_frame(1 << 40)(connection)
+
+    with serving(open_and(send)) as url:
+        link = ModernSocket(url)
+        with pytest.raises(ConnectionError):
+            first_events(link)
+
+
+@pytest.mark.parametrize("flood", [b"\x01\x7e\xff\xff", b"\x89\x00" * 100], ids=["frame", "PINGs"])
+def test_a_server_that_never_ends_a_message_does_not_hold_it_up(flood: bytes) -> None:
+    def send(connection: socket.socket) -> None:
+        for _ in range(2_000):
+            connection.sendall(flood)
+            time.sleep(0.002)
+            if flood[0] == 1:
+                break
+        for _ in range(500):
+            connection.sendall(b"a")
+            time.sleep(0.01)
+
+    with serving(open_and(send)) as url, contextlib.closing(LegacySocket(url)) as link:
+        assert link.events(2) == [(OPENED, None)]
+        calls = 0
+        for _ in range(3):  # none of them returns while something comes, without a limit
+            calls += link.events(0.1) == []
+    assert calls == 3
+
+
+# --- handshakes that are not answered ---
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (bounded_socket, sys.modules[LegacySocket.__module__]):
+        monkeypatch.setattr(module, "HANDSHAKE_S", 0.3)
+    monkeypatch.setattr(sys.modules[ModernSocket.__module__], "HANDSHAKE_S", 0.3)
+    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
+    monkeypatch.setattr(client_module, "RETRY_S", 0.01)
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("talk", [wait, trickle])
+@pytest.mark.parametrize("kind", [LegacySocket, ModernSocket])
+def test_a_handshake_without_an_answer_is_given_up(kind: type, talk: Callable) -> None:
+    with serving(talk) as url, pytest.raises(HandshakeSilentError):
+        kind(url)
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("sent", [OPEN, ""])
+def test_a_modern_session_that_is_not_opened_is_given_up(sent: str) -> None:
+    def talk(connection: socket.socket) -> None:
+        shake_hands(connection)
+        if sent:
+            connection.sendall(make_frame(sent))
+        wait(connection)
+
+    with serving(talk) as url, pytest.raises(HandshakeSilentError):
+        ModernSocket(url)
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("rubbish", ["0", "0[]", "0{}", "hello", '0{"sid":1,"upgrades":2}'])
+def test_rubbish_for_an_open_packet_is_a_connection_that_failed(rubbish: str) -> None:
+    def talk(connection: socket.socket) -> None:
+        shake_hands(connection)
+        connection.sendall(make_frame(rubbish))
+        wait(connection)
+
+    with serving(talk) as url, pytest.raises(ConnectionError):
+        ModernSocket(url)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_it_says_so_and_tries_again() -> None:
+    connections = []
+
+    def talk(connection: socket.socket) -> None:
+        connections.append(connection)
+        if len(connections) == 3:
+            shake_hands(connection)  # and no OPEN packet
+        wait(connection)
+
+    console = Console(record=True, width=400, file=io.StringIO())
+    with serving(talk) as url:
+        client = Client(open_world("lake", quality="simple"), ClientOptions(url=url), console)
+        for _ in range(2):
+            client_module._drive_until_gone(client)
+        threading.Timer(1, lambda: connections[2].shutdown(socket.SHUT_RDWR)).start()
+        client_module._drive_until_gone(client)
+    said = console.export_text()
+    assert said.count("has not answered the handshake") == 1
+    assert url in said
+    assert "another program on the port" in said
+    assert len(connections) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["waits", "1 TB"])
+def test_the_command_says_so_and_ends_with_ctrl_c_in_little_memory(name: str) -> None:
+    talk, words = {
+        "waits": (wait, "has not answered the handshake"),
+        "1 TB": (open_and(TOO_LONG["a frame of 1 TB"]), "the connection is gone"),
+    }[name]
+    with serving(talk) as url:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "simulator", "client", f"url={url}", "quality=simple"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            cwd=Path(__file__).parents[2],
+        )
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (60, 60))
+        for line in process.stdout:
+            if words in line:
+                break
+        else:
+            raise AssertionError("it ended without the line")
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, out
+    assert "Traceback" not in out

@@ -1,0 +1,88 @@
+"""Images that are small to send and take long to decode are answered, and not decoded."""
+
+import io
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.zoo.driving.old_client import OldClient, telemetry
+from tests.zoo.driving.serve import Served, picture
+from zoo.driving import telemetry as telemetry_module
+from zoo.driving.telemetry import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
+
+RED = picture((204, 0, 0))  # steering 0.8
+FINE = {"steering_angle": "0.8000", "throttle": "0.2000"}
+AGAIN = {"steering_angle": "0.8000", "throttle": "-0.2000"}
+
+
+def many_scans(scans: int, size: int = 320) -> bytes:
+    """A progressive JPEG whose last scan is repeated, which costs a pass over all pixels each."""
+    buffer = io.BytesIO()
+    Image.new("RGB", (size, size), (204, 0, 0)).save(buffer, "JPEG", progressive=True)
+    plain = buffer.getvalue()
+    last = plain[plain.rindex(b"\xff\xda") : -2]
+    return plain[:-2] + last * scans + plain[-2:]
+
+
+def padded(size: int) -> bytes:
+    """A JPEG with comments up to a size."""
+    comment = b"\xff\xfe\xff\xff" + bytes(65533)
+    return RED[:2] + comment * (size // len(comment) + 1) + RED[2:]
+
+
+def png_bomb(width: int, height: int) -> bytes:
+    """A PNG of one colour that is far smaller than its pixels."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        check = struct.pack(">I", zlib.crc32(kind + data))
+        return struct.pack(">I", len(data)) + kind + data + check
+
+    pixels = zlib.compress(bytes((width // 8 + 1) * height), 9)
+    head = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    chunks = chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + chunks
+
+
+HOSTILE = {
+    "10,796 scans": (many_scans(10_796), "scans"),
+    "one scan too many": (many_scans(MAX_SCANS - 9), "scans"),
+    "4096 x 4096 JPEG": (picture((204, 0, 0), 4096, 4096), "4096 x 4096"),
+    "4096 x 4096 PNG": (png_bomb(4096, 4096), "4096 x 4096"),
+    "1.1 MB": (padded(1_100_000), "bytes"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_an_image_that_costs_too_much_is_answered_as_rubbish(driver: Served, name: str) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED, speed="9.0000")
+        assert client.reply() == ("steer", FINE)
+        client.telemetry(jpeg=HOSTILE[name][0], speed="9.0000")
+        assert client.reply() == ("steer", AGAIN)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_it_is_refused_before_it_is_decoded(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(telemetry_module, "decode_image", None)
+    jpeg, words = HOSTILE[name]
+    with pytest.raises(TelemetryError, match=words) as error:
+        read_telemetry(telemetry(jpeg=jpeg))
+    assert error.value.kind == "image cannot be read"
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 480), (1280, 720)])
+@pytest.mark.parametrize("kind", [".jpg", ".png"])
+def test_other_simulators_images_are_decoded(width: int, height: int, kind: str) -> None:
+    noise = np.random.default_rng(0).integers(0, 60, (height, width, 3), np.uint8)
+    smooth = cv2.blur(noise, (15, 15))
+    image = cv2.imencode(kind, smooth)[1].tobytes()
+    assert len(image) < MAX_IMAGE_BYTES
+    assert read_telemetry(telemetry(jpeg=image)).frame.shape == (160, 320, 3)
+
+
+def test_a_plain_progressive_jpeg_is_decoded() -> None:
+    assert read_telemetry(telemetry(jpeg=many_scans(0))).frame.shape == (160, 320, 3)

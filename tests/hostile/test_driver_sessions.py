@@ -1,0 +1,275 @@
+"""Sessions and connections that are opened and left: none keeps a simulator out or stays in memory,
+and no message silences a session for good."""
+
+import contextlib
+import json
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+import socketio
+
+from tests.zoo.driving.old_client import OldClient, telemetry
+from tests.zoo.driving.serve import Served, picture, served
+from zoo.driving.connections import MOST_PER_ADDRESS
+from zoo.driving.polling_sessions import MOST_QUIET
+
+RED = picture((204, 0, 0))  # steering 0.8
+FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
+RUBBISH = ("steer", {"steering_angle": "0", "throttle": "0"})
+HANDSHAKE = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n%s\r\n"
+TELEMETRY = json.dumps(["telemetry", telemetry(jpeg=RED)])
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[Served]:
+    """A driver of this test's own."""
+    with served(tmp_path / "drive") as process:
+        yield process
+
+
+@pytest.fixture
+def impatient(tmp_path: Path) -> Iterator[Served]:
+    """A driver that waits half a second for a request's head, and for a session's telemetry."""
+    with served(
+        tmp_path / "drive", "tests.zoo.driving.serve", str(tmp_path / "drive"), "0.5"
+    ) as it:
+        yield it
+
+
+def poll(port: int, headers: bytes = b"") -> bytes:
+    """The answer to a handshake of long polling."""
+    with socket.create_connection(("127.0.0.1", port), 10) as connection:
+        connection.sendall(HANDSHAKE % headers)
+        answer = b""
+        while more := connection.recv(4096):
+            answer += more
+    return answer
+
+
+def hold(port: int, count: int, sent: bytes = b"GET / HT") -> list[socket.socket]:
+    """Half-open connections: each sent the beginning of a request, and waits."""
+    connections = []
+    for _ in range(count):
+        connections.append(socket.create_connection(("127.0.0.1", port), 10))
+        with contextlib.suppress(OSError):
+            connections[-1].sendall(sent)
+    return connections
+
+
+def closed(connection: socket.socket, timeout_s: float = 5) -> bool:
+    """Whether the driver closes a connection."""
+    connection.settimeout(timeout_s)
+    try:
+        while connection.recv(4096):
+            pass
+    except TimeoutError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def assert_drives(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED)
+        assert client.reply() == FINE
+
+
+# --- what is opened and left ---
+
+
+def test_polling_sessions_without_telemetry_are_freed(fresh: Served) -> None:
+    with OldClient(fresh.port) as steady:
+        for turn in range(4 * MOST_QUIET):
+            assert b"200 OK" in poll(fresh.port)
+            if turn % 50 == 0:
+                steady.telemetry(jpeg=RED)
+                assert steady.reply() == FINE
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE
+        sessions, tasks = fresh.held()
+    assert sessions <= 2 * MOST_QUIET + 1, "engineio goes through a copy of its table"
+    assert tasks < 16, "none for each session"
+
+
+def test_sessions_end_without_telemetry_and_leave_nothing(impatient: Served) -> None:
+    quiet = [OldClient(impatient.port) for _ in range(20)]
+    for _ in range(20):
+        poll(impatient.port)
+    for client in quiet:
+        assert closed(client.socket)
+    time.sleep(2)
+    sessions, tasks = impatient.held()
+    assert sessions <= 1, "the last one, in a local variable"
+    assert tasks < 16
+
+
+def test_a_session_that_drives_is_not_ended(impatient: Served) -> None:
+    with OldClient(impatient.port) as client:
+        client.telemetry(jpeg=RED)
+        assert client.reply() == FINE
+        assert client.silent_for(2)
+        client.telemetry(jpeg=RED)
+        assert client.reply() == FINE
+
+
+def test_a_client_of_today_is_driven_beyond_the_patience(impatient: Served) -> None:
+    for transports in (["polling"], ["polling", "websocket"]):
+        client = socketio.SimpleClient()
+        client.connect(f"http://127.0.0.1:{impatient.port}", transports=transports)
+        for _ in range(2):
+            client.emit("telemetry", telemetry(jpeg=RED))
+            assert client.receive(5)[0] == "steer"
+            time.sleep(1.5)
+        client.disconnect()
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_handshakes(fresh: Served) -> None:
+    process = psutil.Process(fresh.process.pid)
+    for _ in range(500):
+        poll(fresh.port)
+    before = process.memory_info().rss
+    ends = time.monotonic() + 30
+    for _ in range(10_000):
+        poll(fresh.port)
+        if time.monotonic() > ends:
+            break
+    assert process.memory_info().rss - before < 30 << 20
+    assert_drives(fresh)
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        (b"", b"200"),
+        (b"Sec-Fetch-Site: same-origin\r\n", b"200"),
+        (b"Sec-Fetch-Site: none\r\n", b"200"),
+        (b"Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: no-cors\r\n", b"403"),
+        (b"Sec-Fetch-Site: same-site\r\nSec-Fetch-Mode: no-cors\r\n", b"403"),
+        (b"Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n", b"403"),
+    ],
+)
+def test_a_page_of_another_site_opens_no_session(
+    driver: Served, headers: bytes, status: bytes
+) -> None:
+    assert poll(driver.port, headers).split()[1] == status
+
+
+# --- connections that are held ---
+
+
+def test_half_open_connections_keep_no_simulator_out(fresh: Served) -> None:
+    with OldClient(fresh.port) as steady:
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE
+        held = hold(fresh.port, 1_100)
+        with OldClient(fresh.port, timeout_s=5) as late:
+            late.telemetry(jpeg=RED)
+            assert late.reply() == FINE
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE, "it drives, and is not closed for others"
+        assert closed(held[0]), "the oldest goes first"
+    for connection in held:
+        connection.close()
+
+
+def test_websockets_without_telemetry_keep_no_simulator_out(fresh: Served) -> None:
+    held = [OldClient(fresh.port, timeout_s=10) for _ in range(MOST_PER_ADDRESS + 20)]
+    assert_drives(fresh)
+    assert closed(held[0].socket)
+    for client in held:
+        client.socket.close()
+
+
+def test_a_request_whose_head_never_ends_is_closed(impatient: Served) -> None:
+    (connection,) = hold(impatient.port, 1)
+    for _ in range(40):  # a byte at a time, so that no single wait is long
+        with contextlib.suppress(OSError):
+            connection.sendall(b"x")
+        time.sleep(0.1)
+        if closed(connection, 0.01):
+            return
+    raise AssertionError("it is open after 4 s")
+
+
+# --- messages that silence a session ---
+
+GOOD_BINARY = json.dumps(["telemetry", telemetry(image={"_placeholder": True, "num": 0})])
+FIRST = {
+    "rubbish": (["4hello"], None),
+    "no packet": (["4"], None),
+    "an object": (["42{}"], None),
+    "another namespace": (["40/other,"], None),
+    "a binary message": ([b"\x00\x01"], None),
+    "an event with an id": (["420" + TELEMETRY], FINE),
+    "spaces": (['42 [ "telemetry", {}]'], RUBBISH),
+    "an id that is too long": (["42" + "9" * 200 + TELEMETRY], RUBBISH),
+    "a CONNECT with broken JSON": (['40{"token":'], None),
+    "no attachment": (["450-" + TELEMETRY], RUBBISH),
+    "too many attachments": (["45999999999-" + TELEMETRY], RUBBISH),
+    "an attachment that never comes": (["451-" + GOOD_BINARY, "42" + TELEMETRY], RUBBISH),
+}
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_no_first_message_silences_a_session(driver: Served, name: str) -> None:
+    packets, reply = FIRST[name]
+    with OldClient(driver.port) as client:
+        for packet in packets:
+            client.send_frame(2, packet) if isinstance(packet, bytes) else client.send(packet)
+        if reply is not None:
+            assert client.reply() == reply
+        if len(packets) > 1:
+            assert client.reply() == FINE
+        client.telemetry(jpeg=RED)
+        assert client.reply()[0] == "steer"
+        assert client.silent_for(0.05)
+
+
+@pytest.mark.parametrize("number", [1, -5, "x", None, 1e9])
+def test_a_bad_placeholder_is_answered_and_forgotten(driver: Served, number: object) -> None:
+    event = json.dumps(["telemetry", telemetry(image={"_placeholder": True, "num": number})])
+    with OldClient(driver.port) as client:
+        client.send("451-" + event)
+        client.send_frame(2, RED)
+        assert client.reply() == RUBBISH
+        client.telemetry(jpeg=RED)
+        assert client.reply() == FINE
+        client.send("451-" + GOOD_BINARY)
+        client.send_frame(2, RED)
+        assert client.reply() == FINE
+
+
+def test_an_attachment_beyond_the_limit_is_answered(driver: Served) -> None:
+    with OldClient(driver.port, timeout_s=10) as client:
+        client.send("451-" + GOOD_BINARY)
+        client.send_frame(2, bytes(5_000_000))
+        assert float(client.reply()[1]["steering_angle"]) == 0
+        client.telemetry(jpeg=RED)
+        assert client.reply() == FINE
+
+
+def test_a_packet_that_is_none_ends_the_session(fresh: Served) -> None:
+    for packet in ("", "x", "bA"):
+        with OldClient(fresh.port) as client:
+            client.send(packet)
+            assert closed(client.socket)
+    time.sleep(0.2)
+    assert fresh.held()[0] <= 1, "the last one, in a local variable"
+
+
+@pytest.mark.parametrize("auth", [{"token": "x"}, {}, ["x"], "x"])
+@pytest.mark.parametrize("transports", [["polling", "websocket"], ["websocket"]])
+def test_a_client_of_today_with_auth_is_driven(
+    driver: Served, auth: object, transports: list[str]
+) -> None:
+    client = socketio.SimpleClient()
+    client.connect(f"http://127.0.0.1:{driver.port}", auth=auth, transports=transports)
+    client.emit("telemetry", telemetry(jpeg=RED))
+    assert tuple(client.receive(5)) == FINE
+    client.disconnect()
