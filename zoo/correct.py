@@ -19,6 +19,7 @@ from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.console_progress import loading
 from zoo.options import shown_help
+from zoo.saved_config import TRUST, split_trust
 from zoo.status import StoppedError
 
 if TYPE_CHECKING:
@@ -193,7 +194,8 @@ def _trainable(
         )
     checkpoint = load_checkpoint(path)
     check_throttle(Policy(checkpoint), options.throttle)
-    return checkpoint, own_config(checkpoint, overrides)
+    _, trusted = split_trust([f"{TRUST}={options.trust}"])
+    return checkpoint, own_config(checkpoint, overrides, path, trusted)
 
 
 def _source(

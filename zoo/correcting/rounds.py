@@ -14,7 +14,7 @@ from zoo.correcting.options import CorrectOptions
 from zoo.scoring.table import read_figures, with_deviation
 
 NAME = "correct.json"
-MAY_CHANGE = ("rounds", "workers", "out", "enough_m")  # from one start to the next
+MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")  # from one start to the next
 
 
 @dataclass(frozen=True)
