@@ -1,10 +1,12 @@
 """A run's checkpoint files: written whole or not at all, read wherever the folder was moved to."""
 
 import io
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
+
+from datamodules.errors import InputError
 
 
 class CheckpointFiles(TorchCheckpointIO):
@@ -37,7 +39,11 @@ class CheckpointFiles(TorchCheckpointIO):
     def load_checkpoint(self, path: str | Path, *args: object, **more: object) -> dict:
         """Read a checkpoint; the paths in its callbacks' states are those of its folder now.
 
-        Lightning keeps absolute paths, and forgets the best score where they have changed.
+        Lightning keeps absolute paths, and forgets the best score where they have changed. It also
+        removes the file that a state calls the worst, when there is a better one.
+
+        Raises:
+            InputError: a path in a callback's state leads out of the checkpoint's folder.
         """
         checkpoint = super().load_checkpoint(path, *args, **more)
         now = str(Path(path).parent)
@@ -45,7 +51,19 @@ class CheckpointFiles(TorchCheckpointIO):
             before = state.get("dirpath") if isinstance(state, dict) else None
             if before:
                 state.update(_moved(state, str(before), now))
+                _check_paths(state, Path(path))
         return checkpoint
+
+
+def _check_paths(state: dict, path: Path) -> None:
+    named = [value for key, value in state.items() if key.endswith("_model_path")]
+    for one in [*named, *(state.get("best_k_models") or ())]:
+        place = PurePath(str(one))
+        if one and (".." in place.parts or not place.is_relative_to(path.parent)):
+            raise InputError(
+                f"{path}: a callback's state names {str(one)!r:.200}, outside of its folder; start "
+                f"a new run with model.weights={path}"
+            )
 
 
 def _moved(value: object, before: str, now: str) -> object:

@@ -209,7 +209,7 @@ def find_refusals(
         raise InputError(f"{source}: cannot be resolved ({_line(error)}); restore it") from None
     for keys, value in _walk(plain):
         reason, name = _refused(keys, value, plain)
-        if reason and keys not in typed and name not in trusted:
+        if reason and keys not in typed and not {name, ".".join(keys)} & set(trusted):
             yield Refusal(".".join(keys), value, reason, name)
 
 

@@ -123,7 +123,7 @@ def test_a_class_that_no_run_has_there_is_refused_wherever_it_stands(key: str) -
         ("loss._target_", 5),
         ("loss.delta", "${oc.env:HOME}"),
         ("loss.delta", "${oc.decode:'[1]'}"),
-        ("loss.delta", "${a.${oc.env:HOME}}"),
+        ("loss.delta", "${data.${oc.env:NO,root}}"),
         ("model._target_", "zoo.models.layers.nn.Sequential"),
         ("callbacks.best.filename", "../../stranger"),
         ("callbacks.best.filename", "/etc/stranger"),
@@ -289,7 +289,7 @@ def write_sweep(folder: Path, arguments: list[str]) -> Path:
     [
         ("+loss.x._target_=os.system", "os.system"),
         ("loss._target_=torch.load,torch.nn.MSELoss", "torch.load"),
-        ("loss.x='${oc.env:HOME}'", "loss.x"),
+        ("+loss.x='${oc.env:HOME}'", "loss.x"),
         ("hydra.launcher._target_=os.system", "hydra.launcher._target_"),
         ("+hydra.callbacks.x._target_=os.system", "hydra.callbacks.x._target_"),
         ("hydra.searchpath=[file:///tmp]", "hydra.searchpath"),
