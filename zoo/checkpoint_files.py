@@ -7,6 +7,7 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 
 from datamodules.errors import InputError
+from zoo.whole_file import write_whole
 
 
 class CheckpointFiles(TorchCheckpointIO):
@@ -25,16 +26,10 @@ class CheckpointFiles(TorchCheckpointIO):
             OSError: cannot write it; the file that was there before is kept.
         """
         path = Path(path)
-        part = path.with_name(f"{path.name}.part")
         contents = io.BytesIO()
         torch.save(checkpoint, contents)
-        try:
-            path.parent.mkdir(exist_ok=True)
-            part.write_bytes(contents.getbuffer())
-            part.replace(path)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise OSError(error.errno, error.strerror, str(path)) from error
+        path.parent.mkdir(exist_ok=True)
+        write_whole(path, contents.getbuffer())
 
     def load_checkpoint(self, path: str | Path, *args: object, **more: object) -> dict:
         """Read a checkpoint; the paths in its callbacks' states are those of its folder now.

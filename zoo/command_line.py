@@ -9,15 +9,22 @@ from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
 from zoo.config import explain
+from zoo.forgiving_output import ForgivingOutput
 from zoo.status import StoppedError
 
 
 def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
-    """Call `command(arguments)`; its user's errors become one line each and the exit status."""
+    """Call `command(arguments)`; its user's errors become one line each and the exit status.
+
+    What cannot be printed ends no command: a line at its end names the reason.
+    """
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
     failure: Exception | None = None
+    before, output = sys.stdout, ForgivingOutput(sys.stdout)
+    sys.stdout = output
     try:
         command(arguments)
+        output.flush()
     except (InputError, StoppedError) as error:
         failure = error
     except (HydraException, OmegaConfBaseException) as error:
@@ -30,6 +37,13 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         if error.strerror is None:
             raise
         failure = InputError(f"{error.filename or 'a file'}: {error.strerror}")
+    finally:
+        sys.stdout = before
+    if failure is None and output.failure is not None:
+        failure = InputError(
+            f"standard output: {output.failure.strerror}; all was done, but not all of it printed: "
+            "write it to a place with room"
+        )
     if failure is None:
         return 0
     print(f"{name}: {' '.join(str(failure).split())}", file=sys.stderr)

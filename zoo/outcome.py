@@ -30,6 +30,7 @@ from zoo.scoring.tracks import RunScore, score_run
 from zoo.steering_module import SteeringModule
 from zoo.verdict.evidence import Evidence, read_overrides
 from zoo.verdict.judgement import judge, print_verdict
+from zoo.whole_file import write_whole
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
@@ -120,7 +121,7 @@ def report_outcome(
     )
     verdict = judge(drive["drives"] if drive else [], evidence)
     metrics["verdict"] = verdict.plain()
-    (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
+    write_whole(folder / "metrics.json", json.dumps(_without_nan(metrics), indent=2))
     if seconds:
         console.print(
             f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
@@ -130,8 +131,8 @@ def report_outcome(
     try:
         with working("writing the report", console):
             page = str(write_report(folder))
-    except InputError as error:
-        page = f"no report: {error}"
+    except Exception as error:  # of whatever kind: no training is lost for its report
+        page = f"no report: {' '.join(str(error).split()) or type(error).__name__}"
     best_path = folder / "checkpoints" / "best.ckpt"
     for line in [best_path, page] if best_path.is_file() else [page]:
         console.print(str(line), highlight=False, markup=False)

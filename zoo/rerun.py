@@ -19,6 +19,7 @@ from zoo.config import escape_interpolation
 from zoo.options import read_arguments
 from zoo.saved_config import TRUST, check_saved_config, read_saved_config, split_trust
 from zoo.status import StoppedError
+from zoo.whole_file import refuse_links_out
 
 USAGE = "python -m zoo.rerun RUN [out=FOLDER trust=CLASS]"
 # What a run comes to; how long it took is the machine's affair.
@@ -77,6 +78,7 @@ def rerun(arguments: list[str]) -> None:
         raise InputError(
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
         )
+    refuse_links_out(run)
     then = json.loads((run / "metrics.json").read_text())
     stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
     out = Path(options.out or f"outputs/reruns/{stamp}").resolve()

@@ -18,6 +18,7 @@ from zoo.saved_config import (
     split_trust,
 )
 from zoo.status import read_metrics, read_status
+from zoo.whole_file import refuse_links_out
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -41,6 +42,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
             "trainer.max_epochs=60, or start a new run"
         )
+    refuse_links_out(folder)
     saved = read_saved_config(saved_path)
     config, typed = _overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)

@@ -23,6 +23,7 @@ from zoo.sweeping import record as records
 from zoo.sweeping.job import DONE, run_job
 from zoo.sweeping.saved_sweep import SavedSweep, check_overrides, resumed_from
 from zoo.sweeping.summary import conclude
+from zoo.whole_file import refuse_links_out
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="
@@ -71,6 +72,7 @@ def go_on(folder: Path, more: list[str]) -> None:
         InputError, StoppedError: see `sweep`; also where `more` says what is trained, the folder
             asks for what it must not, or the recordings have changed.
     """
+    refuse_links_out(folder)
     record = records.read_record(folder)
     more, trusted = split_trust(more)
     saved = SavedSweep(folder / records.NAME, trusted)
