@@ -1,6 +1,5 @@
 """Checkpoints: self-contained, plain containers only, and read without running what is in them."""
 
-import importlib
 import pickle
 import zipfile
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from torch import Tensor, nn
 from datamodules.errors import InputError
 from datamodules.view import View
 from zoo.checkpoint_path import find_checkpoint as find_checkpoint
+from zoo.saved_config import ALLOWED, own_class
 
 FORMAT = 1
 PREFIX = "network."  # how the LightningModule calls the network in its state
@@ -180,22 +180,18 @@ def check_fit(
 
 
 def make_network(model: dict, view: View) -> nn.Module:
-    """The network that a model's config names, for a view. Its `_target_` must be in `zoo.models`:
-    a config can come from a stranger's checkpoint, and must not name any callable there is.
+    """Return the network that a model's config names, for a view.
+
+    Its `_target_` must be in `zoo.models`: a config can come from a stranger's checkpoint, and must
+    not name any callable there is.
 
     Raises:
         InputError: a target that is no network of the zoo, or settings that it refuses.
     """
-    target = str(model.get("_target_"))
-    module_name, _, class_name = target.rpartition(".")
-    network_class = None
-    if module_name.startswith("zoo.models."):
-        try:
-            network_class = getattr(importlib.import_module(module_name), class_name, None)
-        except ImportError:
-            network_class = None
-    if not (isinstance(network_class, type) and issubclass(network_class, nn.Module)):
-        raise InputError(f"model._target_={target} is no network of zoo.models")
+    target = model.get("_target_")
+    network_class = own_class(target, ALLOWED["model",].own)
+    if network_class is None or not issubclass(network_class, nn.Module):
+        raise InputError(f"model._target_={target!s:.200} is no network of zoo.models")
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
     try:

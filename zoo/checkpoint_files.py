@@ -1,10 +1,13 @@
 """A run's checkpoint files: written whole or not at all, read wherever the folder was moved to."""
 
 import io
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
+
+from datamodules.errors import InputError
+from zoo.whole_file import write_whole
 
 
 class CheckpointFiles(TorchCheckpointIO):
@@ -23,21 +26,19 @@ class CheckpointFiles(TorchCheckpointIO):
             OSError: cannot write it; the file that was there before is kept.
         """
         path = Path(path)
-        part = path.with_name(f"{path.name}.part")
         contents = io.BytesIO()
         torch.save(checkpoint, contents)
-        try:
-            path.parent.mkdir(exist_ok=True)
-            part.write_bytes(contents.getbuffer())
-            part.replace(path)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise OSError(error.errno, error.strerror, str(path)) from error
+        path.parent.mkdir(exist_ok=True)
+        write_whole(path, contents.getbuffer())
 
     def load_checkpoint(self, path: str | Path, *args: object, **more: object) -> dict:
         """Read a checkpoint; the paths in its callbacks' states are those of its folder now.
 
-        Lightning keeps absolute paths, and forgets the best score where they have changed.
+        Lightning keeps absolute paths, and forgets the best score where they have changed. It also
+        removes the file that a state calls the worst, when there is a better one.
+
+        Raises:
+            InputError: a path in a callback's state leads out of the checkpoint's folder.
         """
         checkpoint = super().load_checkpoint(path, *args, **more)
         now = str(Path(path).parent)
@@ -45,7 +46,19 @@ class CheckpointFiles(TorchCheckpointIO):
             before = state.get("dirpath") if isinstance(state, dict) else None
             if before:
                 state.update(_moved(state, str(before), now))
+                _check_paths(state, Path(path))
         return checkpoint
+
+
+def _check_paths(state: dict, path: Path) -> None:
+    named = [value for key, value in state.items() if key.endswith("_model_path")]
+    for one in [*named, *(state.get("best_k_models") or ())]:
+        place = PurePath(str(one))
+        if one and (".." in place.parts or not place.is_relative_to(path.parent)):
+            raise InputError(
+                f"{path}: a callback's state names {str(one)!r:.200}, outside of its folder; start "
+                f"a new run with model.weights={path}"
+            )
 
 
 def _moved(value: object, before: str, now: str) -> object:

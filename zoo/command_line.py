@@ -5,17 +5,24 @@ import sys
 from collections.abc import Callable
 
 from datamodules.errors import InputError
+from zoo.forgiving_output import ForgivingOutput
 from zoo.status import StoppedError
 
 # Hydra takes a third of a second to import, in which Ctrl-C would print a trace.
 
 
 def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
-    """Call `command(arguments)`; its user's errors become one line each and the exit status."""
+    """Call `command(arguments)`; its user's errors become one line each and the exit status.
+
+    What cannot be printed ends no command: a line at its end names the reason.
+    """
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
     failure: Exception | None = None
+    before, output = sys.stdout, ForgivingOutput(sys.stdout)
+    sys.stdout = output
     try:
         command(arguments)
+        output.flush()
     except (InputError, StoppedError) as error:
         failure = error
     except KeyboardInterrupt:
@@ -26,6 +33,13 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         failure = _failure(error, arguments)
         if failure is None:
             raise
+    finally:
+        sys.stdout = before
+    if failure is None and output.failure is not None:
+        failure = InputError(
+            f"standard output: {output.failure.strerror}; all was done, but not all of it printed: "
+            "write it to a place with room"
+        )
     if failure is None:
         return 0
     print(f"{name}: {' '.join(str(failure).split())}", file=sys.stderr)

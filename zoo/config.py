@@ -144,9 +144,10 @@ def choices(group: str) -> list[str]:
 
 
 def valid_keys() -> list[str]:
-    """Every key that can be overridden: those of the default config, the groups, and `resume`."""
+    """Every key that can be overridden: those of the default config and the groups, `resume`
+    and `trust`."""
     config = compose_config([])
-    keys = ["resume"]
+    keys = ["resume", "trust"]
 
     def walk(node: dict, prefix: str) -> None:
         for key, value in node.items():

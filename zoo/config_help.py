@@ -16,6 +16,7 @@ Trains, tests and reports one experiment; with -m, a sweep.
   python -m zoo experiment=tiny41 data.root=FOLDER       a published recipe
   python -m zoo -m model=lenet,nvidia data.root=FOLDER   a sweep; again, it goes on
   python -m zoo resume=RUN_FOLDER                        go on with a run that was stopped
+    trust=my.module.Class                                whose config names classes of your own
   python -m zoo model=tiny --help                        the keys and values of that
 
 Beside this command: python -m zoo.models (the zoo), python -m zoo.preview (what will be fed),
@@ -24,7 +25,9 @@ python -m datamodules.check (are a recording's images whole)."""
 
 def config_help(arguments: Sequence[str]) -> str:
     """The help, with the config that the overrides among the arguments compose."""
-    overrides = [one for one in arguments if not one.startswith(("-", "resume=", "hydra"))]
+    overrides = [
+        one for one in arguments if not one.startswith(("-", "resume=", "trust=", "hydra"))
+    ]
     config = compose_config(quote_paths(overrides))
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]
     keys = list(_keys(config))

@@ -19,7 +19,9 @@ from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.console_progress import loading
 from zoo.options import shown_help
+from zoo.saved_config import TRUST, split_trust
 from zoo.status import StoppedError
+from zoo.whole_file import refuse_links_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,6 +57,7 @@ class Correction:
         now = datetime.datetime.now()
         out = options.out or f"outputs/corrections/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
         self.folder = Path(out).expanduser().absolute()
+        refuse_links_out(self.folder)
         self.progress: Progress = open_progress(self.folder, path, options, overrides)
         self._source = _source(options, self.folder, console)
         self.progress.save(self.folder)
@@ -193,7 +196,8 @@ def _trainable(
         )
     checkpoint = load_checkpoint(path)
     check_throttle(Policy(checkpoint), options.throttle)
-    return checkpoint, own_config(checkpoint, overrides)
+    _, trusted = split_trust([f"{TRUST}={options.trust}"])
+    return checkpoint, own_config(checkpoint, overrides, path, trusted)
 
 
 def _source(

@@ -29,10 +29,11 @@ def apply_recording(config: DictConfig, console: Console) -> None:
     recipe = OmegaConf.to_container(wanted, resolve=True)
     folder = Path(recipe.pop("out"))
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(f"{folder}.lock"):
-            if not (folder / RECIPE).is_file():
-                _record(folder, recipe, console)
+        if not (folder / RECIPE).is_file():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with FileLock(f"{folder}.lock"):
+                if not (folder / RECIPE).is_file():  # another process may have recorded it
+                    _record(folder, recipe, console)
     except OSError as error:
         raise InputError(f"{folder}: cannot record there: {error.strerror}") from None
     _check_recipe(folder, recipe)

@@ -16,6 +16,7 @@ from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
 from zoo.console_progress import loading
 from zoo.options import shown_help
+from zoo.whole_file import write_whole
 
 if TYPE_CHECKING:
     from zoo.scoring.drives import Setup
@@ -69,7 +70,8 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         _show_sweeps(results, usual, folder, console)
     verdict = judge(scores.drives, read_evidence(checkpoint, policy.config))
     metrics["verdict"] = verdict.plain()
-    (folder / "metrics.json").write_text(json.dumps(metrics, indent=1, allow_nan=False) + "\n")
+    text = json.dumps(metrics, indent=1, allow_nan=False)
+    write_whole(folder / "metrics.json", f"{text}\n")
     console.print(str(folder), highlight=False, markup=False, soft_wrap=True)
     if nan := nan_line(list(scores.by_setup.values())):
         raise InputError(f"{checkpoint}: {nan}")

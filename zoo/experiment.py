@@ -34,6 +34,7 @@ from zoo.sweeping.job import needs_processes
 from zoo.together import ending_together
 from zoo.waiting import spinning_while_quiet
 from zoo.weights import load_weights
+from zoo.whole_file import refuse_links_out
 
 
 def run_experiment(
@@ -52,6 +53,8 @@ def run_experiment(
             training in the folder.
         StoppedError: on Ctrl-C.
     """
+    if resume:
+        refuse_links_out(folder)
     first = is_first_process(needs_processes(config))
     with _naming_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -75,6 +78,8 @@ def run_experiment(
         start = _checked_last(last, card, module) if resume and last.is_file() else None
         if start is not None and first:
             restore_monitored(folder)
+        if resume and start is None and (best := _best(folder)).is_file():
+            console.print(f"begins again: {_without_last(best)}", highlight=False, markup=False)
         if start is not None:  # what is computed before training begins wants its weights, too
             load_weights(module.network, str(start))
         elif config.model.weights is not None:
@@ -171,7 +176,8 @@ def _fit(
     if trainer.interrupted:
         done = f"the epochs before {trainer.current_epoch + 1} are saved"
         if not last.is_file():
-            done = "no epoch was complete yet"
+            best = _best(folder)
+            done = _without_last(best) if best.is_file() else "no epoch was complete yet"
         raise StoppedError(f"stopped; {done}; go on with: {_resume_command(folder)}")
     if trainer.max_epochs == 0:  # nothing to learn: only carry the weights over to a checkpoint
         for name in ("best", "last"):
@@ -188,11 +194,13 @@ def _naming_files(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         place = error.filename or _open_file(error) or folder
-        last = folder / "checkpoints" / "last.ckpt"
+        last, best = folder / "checkpoints" / "last.ckpt", _best(folder)
         if not folder.is_dir():
             remedy = f"{folder} was removed, with all that the run had saved; start it again"
         else:
-            kept = f"{last} is kept" if last.is_file() else "no epoch was complete yet"
+            kept = f"{last} is kept"
+            if not last.is_file():
+                kept = _without_last(best) if best.is_file() else "no epoch was complete yet"
             again = _resume_command(folder)
             remedy = f"{kept}; free some space, or correct that, and go on with: {again}"
         raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
@@ -207,6 +215,14 @@ def _open_file(error: OSError) -> str | None:
             if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):
                 return one.name
     return None
+
+
+def _best(folder: Path) -> Path:
+    return folder / "checkpoints" / "best.ckpt"
+
+
+def _without_last(best: Path) -> str:
+    return f"{best} is kept, but there is no last.ckpt to go on from"
 
 
 def _resume_command(folder: Path) -> str:
@@ -224,6 +240,6 @@ def _monitor(trainer: lightning.Trainer) -> str | None:
 
 
 def _take_best(module: SteeringModule, folder: Path) -> None:
-    best = folder / "checkpoints" / "best.ckpt"
+    best = _best(folder)
     if best.is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])

@@ -16,7 +16,6 @@ from rich.table import Table
 from rich.text import Text
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.findings import find_oddities
 from datamodules.split import PARTS
 from zoo import plots
@@ -32,6 +31,7 @@ from zoo.scoring.tracks import RunScore, score_run
 from zoo.steering_module import SteeringModule
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import judge, print_verdict
+from zoo.whole_file import write_whole
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
@@ -117,7 +117,7 @@ def report_outcome(
     evidence = evidence_of_run(folder, OmegaConf.to_container(config, resolve=True), metrics)
     verdict = judge(drive["drives"] if drive else [], evidence)
     metrics["verdict"] = verdict.plain()
-    (folder / "metrics.json").write_text(json.dumps(_without_nan(metrics), indent=2))
+    write_whole(folder / "metrics.json", json.dumps(_without_nan(metrics), indent=2))
     if seconds:
         console.print(
             f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
@@ -127,8 +127,8 @@ def report_outcome(
     try:
         with working("writing the report", console):
             page = short_name(write_report(folder))
-    except InputError as error:
-        page = f"no report: {error}"
+    except Exception as error:  # of whatever kind: no training is lost for its report
+        page = f"no report: {' '.join(str(error).split()) or type(error).__name__}"
     best_path = folder / "checkpoints" / "best.ckpt"
     for line in [short_name(best_path), page] if best_path.is_file() else [page]:
         console.print(line, highlight=False, markup=False)

@@ -1,11 +1,13 @@
 """Pictures of data and training, as matplotlib figures; nothing here opens a window."""
 
+import io
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from datamodules.view import view_to_rgb
+from zoo.whole_file import write_whole
 
 BLUE, ORANGE, GREY = "#2a6fbb", "#d9822b", "#8a8a8a"
 
@@ -100,8 +102,9 @@ def fed_batch(pictures: np.ndarray, steering: np.ndarray, colour: str, title: st
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG, making its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    return path
+    contents = io.BytesIO()
+    figure.savefig(contents, dpi=110, format="png")
+    return write_whole(path, contents.getbuffer())
 
 
 def _plain(axis) -> None:

@@ -25,6 +25,7 @@ from zoo.ranking_table import (
 )
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.table import with_deviation
+from zoo.whole_file import write_whole
 
 # Of these less is better: their axes stand upside down, so that up is good everywhere.
 LESS_IS_BETTER = ("cte", "interventions", "mse", "wall_s")
@@ -70,8 +71,7 @@ def write_page(
         script=script,
         data=data,
     )
-    path.write_text(page)
-    return path
+    return write_whole(path, page)
 
 
 def _kept(entry: Entry) -> str:

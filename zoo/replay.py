@@ -23,6 +23,7 @@ from zoo.command_line import run_command
 from zoo.console_progress import loading
 from zoo.driving.drive_log import DriveRow, DriveWriter, write_summary
 from zoo.options import read_arguments
+from zoo.whole_file import write_whole
 
 USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"
 FRAMES = "frames"
@@ -78,7 +79,7 @@ def replay_recording(
     about = {"checkpoint": str(checkpoint), "recording": list(recording.names)}
     write_summary(shown.folder, about | figures)
     metrics = about | {"margin_m": options.margin, "replay": figures}
-    (shown.folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    write_whole(shown.folder / "metrics.json", json.dumps(metrics, indent=1) + "\n")
     title = (
         f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"

@@ -12,6 +12,7 @@ from datamodules.errors import InputError
 from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
 from zoo.console_progress import loading
+from zoo.whole_file import refuse_links_out, write_whole
 
 if TYPE_CHECKING:
     from zoo.reporting.blocks import Section
@@ -29,13 +30,14 @@ def write_report(folder: Path) -> Path:
     What is missing leaves a line that says why.
 
     Raises:
-        InputError: the folder is no run's, or the report cannot be written. Nothing else, so that
-            no training is lost for the sake of its report.
+        InputError: the folder is no run's, a link in it leads out of it, or the report cannot be
+            written.
     """
     from zoo.reporting.run import read_run
 
     folder = Path(folder)
     run = read_run(folder)
+    refuse_links_out(folder)
     try:
         return _write(run, folder / FOLDER)
     except OSError as error:
@@ -54,11 +56,11 @@ def _write(run: "Run", folder: Path) -> Path:
     for section in sections:
         for block in walk(section.blocks):
             for picture in block.pictures if isinstance(block, Pictures) else ():
-                _replace(folder / picture.name, picture.data)
+                write_whole(folder / picture.name, picture.data)
     name = title(run)
-    _replace(folder / MARKDOWN, to_markdown(name, sections, folder).encode())
+    write_whole(folder / MARKDOWN, to_markdown(name, sections, folder))
     page = to_html(name, sections, _footer(run), folder)
-    return _replace(folder / PAGE, page.encode())
+    return write_whole(folder / PAGE, page)
 
 
 def report_sections(run: "Run") -> "list[Section]":
@@ -97,14 +99,6 @@ def _footer(run: "Run") -> str:
     version = (run.metrics.get("versions") or {}).get("drivezoo")
     when = run.status.get("time", "")[:10]
     return " ".join(part for part in ("drivezoo", version, when) if part)
-
-
-def _replace(path: Path, data: bytes) -> Path:
-    """Write a file at once, so that an earlier report is kept where this one cannot be written."""
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(data)
-    part.replace(path)
-    return path
 
 
 def report(arguments: list[str]) -> None:

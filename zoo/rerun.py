@@ -5,20 +5,23 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
 from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
 from zoo.config import escape_interpolation
 from zoo.options import read_arguments
+from zoo.saved_config import TRUST, check_saved_config, read_saved_config, split_trust
 from zoo.status import StoppedError
+from zoo.whole_file import refuse_links_out
 
-USAGE = "python -m zoo.rerun RUN [out=FOLDER]"
+USAGE = "python -m zoo.rerun RUN [out=FOLDER trust=CLASS]"
 # What a run comes to; how long it took is the machine's affair.
 COMPARED = (
     "model",
@@ -33,6 +36,9 @@ COMPARED = (
     "data",
 )
 TIMED = ("latency_ms", "in_training")
+# Of a config: relative ones count from where the run was started.
+FOLDERS = ("data.root", "data.images", "data.cache", "data.record.out", "model.weights")
+FILES = ("data.split", "score.track", "callbacks.closed_loop.track")  # or names of ours
 
 
 @dataclass(frozen=True)
@@ -41,9 +47,12 @@ class RerunOptions:
 
     Args:
         out: the folder of the repeated run; null names one by date and time.
+        trust: classes and keys of the run's config that are allowed beside the package's own, with
+            commas between.
     """
 
     out: str | None = None
+    trust: str = ""
 
 
 @dataclass(frozen=True)
@@ -59,8 +68,9 @@ def rerun(arguments: list[str]) -> None:
     """Train once more with the config, seed and threads of a run, and compare.
 
     Raises:
-        InputError: no finished run's folder, a recording that has changed, an `out` that is not
-            empty, or figures that differ, after they were printed.
+        InputError: no finished run's folder, a config that names what it must not, a recording
+            that has changed, an `out` that is not empty, or figures that differ, after they were
+            printed.
         StoppedError: on Ctrl-C, with the command to go on.
     """
     (name,), options = read_arguments(RerunOptions, ["RUN"], arguments, USAGE)
@@ -69,13 +79,17 @@ def rerun(arguments: list[str]) -> None:
         raise InputError(
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
         )
+    refuse_links_out(run)
     then = json.loads((run / "metrics.json").read_text())
     stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
     out = Path(options.out or f"outputs/reruns/{stamp}").resolve()
     if out.exists() and any(out.iterdir()):
         raise InputError(f"out={out}: is not empty; name another folder")
-    _prepare(run, out)
-    _train(out, place_of(run), then.get("threads"))
+    _, trusted = split_trust([f"{TRUST}={options.trust}"])
+    config = absolute_places(_trained_config(run), place_of(run))
+    check_saved_config(config, run, trusted)
+    _prepare(run, config, out)
+    _train(out, trusted, then.get("threads"))
     now = json.loads((out / "metrics.json").read_text())
     _report(then, now, out)
 
@@ -110,10 +124,39 @@ def place_of(run: Path) -> Path:
     return place if place.is_dir() else Path.cwd()
 
 
-def _prepare(run: Path, out: Path) -> None:
-    """A run's folder in which nothing was trained yet; the config that a checkpoint carries is what
-    was trained with, whatever `resume=` has changed since."""
-    config = OmegaConf.load(run / ".hydra" / "config.yaml")
+def absolute_places(config: DictConfig, place: Path) -> DictConfig:
+    """Return a copy of a config, whose relative paths that exist below `place` are absolute.
+
+    So a run is repeated without entering the folder that its config names, from which Python would
+    import modules.
+    """
+    config = config.copy()
+    for key in (*FOLDERS, *FILES):
+        value = OmegaConf.to_container(config, resolve=False)
+        for part in key.split("."):
+            value = value.get(part) if isinstance(value, dict) else None
+        if isinstance(value, str):
+            OmegaConf.update(config, key, _absolute(value, place, key in FILES))
+        elif isinstance(value, list):
+            found = [_absolute(one, place, key in FILES) for one in value]
+            OmegaConf.update(config, key, found)
+    return config
+
+
+def _absolute(value: object, place: Path, is_file: bool) -> object:
+    if not isinstance(value, str) or "${" in value or value in ("", "imagenet") or value[0] == "~":
+        return value
+    try:
+        found = (place / value).is_file() if is_file else (place / value).exists()
+    except (OSError, ValueError):  # too long, or with a null byte
+        return value
+    return escape_interpolation(str(place / value)) if found else value
+
+
+def _trained_config(run: Path) -> DictConfig:
+    """Return the config that a run was trained with: the checkpoint's, whatever `resume=` has
+    changed since."""
+    config = read_saved_config(run / ".hydra" / "config.yaml")
     last = run / "checkpoints" / "last.ckpt"
     if last.is_file():
         from zoo.checkpoint import read_checkpoint_file
@@ -122,6 +165,11 @@ def _prepare(run: Path, out: Path) -> None:
         config = OmegaConf.create(escape_interpolation(trained))
     if OmegaConf.select(config, "callbacks.pruning"):
         del config.callbacks["pruning"]  # its study is over
+    return config
+
+
+def _prepare(run: Path, config: DictConfig, out: Path) -> None:
+    """Make a run's folder in which nothing was trained yet."""
     try:
         shutil.copytree(run / ".hydra", out / ".hydra")
         OmegaConf.save(config, out / ".hydra" / "config.yaml")
@@ -129,16 +177,18 @@ def _prepare(run: Path, out: Path) -> None:
         raise InputError(f"out={out}: cannot write there ({error.strerror})") from None
 
 
-def _train(out: Path, place: Path, threads: int | None) -> None:
-    """As `python -m zoo resume=` does in a folder without a checkpoint, with as many threads: sums
-    come out differently with others."""
+def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
+    """Train as `python -m zoo resume=` does in a folder without a checkpoint, with as many threads:
+    sums come out differently with others."""
     root = str(Path(__file__).resolve().parents[1])
     paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     if threads:
         environment["OMP_NUM_THREADS"] = str(threads)
     command = [sys.executable, "-m", "zoo", f"resume={out}"]
-    status = subprocess.run(command, cwd=place, env=environment, check=False).returncode
+    if trusted:
+        command.append(f"{TRUST}={','.join(trusted)}")
+    status = subprocess.run(command, env=environment, check=False).returncode
     if status == 130:
         raise StoppedError("stopped; what was trained is kept (see above)")
     if status:

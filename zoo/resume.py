@@ -1,5 +1,6 @@
 """`python -m zoo resume=FOLDER`: resume a run that was stopped, or train a finished one further."""
 
+import re
 import shlex
 from pathlib import Path
 
@@ -9,30 +10,42 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.errors import InputError
 from zoo.config import config_groups, quote_paths
 from zoo.console_progress import loading
+from zoo.saved_config import (
+    Keys,
+    check_saved_config,
+    leaf_keys,
+    read_saved_config,
+    split_trust,
+)
 from zoo.status import read_metrics, read_status
+from zoo.whole_file import refuse_links_out
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
     """Train on with a run's own config, plus such overrides as `trainer.max_epochs=60`.
 
-    A finished run is left as it is, unless the overrides ask for more epochs.
+    A finished run is left as it is, unless the overrides ask for more epochs. The folder may be a
+    stranger's: `trust=my.Loss` among the overrides allows what `check_saved_config` refuses.
 
     Raises:
-        InputError: no run's folder, an override that a run cannot take, or no checkpoint to train
-            on from; see `run_experiment` for the rest.
+        InputError: no run's folder, an override that a run cannot take, a config that names what
+            it must not, or no checkpoint to train on from; see `run_experiment` for the rest.
         StoppedError: on Ctrl-C.
     """
     saved_path = folder / ".hydra" / "config.yaml"
     if not saved_path.is_file():
         raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
+    overrides, trusted = split_trust(overrides)
     chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
     if chosen:
         raise InputError(
             f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
             "trainer.max_epochs=60, or start a new run"
         )
-    saved = OmegaConf.load(saved_path)
-    config = _overridden(saved, overrides)
+    refuse_links_out(folder)
+    saved = read_saved_config(saved_path)
+    config, typed = _overridden(saved, overrides)
+    check_saved_config(config, saved_path, trusted, typed)
     if read_status(folder).get("status") == "finished":
         finished = FinishedRun(folder, saved)
         if not finished.is_less_than(config):
@@ -49,9 +62,9 @@ def resume(folder: Path, overrides: list[str]) -> None:
     run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
 
 
-def _overridden(saved: DictConfig, overrides: list[str]) -> DictConfig:
-    """Return a copy of a config with overrides as Hydra reads them."""
-    config = saved.copy()
+def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set[Keys]]:
+    """Return a copy of a config with overrides as Hydra reads them, and the keys that they set."""
+    config, typed = saved.copy(), set()
     OmegaConf.set_struct(config, True)
     for one in OverridesParser.create().parse_overrides(quote_paths(overrides)):
         if one.is_delete():
@@ -61,7 +74,8 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> DictConfig:
         else:
             value = one.value()
         OmegaConf.update(config, one.key_or_group, value, force_add=one.is_add())
-    return config
+        typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", one.key_or_group)))
+    return config, typed
 
 
 class FinishedRun:

@@ -14,6 +14,7 @@ import psutil
 from filelock import FileLock
 
 from datamodules.errors import InputError
+from zoo.whole_file import remove_parts, write_whole
 
 NAME = "status.json"
 # A run on another machine shows that it lives by touching its file, which its clock dates.
@@ -55,6 +56,8 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
         yield
         return
     claim_run(folder)
+    for place in (folder, folder / "checkpoints", folder / "report"):
+        remove_parts(place)
     over = threading.Event()
     threading.Thread(target=_beat, args=(folder / NAME, over), daemon=True).start()
     status, reason = "finished", {}
@@ -137,13 +140,7 @@ def write_status(folder: Path, status: str, **more: object) -> None:
         "time": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         **more,
     }
-    part = folder / f"{NAME}.{os.getpid()}.part"
-    try:
-        part.write_text(json.dumps(contents, indent=2))
-        part.replace(folder / NAME)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(folder / NAME)) from error
+    write_whole(folder / NAME, json.dumps(contents, indent=2))
 
 
 def read_status(folder: Path) -> dict:

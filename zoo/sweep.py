@@ -16,6 +16,7 @@ Finishes a sweep that was stopped, as the command that began it would, and ranks
   hydra/launcher=NAME        finish it by another: basic (one by one), joblib, slurm, ray
   hydra.launcher.KEY=VALUE   a setting of that; conf/hydra/launcher/NAME.yaml has them
   hydra.sweeper.n_trials=20  of a search: so many trials in all
+  trust=my.module.Class      classes and keys that its jobs may name beside the package's own
 
 A new sweep: python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER"""
 

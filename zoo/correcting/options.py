@@ -44,6 +44,8 @@ class CorrectOptions:
         recording: instead of asking the expert, a recording of a person's corrections.
         out: the folder for all of it; null names one by date and time.
         workers: processes that drive; 0 takes one a core.
+        trust: classes and keys of the checkpoint's config that are allowed beside the package's
+            own, with commas between.
     """
 
     track: str = "lake"
@@ -69,6 +71,7 @@ class CorrectOptions:
     recording: str | None = None
     out: str | None = None
     workers: int = 0
+    trust: str = ""
 
     @property
     def scored(self) -> scoring.EvaluateOptions:

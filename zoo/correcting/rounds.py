@@ -12,9 +12,10 @@ from rich.text import Text
 from datamodules.errors import InputError
 from zoo.correcting.options import CorrectOptions
 from zoo.scoring.table import read_figures, with_deviation
+from zoo.whole_file import write_whole
 
 NAME = "correct.json"
-MAY_CHANGE = ("rounds", "workers", "out", "enough_m")  # from one start to the next
+MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")  # from one start to the next
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,10 @@ class Progress:
         Raises:
             InputError: it cannot be written.
         """
-        part = folder / f"{NAME}.part"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            part.write_text(json.dumps(asdict(self), indent=1, allow_nan=False) + "\n")
-            part.replace(folder / NAME)
+            text = json.dumps(asdict(self), indent=1, allow_nan=False)
+            write_whole(folder / NAME, f"{text}\n")
         except OSError as error:
             raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
 

@@ -2,7 +2,9 @@
 
 import csv
 import io
+import re
 import shutil
+from collections.abc import Collection
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
@@ -16,29 +18,42 @@ from datamodules.split import write_split
 from zoo.checkpoint import Checkpoint
 from zoo.config import escape_interpolation
 from zoo.correcting.options import CorrectOptions
+from zoo.saved_config import Keys, check_saved_config, leaf_keys
 
 SPLIT_NAME = "split.csv"
 
 
-def own_config(checkpoint: Checkpoint, overrides: list[str]) -> DictConfig:
-    """The config that a checkpoint was trained with, with such overrides as `data.root=FOLDER`.
+def own_config(
+    checkpoint: Checkpoint, overrides: list[str], path: str, trusted: Collection[str] = ()
+) -> DictConfig:
+    """Return the config that a checkpoint was trained with, with such overrides as
+    `data.root=FOLDER`.
+
+    Args:
+        path: the checkpoint's, for messages.
+        trusted: see `check_saved_config`.
 
     Raises:
-        InputError: a key that its config lacks, a value that cannot be read, no such recording.
+        InputError: a key that its config lacks, a value that cannot be read, no such recording, or
+            a config that names what it must not.
     """
     config = OmegaConf.create(escape_interpolation(checkpoint.config))
     OmegaConf.set_struct(config, True)
+    typed: set[Keys] = set()
     for one in overrides:
         key, _, value = one.partition("=")
         try:
             # A path that exists is taken as it stands, whatever is in it.
             is_path = key == "data.root" and Path(value).expanduser().exists()
-            OmegaConf.update(config, key, value if is_path else OmegaConf.create(f"v: {value}").v)
+            value = value if is_path else OmegaConf.create(f"v: {value}").v
+            OmegaConf.update(config, key, value)
+            typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", key)))
         except OmegaConfBaseException:
             raise InputError(f"{key}: the checkpoint's config has no such key") from None
         except Exception:  # what YAML's parser raises for text that is none
             raise InputError(f"{one}: cannot be read as a value") from None
     OmegaConf.set_struct(config, False)
+    check_saved_config(config, path, trusted, typed)
     if config.data.images is not None:
         raise InputError(
             f"data.images={config.data.images}: corrections have pictures of their own; put "

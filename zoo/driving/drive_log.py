@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.errors import InputError
+from zoo.whole_file import write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
 POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
@@ -134,9 +135,7 @@ class AppendedFile:
 
 def write_summary(folder: Path, summary: dict) -> None:
     """Write `drive.json`; NaN becomes null, which JSON has instead."""
-    part = folder / f"{SUMMARY_NAME}.part"
-    part.write_text(json.dumps(_without_nan(summary), indent=2) + "\n")
-    part.replace(folder / SUMMARY_NAME)
+    write_whole(folder / SUMMARY_NAME, json.dumps(_without_nan(summary), indent=2) + "\n")
 
 
 def read_drive(folder: Path | str) -> Drive:

@@ -5,7 +5,6 @@ one is often the first, which hardly steers. The candidates start in another pla
 of the score, so that the score is not the best of several tries.
 """
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from zoo.checkpoint import read_checkpoint_file
 from zoo.scoring.drives import Setup, drive_all
 from zoo.scoring.driving_score import driving_score
 from zoo.scoring.tracks import RunScore
+from zoo.whole_file import write_whole
 
 START_SEED = 1000  # far from those of the score, which count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
@@ -126,10 +126,9 @@ def take(checkpoints: Path, file: str) -> None:
     monitored.unlink(missing_ok=True)
     if file == BEST:
         return
-    part = checkpoints / f"{BEST}.part"
-    shutil.copyfile(checkpoints / file, part)
-    shutil.copyfile(best, checkpoints / f"{MONITORED}.part").replace(monitored)
-    part.replace(best)
+    chosen = (checkpoints / file).read_bytes()
+    write_whole(monitored, best.read_bytes())
+    write_whole(best, chosen)
 
 
 def restore_monitored(folder: Path) -> None:

@@ -16,6 +16,7 @@ from zoo.ranking_table import below
 from zoo.sweeping.job import SERIAL
 from zoo.sweeping.record import add_to_record, log_digest
 from zoo.sweeping.rounds import Job, launch_all
+from zoo.sweeping.saved_sweep import check_job
 from zoo.sweeping.watch import watched
 
 
@@ -58,13 +59,21 @@ def launch_jobs(launcher: Launcher, jobs: Sequence[Job]) -> None:
 
 
 def recordings_of(
-    jobs: Sequence[Sequence[str]], config: DictConfig, context: HydraContext
+    jobs: Sequence[Sequence[str]],
+    config: DictConfig,
+    context: HydraContext,
+    added: Sequence[str] = (),
 ) -> dict[str, str | None]:
     """Compose every job, so that a mistake shows before the first has begun; the digest of each
-    recording that they name."""
+    recording that they name.
+
+    Args:
+        added: overrides that a search has added itself, see `check_job`.
+    """
     roots: list[str] = []
     for overrides in jobs:
         job = context.config_loader.load_sweep_config(config, list(overrides))
+        check_job(overrides, job, added)
         root = job.data.get("root")
         if root is None:
             root = OmegaConf.select(job, "data.record.out")

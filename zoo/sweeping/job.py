@@ -19,6 +19,7 @@ from omegaconf import DictConfig, open_dict
 
 from datamodules.errors import InputError
 from zoo.console_progress import loading
+from zoo.saved_config import TRUST, find_refusals
 from zoo.status import PrunedError, StoppedError, is_beating, read_status, write_status
 from zoo.sweeping.record import read_record, varying
 
@@ -51,7 +52,7 @@ def run_job(config: DictConfig) -> float:
     try:
         with _training, contextlib.nullcontext() if serial else _said_in(folder / "log.txt"):
             if needs_processes(config):
-                return _train_beside(folder)
+                return _train_beside(config, folder)
             return _train(config, folder)
     except StoppedError as error:
         raise KeyboardInterrupt(str(error)) from error
@@ -129,13 +130,15 @@ def _train(config: DictConfig, folder: Path) -> float:
         torch.set_num_threads(threads)  # a run may have taken fewer; the next job starts anew
 
 
-def _train_beside(folder: Path) -> float:
+def _train_beside(config: DictConfig, folder: Path) -> float:
     """Train in a process of its own, whose command Lightning can run again for each device.
 
     In ours the command is the sweep's: the second process would start the whole sweep once more.
     """
     # Hydra has written the job's config there, whether it has begun to train or not.
     command = [sys.executable, "-m", "zoo", f"resume={folder}"]
+    if trusted := [one.trust for one in find_refusals(config)]:  # composed here, and so trusted
+        command.append(f"{TRUST}={','.join(trusted)}")
     result = subprocess.run(command, stdout=sys.stdout, stderr=sys.stderr, check=False)
     if result.returncode in (130, -signal.SIGINT):
         raise StoppedError("stopped")

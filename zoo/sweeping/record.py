@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from datamodules.errors import InputError
+from zoo.whole_file import write_whole
 
 NAME = "sweep.json"
 FORMAT = 1
@@ -48,9 +49,7 @@ def new_record(arguments: list[str]) -> SweepRecord:
 
 def write_record(folder: Path, record: SweepRecord) -> None:
     """Replace the file at once; raises OSError where that can't be."""
-    part = folder / f"{NAME}.part"
-    part.write_text(json.dumps({"format": FORMAT, **asdict(record)}, indent=1))
-    part.replace(folder / NAME)
+    write_whole(folder / NAME, json.dumps({"format": FORMAT, **asdict(record)}, indent=1))
 
 
 def add_to_record(folder: Path, **more: object) -> None:

@@ -104,7 +104,8 @@ def sweep_search(
     while numbers:
         jobs = [_job(study, number, fixed, settings, folder) for number in numbers]
         # What the first composes, all do: only values differ.
-        recordings_of([job.overrides for job in jobs], config, context)
+        for job in jobs:
+            recordings_of([job.overrides], config, context, _pruning(job.number, settings))
         with contextlib.nullcontext() if serial else watched(jobs, console):
             launch_all(lambda some: launch_jobs(launcher, some), jobs, console)
         for job in jobs:
@@ -197,6 +198,13 @@ def _job(
 ) -> Job:
     """A trial's values and what prunes it, as overrides."""
     values = study.get_trials()[number].params
+    own = (f"{key}={value}" for key, value in values.items())
+    overrides = (*fixed, *own, *_pruning(number, settings))
+    return Job(number, overrides, folder / str(number))
+
+
+def _pruning(number: int, settings: SearchSettings) -> list[str]:
+    """Return the overrides that let a trial be given up."""
     pruning = {
         "_target_": "zoo.sweeping.pruning.Pruning",
         "storage": f"'{settings.storage}'",
@@ -207,12 +215,7 @@ def _job(
         "startup_trials": settings.startup_trials,
         "warmup_epochs": settings.warmup_epochs,
     }
-    overrides = [
-        *fixed,
-        *(f"{key}={value}" for key, value in values.items()),
-        *(f"+{PRUNING}.{key}={value}" for key, value in pruning.items()),
-    ]
-    return Job(number, tuple(overrides), folder / str(number))
+    return [f"+{PRUNING}.{key}={value}" for key, value in pruning.items()]
 
 
 def _tell(study: "optuna.Study", job: Job, monitor: str) -> None:

@@ -18,10 +18,13 @@ from datamodules.errors import InputError
 from zoo.config import conf_folder, quote, quote_paths
 from zoo.ranking_table import wide_console
 from zoo.run_folder import check_name
+from zoo.saved_config import split_trust
 from zoo.status import StoppedError, read_status
 from zoo.sweeping import record as records
 from zoo.sweeping.job import DONE, run_job
+from zoo.sweeping.saved_sweep import SavedSweep, check_overrides, resumed_from
 from zoo.sweeping.summary import conclude
+from zoo.whole_file import refuse_links_out
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="
@@ -62,18 +65,24 @@ def sweep(arguments: list[str]) -> None:
 
 
 def go_on(folder: Path, more: list[str]) -> None:
-    """`python -m zoo.sweep resume=FOLDER`: finish a sweep; with `more`, by another launcher.
+    """Finish a sweep, as `python -m zoo.sweep resume=FOLDER`; with `more`, by another launcher.
+
+    The folder may be a stranger's: `trust=...` in `more` allows what `saved_sweep` refuses.
 
     Raises:
-        InputError, StoppedError: see `sweep`; also where `more` says what is trained, or the
-            recordings have changed.
+        InputError, StoppedError: see `sweep`; also where `more` says what is trained, the folder
+            asks for what it must not, or the recordings have changed.
     """
+    refuse_links_out(folder)
     record = records.read_record(folder)
+    more, trusted = split_trust(more)
+    saved = SavedSweep(folder / records.NAME, trusted)
+    check_overrides(record.arguments, saved)
     wrong = [one for one in more if not one.startswith((*records.HOW, "hydra.sweeper.n_trials="))]
     if wrong:
         raise InputError(
-            f"{wrong[0]}: a sweep goes on as it began; only hydra/launcher, hydra.launcher... and "
-            "hydra.sweeper.n_trials may change"
+            f"{wrong[0]}: a sweep goes on as it began; only hydra/launcher, hydra.launcher..., "
+            "hydra.sweeper.n_trials and trust may change"
         )
     changed = records.what_changed(record)
     if changed:
@@ -85,14 +94,16 @@ def go_on(folder: Path, more: list[str]) -> None:
     refuse_missing([*kept, *more])
     console = wide_console()
     console.print(_going_on(folder, record), highlight=False, markup=False)
-    run_sweep(folder, [*kept, *more], console, finished=_all_done(folder) and not more)
+    with resumed_from(saved):
+        run_sweep(folder, [*kept, *more], console, finished=_all_done(folder) and not more)
 
 
 def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
     """Run what is not done yet in `folder`, then rank all of it."""
     check_name(folder)
     with _held(folder):
-        if not (folder / records.NAME).is_file():
+        is_new = not (folder / records.NAME).is_file()
+        if is_new:
             records.write_record(folder, records.new_record(arguments))
         if not finished:
             try:
@@ -102,7 +113,8 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 again = shlex.join(["python", "-m", "zoo.sweep", f"resume={folder}"])
                 raise StoppedError(f"stopped; go on with the same command, or: {again}") from None
             except Exception:
-                _remove_empty(folder)
+                if is_new:
+                    _remove_empty(folder)
                 raise
         conclude(folder, console)
 

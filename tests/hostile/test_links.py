@@ -1,0 +1,167 @@
+"""Links in a stranger's run folder: what they lead to is not written."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from tests.zoo.sweeps import write_run
+from zoo.__main__ import zoo
+from zoo.checkpoint_files import CheckpointFiles
+from zoo.command_line import run_command
+from zoo.driving.drive_log import write_summary
+from zoo.leaderboard import show_leaderboard
+from zoo.plots import save_figure
+from zoo.report import report
+from zoo.rerun import rerun
+from zoo.scoring.candidates import take
+from zoo.status import write_status
+from zoo.sweep import resume_sweep
+from zoo.sweeping.record import new_record, write_record
+from zoo.whole_file import refuse_links_out, remove_parts, write_whole
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes links")
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A file outside of the run's folder."""
+    path = tmp_path / "mine"
+    path.write_text("mine")
+    return path
+
+
+def write_figure(folder: Path) -> None:
+    from matplotlib.figure import Figure
+
+    save_figure(Figure(figsize=(1, 1)), folder / "plot.png")
+
+
+WRITERS = {
+    "status.json": lambda folder: write_status(folder, "running"),
+    "sweep.json": lambda folder: write_record(folder, new_record([])),
+    "drive.json": lambda folder: write_summary(folder, {}),
+    "x.ckpt": lambda folder: CheckpointFiles().save_checkpoint({}, folder / "x.ckpt"),
+    "plot.png": write_figure,
+    "x.json": lambda folder: write_whole(folder / "x.json", "{}"),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_link_in_a_files_place_or_beside_it_is_not_followed(
+    name: str, mine: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for one in (name, f"{name}.part", f".{name}.part", f"{name}.{os.getpid()}.part"):
+        (folder / one).symlink_to(mine)
+    WRITERS[name](folder)
+    assert mine.read_text() == "mine"
+    assert not (folder / name).is_symlink()
+    assert (folder / name).stat().st_mode & 0o777 == 0o666 & ~_umask()
+
+
+def _umask() -> int:
+    found = os.umask(0)
+    os.umask(found)
+    return found
+
+
+def test_the_choice_of_the_best_follows_no_link(mine: Path, tmp_path: Path) -> None:
+    for name in ("best.ckpt", "last.ckpt"):
+        (tmp_path / name).write_text(name)
+    for name in ("monitored.ckpt", "best.ckpt.part", "monitored.ckpt.part"):
+        (tmp_path / name).symlink_to(mine)
+    take(tmp_path, "last.ckpt")
+    assert (tmp_path / "best.ckpt").read_text() == "last.ckpt"
+    assert (tmp_path / "monitored.ckpt").read_text() == "best.ckpt"
+    assert mine.read_text() == "mine"
+
+
+COMMANDS = {
+    "zoo.report": (report, ["run"]),
+    "zoo": (zoo, ["resume=run"]),
+    "zoo.rerun": (rerun, ["run", "out=again"]),
+}
+
+
+@pytest.mark.parametrize("link", ["report", "plots", "hparams.yaml", ".hydra/x", "split.csv"])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_link_that_leads_out_is_refused_by_name(
+    name: str,
+    link: str,
+    mine: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = write_run(tmp_path / "run")
+    config = {"data": {"root": None}, "model": {"name": "tiny"}}
+    (run / ".hydra" / "config.yaml").write_text(repr(config))
+    (tmp_path / "elsewhere").mkdir()
+    (run / link).symlink_to(tmp_path / "elsewhere" if link in ("report", "plots") else mine)
+    command, arguments = COMMANDS[name]
+    assert run_command(name, command, arguments) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f"run/{link}: is a link" in line
+    assert mine.read_text() == "mine"
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+    assert not (tmp_path / "again").exists()
+
+
+def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
+    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sweep" / "0").mkdir(parents=True)
+    write_record(tmp_path / "sweep", new_record(["seed=1,2"]))
+    (tmp_path / "sweep" / "0" / "log.txt").symlink_to(mine)
+    assert run_command("zoo.sweep", resume_sweep, ["resume=sweep"]) == 1
+    assert "sweep/0/log.txt: is a link" in capsys.readouterr().err
+
+
+def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
+    """Such as those of Weights & Biases to its latest run."""
+    (tmp_path / "run" / "wandb" / "one").mkdir(parents=True)
+    (tmp_path / "run" / "wandb" / "latest").symlink_to("one")
+    refuse_links_out(tmp_path / "run")
+    (tmp_path / "run2").symlink_to(tmp_path / "run")
+    refuse_links_out(tmp_path / "run2")
+    (tmp_path / "running").mkdir()
+    (tmp_path / "run" / "out").symlink_to(tmp_path / "running")
+    with pytest.raises(InputError, match="leads out"):
+        refuse_links_out(tmp_path / "run")
+
+
+def test_the_leaderboard_replaces_a_link(
+    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_run(tmp_path / "outputs" / "run", autonomy=1.0)
+    page = tmp_path / "outputs" / "leaderboard.html"
+    page.symlink_to(mine)
+    assert run_command("zoo.leaderboard", show_leaderboard, ["outputs"]) == 0
+    assert mine.read_text() == "mine"
+    assert not page.is_symlink()
+
+
+def test_what_a_killed_process_left_is_removed_and_nothing_else(mine: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    torch.save({}, folder / "best.ckpt")
+    left = (".best.ckpt.0123456789abcdef.part", "best.ckpt.part", ".index.html.part")
+    for name in left:
+        (folder / name).write_text("half")
+    kept = {"best.ckpt", "mine.part", ".x.part", "best.ckpt.parts"}
+    for name in kept - {"best.ckpt"}:
+        (folder / name).write_text("mine")
+    (folder / ".y.0123456789abcdef.part").symlink_to(mine)
+    remove_parts(folder)
+    assert {path.name for path in folder.iterdir()} == kept
+    assert mine.read_text() == "mine"
+    shutil.rmtree(folder)
+    remove_parts(folder)

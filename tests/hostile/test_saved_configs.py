@@ -1,0 +1,355 @@
+"""Configs of a stranger's run folder or checkpoint: what they name is not run."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from datamodules.errors import InputError
+from tests.recordings import Written
+from tests.zoo.bomb import Bomb
+from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.trainings import SMALL, zoo_here
+from zoo.__main__ import zoo
+from zoo.checkpoint import make_network
+from zoo.command_line import run_command
+from zoo.config import compose_config
+from zoo.correct import command as correct
+from zoo.rerun import absolute_places, rerun
+from zoo.saved_config import check_saved_config, find_refusals, read_saved_config
+from zoo.sweep import resume_sweep
+
+
+@pytest.fixture(scope="module")
+def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of one epoch, which tests copy."""
+    cwd = tmp_path_factory.mktemp("trained")
+    arguments = (*SMALL, f"data.root={recorded.folder}", f"data.cache={cwd / 'cache'}")
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        ended = zoo_here(monkeypatch, cwd, *arguments, "trainer.max_epochs=1", "hydra.run.dir=run")
+    assert ended == 0
+    return cwd / "run"
+
+
+@pytest.fixture
+def strangers(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run's folder of the test's own; the test runs beside it."""
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(trained, tmp_path / "run"))
+
+
+def change(folder: Path, key: str, value: object) -> None:
+    """Set a key of the config, in the run's folder and in both checkpoints' cards."""
+    path = folder / ".hydra" / "config.yaml"
+    config = OmegaConf.load(path)
+    OmegaConf.update(config, key, value, merge=False, force_add=True)
+    OmegaConf.save(config, path)
+    for name in ("best", "last"):
+        path = folder / "checkpoints" / f"{name}.ckpt"
+        contents = torch.load(path, weights_only=True)
+        card = OmegaConf.create(contents["drivezoo"]["config"])
+        OmegaConf.update(card, key, value, merge=False, force_add=True)
+        contents["drivezoo"]["config"] = OmegaConf.to_container(card)
+        torch.save(contents, path)
+
+
+def listed(folder: Path) -> set[str]:
+    return {str(path) for path in folder.rglob("*")}
+
+
+COMMANDS: dict[str, tuple[Callable[[list[str]], None], list[str]]] = {
+    "zoo": (zoo, ["resume=run", "trainer.max_epochs=2"]),
+    "zoo.rerun": (rerun, ["run", "out=again"]),
+    "zoo.correct": (correct, ["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"]),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_a_strangers_config_names_is_not_called(
+    name: str, strangers: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    ran = tmp_path / "ran"
+    torch.save(Bomb(ran), tmp_path / "x.pt")
+    loss = {"_target_": "torch.load", "f": str(tmp_path / "x.pt"), "weights_only": False}
+    change(strangers, "loss", loss)
+    before = listed(tmp_path)
+    start, arguments = COMMANDS[name]
+    assert run_command(name, start, arguments) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "loss._target_='torch.load'" in line
+    assert "trust=torch.load" in line
+    assert not ran.exists()
+    assert listed(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "loss",
+        "optim.lr",
+        "schedule.T_max",
+        "trainer.profiler",
+        "callbacks.early_stopping",
+        "callbacks.best.filename",
+        "logger.mine",
+        "data",
+        "data.augment.brightness.scale",
+        "data.weights",
+        "score.track",
+        "more",
+    ],
+)
+def test_a_class_that_no_run_has_there_is_refused_wherever_it_stands(key: str) -> None:
+    evil = {"_target_": "pathlib.Path.write_text", "self": "x", "data": "y"}
+    config = OmegaConf.create(compose_config([]))
+    OmegaConf.update(config, key, [{"deep": evil}], merge=False, force_add=True)
+    with pytest.raises(InputError, match=re.escape(f"{key}.0.deep._target_")):
+        check_saved_config(config, "x.ckpt")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("loss._target_", "lightning.Trainer"),  # allowed, but not there
+        ("loss._target_", "zoo.losses.nn.Sequential"),
+        ("loss._target_", "${seed}"),
+        ("loss._target_", 5),
+        ("loss.delta", "${oc.env:HOME}"),
+        ("loss.delta", "${oc.decode:'[1]'}"),
+        ("loss.delta", "${data.${oc.env:NO,root}}"),
+        ("model._target_", "zoo.models.layers.nn.Sequential"),
+        ("callbacks.best.filename", "../../stranger"),
+        ("callbacks.best.filename", "/etc/stranger"),
+        ("callbacks.best.dirpath", "s3://stranger/x"),
+        ("logger.tensorboard.name", "..\\..\\stranger"),
+        ("logger.tensorboard.version", "${data.cache}/../../x"),
+        ("logger.tensorboard.save_dir", "here"),
+        ("logger.wandb", {"_target_": "lightning.pytorch.loggers.WandbLogger", "offline": False}),
+        ("trainer.default_root_dir", "here"),
+        ("trainer.profiler", "advanced"),
+        ("trainer.plugins", ["x"]),
+        ("trainer.strategy", "deepspeed_stage_3"),
+        ("data.record.out", "/home/stranger/laps"),
+        ("data.record.out", "outputs/../laps"),
+    ],
+)
+def test_what_runs_or_writes_elsewhere_is_refused_by_its_key(key: str, value: object) -> None:
+    config = OmegaConf.create(compose_config(["data=lake"]))
+    assert not list(find_refusals(config))
+    OmegaConf.update(config, key, value, merge=False, force_add=True)
+    with pytest.raises(InputError, match=re.escape(key)) as raised:
+        check_saved_config(config, "x.ckpt")
+    trust = str(raised.value).rpartition("trust=")[2]
+    check_saved_config(config, "x.ckpt", [trust])
+
+
+def test_every_choice_that_is_shipped_is_allowed() -> None:
+    from zoo.config import choices, config_groups
+
+    for group in config_groups():
+        for choice in choices(group):
+            value = f"[{choice}]" if group == "augment" else choice
+            config = OmegaConf.create(compose_config([f"{group}={value}"]))
+            assert list(find_refusals(config)) == [], (group, choice)
+
+
+def test_a_persons_own_class_is_trusted_by_name_or_typed(
+    strangers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "my_losses.py").write_text("from torch.nn import MSELoss as Mine\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    before = OmegaConf.load(strangers / ".hydra" / "config.yaml").loss
+    more = ["resume=run", "trainer.max_epochs=2"]
+    change(strangers, "loss", {"_target_": "my_losses.Mine"})
+    assert run_command("zoo", zoo, more) == 1
+    assert "trust=my_losses.Mine" in capsys.readouterr().err
+    assert run_command("zoo", zoo, [*more, "trust=my_losses.Mine"]) == 0, capsys.readouterr().err
+    change(strangers, "loss", before)
+    more = ["resume=run", "trainer.max_epochs=3", "loss._target_=my_losses.Mine"]
+    assert run_command("zoo", zoo, more) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: [", "cannot be read"),
+        ("a: &a [1]\nb: *a\n", "alias"),
+        ("a: !!python/object/apply:os.system ['touch ran']\n", "cannot be read"),
+        ("[1, 2]\n", "no keys"),
+        ("a: ${a}\n", "cannot be resolved"),
+        ("[" * 5000, "cannot be read"),
+        ("\0", "cannot be read"),
+        ("a: " + "x" * 1_100_000, "1,000,000 bytes"),
+    ],
+)
+def test_a_file_that_is_no_config_gets_one_line(
+    text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "config.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as raised:
+        check_saved_config(read_saved_config(path), path)
+    assert str(path) in str(raised.value)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    "target",
+    ["os.system", "zoo.models.layers.nn.Sequential", "zoo.models.layers.Tensor", "zoo.models.\0.X"],
+)
+def test_a_network_of_another_module_is_refused(target: str) -> None:
+    with pytest.raises(InputError, match=r"model\._target_"):
+        make_network({"_target_": target}, None)
+
+
+def test_a_strangers_recording_is_not_made_where_it_says(
+    strangers: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """A folder whose name ends in .part would be removed there, and a .lock emptied."""
+    kept = tmp_path / "laps.part"
+    kept.mkdir()
+    change(strangers, "data.root", None)
+    change(strangers, "data.record", {"out": str(tmp_path / "laps"), "passes": [{"laps": 0.01}]})
+    assert run_command("zoo", zoo, ["resume=run", "trainer.max_epochs=2"]) == 1
+    assert "data.record.out" in capsys.readouterr().err
+    assert kept.exists()
+    assert not (tmp_path / "laps.lock").exists()
+
+
+@pytest.mark.parametrize("place", ["../../../kept", "/etc/kept"])
+def test_a_checkpoint_does_not_name_files_to_delete(
+    place: str, strangers: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Lightning removes the file that its state calls the last best, when it has a better one."""
+    kept = tmp_path / "kept"
+    kept.write_text("mine")
+    path = strangers / "checkpoints" / "last.ckpt"
+    contents = torch.load(path, weights_only=True)
+    for state in contents["callbacks"].values():
+        if isinstance(state, dict) and "dirpath" in state:
+            bad = str(Path(state["dirpath"]) / place)
+            state.update(best_model_path=bad, kth_best_model_path=bad, last_model_path=bad)
+            state["best_k_models"] = {bad: torch.tensor(99.0)}
+    torch.save(contents, path)
+    assert run_command("zoo", zoo, ["resume=run", "trainer.max_epochs=2"]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "last.ckpt" in line
+    assert kept.read_text() == "mine"
+
+
+def test_a_rerun_does_not_enter_the_folder_that_a_config_names(
+    strangers: Path, recorded: Written, tmp_path: Path
+) -> None:
+    """A module there would be imported in place of ours."""
+    place = tmp_path / "place"
+    (place / "zoo").mkdir(parents=True)
+    (place / "zoo" / "__init__.py").write_text("")
+    (place / "zoo" / "__main__.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')")
+    (place / "laps").symlink_to(recorded.folder)
+    change(strangers, "data.root", "laps")
+    hydra = strangers / ".hydra" / "hydra.yaml"
+    settings = OmegaConf.load(hydra)
+    OmegaConf.update(settings, "hydra.runtime.cwd", str(place))
+    OmegaConf.save(settings, hydra)
+    result = run(tmp_path, "run", "out=again", module="zoo.rerun")
+    assert not (tmp_path / "ran").exists()
+    assert result.returncode == 0, result.stderr
+    assert "to the digit" in result.stdout
+
+
+def test_relative_places_are_those_of_where_a_run_was_started(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "lake").mkdir()
+    config = OmegaConf.create(
+        {"data": {"root": ["a", "/b", "c"], "split": "a"}, "score": {"track": "lake"}}
+    )
+    found = absolute_places(config, tmp_path)
+    assert found.data.root == [str(tmp_path / "a"), "/b", "c"]
+    assert (found.data.split, found.score.track) == ("a", "lake")
+
+
+def write_sweep(folder: Path, arguments: list[str]) -> Path:
+    from zoo.sweeping.record import new_record, write_record
+
+    folder.mkdir(parents=True)
+    write_record(folder, new_record(arguments))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("argument", "trust"),
+    [
+        ("+loss.x._target_=os.system", "os.system"),
+        ("loss._target_=torch.load,torch.nn.MSELoss", "torch.load"),
+        ("+loss.x='${oc.env:HOME}'", "loss.x"),
+        ("hydra.launcher._target_=os.system", "hydra.launcher._target_"),
+        ("+hydra.callbacks.x._target_=os.system", "hydra.callbacks.x._target_"),
+        ("hydra.searchpath=[file:///tmp]", "hydra.searchpath"),
+        ("hydra.job.env_set.PYTHONPATH=/tmp", "hydra.job.env_set.PYTHONPATH"),
+        ("hydra/job_logging=colorlog", "hydra/job_logging"),
+        ("+loss@hydra.launcher=mse", "loss@hydra.launcher"),
+        ("hydra.sweeper.storage=sqlite:////tmp/x.db", "hydra.sweeper.storage"),
+        ("experiment=../../x", "experiment"),
+        ("--config-dir=/tmp", "--config-dir"),
+    ],
+)
+def test_a_strangers_sweep_is_not_resumed(
+    argument: str,
+    trust: str,
+    recorded: Written,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", argument]
+    folder = write_sweep(tmp_path / "sweep", own)
+    assert run_command("zoo.sweep", resume_sweep, ["resume=sweep"]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "sweep.json" in line
+    assert f"trust={trust}" in line
+    assert not [path for path in folder.iterdir() if path.is_dir()]
+
+
+@pytest.mark.slow
+def test_a_sweep_with_a_persons_own_class_is_resumed_with_trust(
+    recorded: Written, tmp_path: Path
+) -> None:
+    (tmp_path / "my_losses.py").write_text("from torch.nn import MSELoss as Mine\n")
+    own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", "loss._target_=my_losses.Mine"]
+    folder = write_sweep(tmp_path / "sweep", [*own, "trainer.max_epochs=1"])
+    refused = run(tmp_path, "resume=sweep", module="zoo.sweep")
+    assert "trust=my_losses.Mine" in only_line(refused)
+    result = run(tmp_path, "resume=sweep", "trust=my_losses.Mine", module="zoo.sweep")
+    assert result.returncode == 0, result.stdout + result.stderr
+    done = [json.loads((folder / job / "status.json").read_text()) for job in ("0", "1")]
+    assert [one["status"] for one in done] == ["finished", "finished"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="several processes on one machine")
+def test_a_persons_own_class_trains_in_several_processes_of_a_sweep(
+    recorded: Written, tmp_path: Path
+) -> None:
+    """Each such job is a command of its own, which reads the config that the sweep has saved."""
+    (tmp_path / "my_losses.py").write_text("from torch.nn import MSELoss as Mine\n")
+    own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", "loss._target_=my_losses.Mine"]
+    more = ["trainer=ddp_cpu", "trainer.max_epochs=1", "hydra.sweep.dir=sweep"]
+    result = subprocess.run(
+        command("zoo", "-m", *own, *more),
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr

@@ -1,0 +1,73 @@
+"""Files that are replaced at once: a reader, and a kill at any moment, finds a whole one."""
+
+import os
+import re
+import secrets
+from pathlib import Path
+
+from datamodules.errors import InputError
+
+_PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
+# What versions before this module wrote next to their files.
+_EARLIER = re.compile(r".+\.ckpt\.part|\.(index\.html|report\.md|.+\.png)\.part")
+
+
+def write_whole(path: Path, data: str | bytes | memoryview) -> Path:
+    """Write a file's new contents next to it, then give them its name.
+
+    The name next to it cannot be guessed, and must be new: a link that somebody has put there, or
+    in the file's place, is not followed.
+
+    Raises:
+        OSError: cannot write it; names the file, and keeps what it was.
+    """
+    contents = data.encode(errors="backslashreplace") if isinstance(data, str) else data
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+    try:
+        try:
+            # Not of `tempfile`, whose files nobody else may read.
+            with part.open("xb") as file:
+                file.write(contents)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    return path
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove what processes that were killed have left of `write_whole` in a folder."""
+    try:
+        found = [one for one in folder.iterdir() if _is_part(one.name)]
+        for one in found:
+            one.unlink(missing_ok=True)
+    except OSError:  # no such folder; another's file
+        return
+
+
+def refuse_links_out(folder: Path) -> None:
+    """Refuse a folder that somebody else may have packed, if a link in it leads out of it.
+
+    Raises:
+        InputError: names the link.
+    """
+    own = os.path.realpath(folder)
+    for place, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            path = Path(place, name)
+            if not path.is_symlink():
+                continue
+            target = os.path.realpath(path)
+            if target != own and not target.startswith(own + os.sep):
+                raise InputError(
+                    f"{path}: is a link that leads out of {folder}, to {target}, which would be "
+                    "written; remove the link, or put what it leads to in its place"
+                )
+
+
+def _is_part(name: str) -> bool:
+    return bool(_PART.fullmatch(name) or _EARLIER.fullmatch(name))
