@@ -49,8 +49,9 @@ def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
         key, equals, value = argument.partition("=")
         if equals and key.lstrip("+") in PATH_KEYS:
             argument = f"{key}={_quote_value(value, sweep)}"
-        elif key == "callbacks" and value.startswith("{"):
-            argument = f"++{argument}"  # added to those that are there, as a choice's are
+        elif key.startswith("+callbacks.") or (key == "callbacks" and value.startswith("{")):
+            # Added to those that are always there, or in place of them, as a choice's are.
+            argument = f"++{argument.lstrip('+')}"
         quoted.append(argument)
     return quoted
 

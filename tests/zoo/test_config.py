@@ -163,6 +163,8 @@ def test_single_callbacks_are_added_and_switched_off() -> None:
     found = compose_config(quote_paths([*typed, "callbacks.progress=null"]))["callbacks"]
     assert set(found) >= {"best", "last", "mine", "early_stopping"}
     assert found["progress"] is None
+    again = quote_paths(["+callbacks.progress._target_=zoo.callbacks.progress.TrainingProgress"])
+    assert "progress" in compose_config(again)["callbacks"]
 
 
 def test_several_roots_are_a_list() -> None:
