@@ -106,7 +106,7 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
     log = root if root.suffix == ".csv" else root / LOG_NAME
     if not root.exists():
         raise InputError(f"{root}: no such folder; set data.root to the folder of a {LOG_NAME}")
-    if not log.is_file():
+    if not log.exists():
         raise InputError(f"{root}: holds no {LOG_NAME}; {_suggest(root)}")
     finder = ImageFinder(log, images)
     rows = read_log_columns(log)

@@ -1,6 +1,5 @@
 """`python -m zoo.rerun RUN`: repeat a run from its folder alone, and compare the figures."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -69,14 +68,16 @@ def rerun(arguments: list[str]) -> None:
         raise InputError(
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
         )
-    then = json.loads((run / "metrics.json").read_text())
+    from zoo.records.metrics_file import read_metrics_file
+
+    then = read_metrics_file(run)
     stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
     out = Path(options.out or f"outputs/reruns/{stamp}").resolve()
     if out.exists() and any(out.iterdir()):
         raise InputError(f"out={out}: is not empty; name another folder")
     _prepare(run, out)
     _train(out, place_of(run), then.get("threads"))
-    now = json.loads((out / "metrics.json").read_text())
+    now = read_metrics_file(out)
     _report(then, now, out)
 
 
@@ -102,23 +103,28 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 
 def place_of(run: Path) -> Path:
     """Where the run was started: relative paths of its config begin there."""
-    try:
-        hydra = OmegaConf.load(run / ".hydra" / "hydra.yaml")
-        place = Path(hydra.hydra.runtime.cwd)
-    except (OSError, AttributeError, TypeError):
+    from zoo.records.config_files import read_hydra_file
+
+    if not (run / ".hydra" / "hydra.yaml").exists():
         return Path.cwd()
+    place = Path(read_hydra_file(run).cwd or "")
     return place if place.is_dir() else Path.cwd()
 
 
 def _prepare(run: Path, out: Path) -> None:
     """A run's folder in which nothing was trained yet; the config that a checkpoint carries is what
     was trained with, whatever `resume=` has changed since."""
-    config = OmegaConf.load(run / ".hydra" / "config.yaml")
+    from zoo.records.config_files import load_config
+
+    config = load_config(run)
     last = run / "checkpoints" / "last.ckpt"
     if last.is_file():
         from zoo.checkpoint import read_checkpoint_file
+        from zoo.records.checkpoint_card import check_card
 
-        trained = read_checkpoint_file(last)["drivezoo"]["config"]
+        card = read_checkpoint_file(last)["drivezoo"]
+        check_card(card, last)
+        trained = card["config"]
         config = OmegaConf.create(escape_interpolation(trained))
     if OmegaConf.select(config, "callbacks.pruning"):
         del config.callbacks["pruning"]  # its study is over
@@ -146,7 +152,7 @@ def _train(out: Path, place: Path, threads: int | None) -> None:
 
 
 def _report(then: dict, now: dict, out: Path) -> None:
-    for package, number in then.get("versions", {}).items():
+    for package, number in (then.get("versions") or {}).items():
         other = now["versions"].get(package)
         if other != number:
             print(f"version of {package}: {number} then, {other} now")

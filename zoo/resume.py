@@ -9,7 +9,6 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.errors import InputError
 from zoo.config import config_groups, quote_paths
 from zoo.console_progress import loading
-from zoo.status import read_metrics, read_status
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -31,10 +30,14 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
             "trainer.max_epochs=60, or start a new run"
         )
-    saved = OmegaConf.load(saved_path)
+    from zoo.records.config_files import load_config
+    from zoo.records.metrics_file import read_metrics_file
+    from zoo.records.status_file import read_status_file
+
+    saved = load_config(folder)
     config = _overridden(saved, overrides)
-    if read_status(folder).get("status") == "finished":
-        finished = FinishedRun(folder, saved)
+    if read_status_file(folder).get("status") == "finished":
+        finished = FinishedRun(folder, saved, read_metrics_file(folder))
         if not finished.is_less_than(config):
             print("\n".join(finished.lines(overrides)))
             return
@@ -67,9 +70,8 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> DictConfig:
 class FinishedRun:
     """A finished run: what it has, and how it can be trained further."""
 
-    def __init__(self, folder: Path, config: DictConfig) -> None:
-        self.folder, self.config = folder, config
-        self.metrics = read_metrics(folder)
+    def __init__(self, folder: Path, config: DictConfig, metrics: dict) -> None:
+        self.folder, self.config, self.metrics = folder, config, metrics
         self.epochs = self.metrics.get("epochs") or 0
         self.best = folder / "checkpoints" / "best.ckpt"
         self.last = folder / "checkpoints" / "last.ckpt"

@@ -1,0 +1,1 @@
+"""Input of ill will or bad luck: real files and processes."""
