@@ -174,7 +174,7 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
             continue
         if len(row) != 2 or row[1].strip() not in PARTS:
             raise InputError(
-                f"{path}, row {line}: {','.join(row)[:80]!r} is not image,part with a part of "
+                f"{path}, row {line}: {','.join(row)[:80]!a} is not image,part with a part of "
                 f"{', '.join(PARTS)}; correct the row"
             )
         parts[file_name(row[0])] = PARTS.index(row[1].strip())
@@ -186,12 +186,12 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
 
 
 def _fields(path: Path) -> Iterator[list[str]]:
-    with open_text(path, MOST_SPLIT_BYTES) as file:
+    with open_text(path, MOST_SPLIT_BYTES, errors="surrogateescape") as file:
         reader = csv.reader(file)
         while True:
             try:
                 row = next(reader, None)
-            except (csv.Error, UnicodeDecodeError) as error:
+            except csv.Error as error:
                 said = f"{path}, row {reader.line_num + 1}: cannot be read ({error})"
                 raise InputError(f"{said}; correct the row") from None
             if row is None:

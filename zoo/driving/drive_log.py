@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.errors import InputError
+from datamodules.log_text import printable
 from datamodules.regular_file import open_text
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
@@ -172,11 +173,11 @@ def read_drive(folder: Path | str) -> Drive:
 
 
 def _rows(path: Path) -> list[list[str]]:
-    with open_text(path, MOST_BYTES) as file:
+    with open_text(path, MOST_BYTES, errors="surrogateescape") as file:
         reader = csv.reader(file)
         try:
             return list(reader)
-        except (csv.Error, UnicodeDecodeError) as error:
+        except csv.Error as error:
             said = f"{path}, row {reader.line_num + 1}: cannot be read ({error}); delete the row"
             raise InputError(said) from None
 
@@ -194,8 +195,8 @@ def _texts(row: DriveRow) -> list[str]:
 
 def _value(path: Path, line: int, name: str, text: str) -> object:
     if name in ("driver", "frame"):
-        if "\0" in text:
-            raise InputError(f"{path}, row {line}: {name} holds a NUL; delete the row")
+        if "\0" in text or not text.isascii() and printable(text) != text:
+            raise InputError(f"{path}, row {line}: {name} is {text[:40]!a}; delete the row")
         return text
     try:
         value = math.nan if not text else float(text)

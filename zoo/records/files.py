@@ -72,7 +72,7 @@ def check_yaml(text: str) -> None:
         if depth > MOST_LEVELS:
             raise ValueError(f"line {line}: nested deeper than {MOST_LEVELS} levels")
         if isinstance(event, yaml.ScalarEvent) and len(event.value) > MOST_DIGITS:
-            quoted = event.style is not None and event.tag is None
+            quoted = bool(event.style) and event.tag is None
             if not quoted and _NUMBER.match(event.value):
                 raise ValueError(f"line {line}: a number of {len(event.value):,} digits")
 

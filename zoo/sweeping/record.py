@@ -67,7 +67,7 @@ def read_record(folder: Path) -> SweepRecord:
         InputError: no sweep's folder, or one of another version.
     """
     path = folder / NAME
-    if not path.is_file():
+    if not path.exists():
         found = "holds no sweep.json" if folder.is_dir() else "there is no such folder"
         raise InputError(f"{folder}: is no sweep's folder ({found}); see outputs/sweeps")
     from zoo.records.sweep_file import read_sweep_file
