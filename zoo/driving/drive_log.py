@@ -195,7 +195,7 @@ def _texts(row: DriveRow) -> list[str]:
 
 def _value(path: Path, line: int, name: str, text: str) -> object:
     if name in ("driver", "frame"):
-        if "\0" in text or not text.isascii() and printable(text) != text:
+        if "\0" in text or (not text.isascii() and printable(text) != text):
             raise InputError(f"{path}, row {line}: {name} is {text[:40]!a}; delete the row")
         return text
     try:
