@@ -144,6 +144,9 @@ def main(arguments: list[str]) -> int:
     except InputError as error:
         print(f"check: {error}", file=sys.stderr)
         return 1
+    except MemoryError:
+        print("check: not enough memory; end other programs, or name fewer", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("check: stopped", file=sys.stderr)
         return 130

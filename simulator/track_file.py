@@ -64,7 +64,6 @@ def make_track(name: str, content: dict) -> Track:
     _check_keys("", content, KEYS)
     points = _points(content.get("points"))
     width = _number("width", content.get("width", 6.4), 3, 30)
-    _check_extent(points)
     centreline = make_centreline(points)
     if centreline["length"] > MOST_LENGTH_M:
         raise SimulatorError(_too_long(centreline["length"]))
@@ -94,6 +93,7 @@ def _points(given: object) -> np.ndarray:
     points = _triples("points", given, "[x, y, z]")
     if len(points) < 4:
         raise SimulatorError(f"points: {len(points)}, a closed loop needs 4 or more")
+    _check_extent(points)
     steps = np.linalg.norm(np.diff(points, axis=0, append=points[:1])[:, :2], axis=1)
     if steps.min() < 1:
         where = int(steps.argmin()) + 1
