@@ -13,15 +13,24 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-import PIL.Image
 from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.errors import InputError
 from datamodules.findings import find_oddities
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, HEAD, NO_IMAGE, TAIL, find_fault
+from datamodules.image import (
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
+    HEAD,
+    MOST_IMAGE_BYTES,
+    TAIL,
+    find_fault,
+    find_size_fault,
+    image_size,
+)
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
+from datamodules.regular_file import open_binary
 
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 SHOWN = 20  # bad images that are listed, before a count
@@ -93,18 +102,15 @@ def _hydra_text(text: str) -> str:
 def look_at_image(path: str) -> tuple[int, int] | str:
     """`(width, height)` of a JPEG or PNG as its header says, or what is wrong with the file."""
     try:
-        with open(path, "rb") as file:  # noqa: PTH123 - Path.open costs twice as much
+        with open_binary(path, MOST_IMAGE_BYTES) as file:
             head = file.read(HEAD)
-            file.seek(max(os.fstat(file.fileno()).st_size - TAIL, 0))
+            file.seek(max(file.seek(0, os.SEEK_END) - TAIL, 0))
             if fault := find_fault(head, file.read()):
                 return fault
             file.seek(0)
-            with PIL.Image.open(file, formats=("JPEG", "PNG")) as image:
-                return image.size
-    except PIL.UnidentifiedImageError:
-        return NO_IMAGE
-    # PIL's, for a header that is damaged or that claims a huge image.
-    except (OSError, SyntaxError, ValueError, PIL.Image.DecompressionBombError) as error:
+            size = image_size(file)
+            return find_size_fault(*size) or size
+    except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
 
 
@@ -138,6 +144,9 @@ def main(arguments: list[str]) -> int:
         return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1
     except InputError as error:
         print(f"check: {error}", file=sys.stderr)
+        return 1
+    except MemoryError:
+        print("check: not enough memory; end other programs, or name fewer", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("check: stopped", file=sys.stderr)

@@ -11,7 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.errors import InputError
-from datamodules.log_text import find_delimiter, printable, printable_path, read_fields
+from datamodules.log_text import (
+    MOST_LOG_BYTES,
+    find_delimiter,
+    printable,
+    printable_path,
+    read_fields,
+)
+from datamodules.regular_file import open_text
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
@@ -70,7 +77,7 @@ def _read_plain_log(log: Path) -> LogColumns | None:
     """The columns of a log of full rows with decimal points; None where anything is unusual."""
     paths: tuple[list[str], ...] = tuple([] for _ in CAMERAS)
     lines, numbers, order = [], [], None
-    with log.open(newline="", encoding="utf-8-sig") as file:
+    with open_text(log, MOST_LOG_BYTES) as file:
         try:
             if find_delimiter(file) != ",":
                 return None

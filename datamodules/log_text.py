@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import TextIO
 
 from datamodules.errors import InputError
+from datamodules.regular_file import open_text
+
+MOST_LOG_BYTES = 2_000_000_000  # some ten million rows
 
 # What `surrogateescape` makes of bytes that are no UTF-8, and NUL, in a path's last part.
 _NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
@@ -18,7 +21,7 @@ def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield each row's line and stripped fields, without empty rows."""
     _refuse_utf_16(log)
     # A folder's name in an old code page does no harm: images are found by their own names.
-    with log.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
+    with open_text(log, MOST_LOG_BYTES, errors="surrogateescape") as file:
         reader = csv.reader(file, delimiter=find_delimiter(file), skipinitialspace=True)
         while True:
             line = reader.line_num + 1
@@ -49,8 +52,8 @@ def find_delimiter(file: TextIO) -> str:
 
 def _refuse_utf_16(log: Path) -> None:
     """Raise InputError for a log that Notepad or Excel saved as "Unicode"."""
-    with log.open("rb") as file:
-        head = file.read(4)
+    with open_text(log, MOST_LOG_BYTES) as file:
+        head = file.buffer.read(4)
     one_byte_apart = (head[::2] == b"\0\0") != (head[1::2] == b"\0\0")
     if head.startswith(_UTF_16) or one_byte_apart:
         raise InputError(

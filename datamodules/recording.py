@@ -103,10 +103,20 @@ def read_recordings(
 
 
 def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) -> Recording:
+    try:
+        return _read_log(number, root, images, on_bad_image)
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "
+            "another folder"
+        ) from None
+
+
+def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) -> Recording:
     log = root if root.suffix == ".csv" else root / LOG_NAME
     if not root.exists():
         raise InputError(f"{root}: no such folder; set data.root to the folder of a {LOG_NAME}")
-    if not log.is_file():
+    if not log.exists():
         raise InputError(f"{root}: holds no {LOG_NAME}; {_suggest(root)}")
     finder = ImageFinder(log, images)
     rows = read_log_columns(log)

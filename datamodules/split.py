@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import numpy as np
 
 from datamodules.errors import InputError
 from datamodules.recording import LOG_NAME, Recording, file_name
+from datamodules.regular_file import open_text
 
+MOST_SPLIT_BYTES = 500_000_000
 PARTS = ("train", "val", "test")
 KINDS = ("blocks", "random", "recording")
 REDEALS = 100
@@ -57,7 +60,7 @@ def split_rows(
         part = _deal(np.ones(len(recording)), shares, rng)
     elif kind == "recording":
         part = _split_recordings(recording, shares, rng)
-    elif Path(kind).is_file():
+    elif Path(kind).exists():
         part = _read_split(recording, Path(kind))
     else:
         raise InputError(
@@ -166,21 +169,34 @@ def _split_recordings(
 
 def _read_split(recording: Recording, path: Path) -> np.ndarray:
     parts = {}
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        for line, row in enumerate(csv.reader(file), start=1):
-            if not row or row == ["image", "part"]:
-                continue
-            if len(row) != 2 or row[1].strip() not in PARTS:
-                raise InputError(
-                    f"{path}, row {line}: {','.join(row)!r} is not image,part with a part of "
-                    f"{', '.join(PARTS)}; mend the row"
-                )
-            parts[file_name(row[0])] = PARTS.index(row[1].strip())
+    for line, row in enumerate(_fields(path), start=1):
+        if not row or row == ["image", "part"]:
+            continue
+        if len(row) != 2 or row[1].strip() not in PARTS:
+            raise InputError(
+                f"{path}, row {line}: {','.join(row)[:80]!a} is not image,part with a part of "
+                f"{', '.join(PARTS)}; correct the row"
+            )
+        parts[file_name(row[0])] = PARTS.index(row[1].strip())
     names = [file_name(image) for image in recording.images[:, 0]]
     part = np.array([parts.get(name, -1) for name in names])
     if (part < 0).all():
         raise InputError(f"{path}: names no image of this recording ({LOG_NAME} starts {names[0]})")
     return part
+
+
+def _fields(path: Path) -> Iterator[list[str]]:
+    with open_text(path, MOST_SPLIT_BYTES, errors="surrogateescape") as file:
+        reader = csv.reader(file)
+        while True:
+            try:
+                row = next(reader, None)
+            except csv.Error as error:
+                said = f"{path}, row {reader.line_num + 1}: cannot be read ({error})"
+                raise InputError(f"{said}; correct the row") from None
+            if row is None:
+                return
+            yield row
 
 
 def _runs(recording: Recording) -> list[tuple[int, int]]:

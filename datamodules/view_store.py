@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 
 from datamodules.cores import usable_cores
 from datamodules.errors import InputError
-from datamodules.image import decode_image
+from datamodules.image import read_image
 from datamodules.view import View
 
 # Raise it when `decode_image` or `View` changes what comes out: old files are then not read again.
@@ -154,7 +154,7 @@ def decode_all(
         chunk, faults = own.chunk[: len(some)], {}
         for offset, path in enumerate(some):
             try:
-                view(decode_image(_read(path)), out=chunk[offset])
+                view(read_image(path), out=chunk[offset])
                 continue
             except OSError as error:
                 faults[start + offset] = f"{path}: {error.strerror}"
@@ -184,19 +184,6 @@ def decode_all(
         pool.shutdown(cancel_futures=True)
         cv2.setNumThreads(its_own)
     return all_faults
-
-
-def _read(path: str) -> bytes:
-    """A file's bytes, in few calls: after each of them the threads queue for Python's lock."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-    try:
-        size = os.fstat(descriptor).st_size
-        data = os.read(descriptor, size)
-        while len(data) < size and (more := os.read(descriptor, size - len(data))):
-            data += more
-        return data
-    finally:
-        os.close(descriptor)
 
 
 def _build(

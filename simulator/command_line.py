@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from simulator.errors import SimulatorError
+from simulator.plain_yaml import check_yaml
 
 Options = TypeVar("Options")
 
@@ -75,22 +76,34 @@ def _text(value: object) -> str:
 
 def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[str]) -> int:
     """Call `command(arguments)`; the exit status: 0, 1 after an error's one line, 130 stopped."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal may not know every character
     try:
         command(arguments)
     except SimulatorError as error:
         print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    except MemoryError:
+        print("simulator: not enough memory; end other programs, or choose less", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("simulator: stopped", file=sys.stderr)
         return 130
     except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        if error.strerror is None:
+            raise
+        print(f"simulator: {error.filename or 'a file'}: {error.strerror}", file=sys.stderr)
+        return 1
     return 0
 
 
 def _value(text: str) -> object:
     """YAML's reading of a value, where it is one; a path with odd characters stays as it is."""
     try:
+        check_yaml(f"value: {text}")
         value = OmegaConf.create(f"value: {text}")["value"]
     except Exception:  # a parser's error for text that is no YAML is no mistake in itself
         return text

@@ -4,9 +4,10 @@ import difflib
 from pathlib import Path
 
 import numpy as np
-import yaml
+from scipy.spatial import cKDTree
 
 from simulator.errors import SimulatorError
+from simulator.plain_yaml import read_yaml
 from simulator.rig import MAX_STEERING_DEG, WHEELBASE_M
 from simulator.track import Stretch, Surroundings, Track, Verge, make_centreline
 
@@ -16,6 +17,10 @@ KEYS = ("width", "shoulder", "centre_line", "verge", "points", "stretches", "sur
 # The car's tightest circle, and room to correct on it.
 TIGHTEST_RADIUS_M = 1.25 * WHEELBASE_M / np.tan(np.radians(MAX_STEERING_DEG))
 LEAST = {"water_level": -1e4, "hill_size": 1.0}  # of the surroundings' numbers; 0 of the others
+MOST_PATH = 4096  # characters of a track's path
+# Limits that keep the centreline and the ground within memory.
+MOST_POINTS, MOST_LENGTH_M, MOST_SIDE_M = 10_000, 100_000, 10_000
+MOST_LAKES, MOST_RADIUS_M = 100, 2_000
 VERGE_M = 4.0  # beside the road that no other part of the track may use
 
 
@@ -40,14 +45,12 @@ def read_track(name: str) -> Track:
     path = track_folder() / f"{name}.yaml"
     if name.endswith((".yaml", ".yml")):
         path = Path(name)
-    if not path.is_file():
+    if "\0" in name or len(name) > MOST_PATH or not path.exists():
+        name = ascii(name[:MOST_PATH])[1:-1] if "\0" in name else name[:MOST_PATH]
         raise SimulatorError(
             f"there is no track {name}: there are {', '.join(track_names())}, or give a .yaml file"
         )
-    try:
-        content = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise SimulatorError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    content = read_yaml(path)
     try:
         return make_track(path.stem, content)
     except SimulatorError as error:
@@ -62,6 +65,8 @@ def make_track(name: str, content: dict) -> Track:
     points = _points(content.get("points"))
     width = _number("width", content.get("width", 6.4), 3, 30)
     centreline = make_centreline(points)
+    if centreline["length"] > MOST_LENGTH_M:
+        raise SimulatorError(_too_long(centreline["length"]))
     _check_bends(centreline)
     _check_crossings(centreline, width)
     verge = _verge("verge", _given(content, "verge", {}), Verge())
@@ -88,6 +93,7 @@ def _points(given: object) -> np.ndarray:
     points = _triples("points", given, "[x, y, z]")
     if len(points) < 4:
         raise SimulatorError(f"points: {len(points)}, a closed loop needs 4 or more")
+    _check_extent(points)
     steps = np.linalg.norm(np.diff(points, axis=0, append=points[:1])[:, :2], axis=1)
     if steps.min() < 1:
         where = int(steps.argmin()) + 1
@@ -96,6 +102,25 @@ def _points(given: object) -> np.ndarray:
             "the loop closes by itself, so do not repeat the first one"
         )
     return points
+
+
+def _check_extent(points: np.ndarray) -> None:
+    """Refuse what takes gigabytes, before it takes them."""
+    if len(points) > MOST_POINTS:
+        raise SimulatorError(f"points: {len(points):,}, more than {MOST_POINTS:,}; leave some out")
+    sides = np.ptp(points[:, :2], axis=0)
+    if sides.max() > MOST_SIDE_M:
+        raise SimulatorError(
+            f"points: reach over {sides.max():,.0f} m, more than {MOST_SIDE_M:,} m; are they in "
+            "metres?"
+        )
+    length = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
+    if length > MOST_LENGTH_M:
+        raise SimulatorError(_too_long(length))
+
+
+def _too_long(length: float) -> str:
+    return f"points: the road is {length:,.0f} m long, more than {MOST_LENGTH_M:,} m; shorten it"
 
 
 def _check_bends(centreline: dict) -> None:
@@ -112,17 +137,21 @@ def _check_crossings(centreline: dict, width: float) -> None:
     """No two parts of the road may come nearer than its width, unless they follow each other."""
     stride = 4
     xy, distance = centreline["xyz"][::stride, :2], centreline["distance"][::stride]
-    apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1)
-    along = np.abs(distance[:, None] - distance[None])
-    along = np.minimum(along, centreline["length"] - along)
-    room = width + VERGE_M
-    apart[along < np.pi * room] = np.inf
-    first, second = np.unravel_index(apart.argmin(), apart.shape)
-    if apart[first, second] < room:
+    room, length = width + VERGE_M, centreline["length"]
+    tree = cKDTree(xy)
+    least, place = room, None
+    for first, near in enumerate(tree.query_ball_point(xy, room)):
+        second = np.array(near)
+        along = np.abs(distance[second] - distance[first])
+        second = second[np.minimum(along, length - along) >= np.pi * room]
+        if len(second):
+            apart = np.linalg.norm(xy[second] - xy[first], axis=-1)
+            if apart.min() < least:
+                least, place = apart.min(), (distance[first], distance[second[apart.argmin()]])
+    if place:
         raise SimulatorError(
-            f"the road crosses itself, or nearly: {distance[first]:.0f} m and "
-            f"{distance[second]:.0f} m along it are {apart[first, second]:.1f} m apart, "
-            f"it needs {room:.1f}: move the points there apart"
+            f"the road crosses itself, or nearly: {place[0]:.0f} m and {place[1]:.0f} m along it "
+            f"are {least:.1f} m apart, it needs {room:.1f}: move the points there apart"
         )
 
 
@@ -156,6 +185,11 @@ def _surroundings(given: dict) -> Surroundings:
             _check_choice("surroundings: ground", value, ("sand", "forest"))
         elif key == "lakes":
             lakes = _triples("surroundings: lakes", value, "[x, y, radius]")
+            if len(lakes) > MOST_LAKES or lakes[:, 2].max(initial=0) > MOST_RADIUS_M:
+                raise SimulatorError(
+                    f"surroundings: lakes: {len(lakes):,} with radii up to "
+                    f"{lakes[:, 2].max():,.0f} m; {MOST_LAKES} at most, up to {MOST_RADIUS_M:,} m"
+                )
             if (lakes[:, 2] <= 0).any():
                 number = int(np.argmax(lakes[:, 2] <= 0))
                 raise SimulatorError(

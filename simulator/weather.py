@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 
 from simulator.errors import SimulatorError
+from simulator.plain_yaml import parse_yaml
 from simulator.rig import CameraOffset
 
 
@@ -100,8 +101,8 @@ def read_weather(text: str) -> Weather | str:
     if text == "clear":
         return CLEAR
     try:
-        given = yaml.safe_load(text)
-    except yaml.YAMLError:
+        given = parse_yaml(text)
+    except (yaml.YAMLError, ValueError):
         given = None
     if not isinstance(given, dict):
         raise SimulatorError(f"weather={text}: must be clear, random or settings, {{fog: 0.4}}")

@@ -9,11 +9,13 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.errors import InputError
+from datamodules.regular_file import open_binary
 from datamodules.view import View
 from zoo.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.saved_config import ALLOWED, own_class
 
 FORMAT = 1
+MOST_BYTES = 8_000_000_000
 PREFIX = "network."  # how the LightningModule calls the network in its state
 VIEW_KEYS = ("colour", "size")
 # Of a model's config, not for its constructor.
@@ -69,7 +71,7 @@ def load_plain(path: Path) -> object:
             code, which is not run.
     """
     try:
-        with path.open("rb") as file:
+        with open_binary(path, MOST_BYTES) as file:
             begin = file.read(4)
     except OSError as error:
         reason = error.strerror or error
@@ -108,9 +110,12 @@ def load_checkpoint(path: str | Path) -> Checkpoint:
         InputError: see `find_checkpoint` and `read_checkpoint_file`; or the weights do not fit the
             network that its config names, or are not finite.
     """
+    from zoo.records.checkpoint_card import check_card
+
     path = find_checkpoint(path)
     contents = read_checkpoint_file(path)
     card = contents["drivezoo"]
+    check_card(card, path)
     try:
         view = View.from_dict(card["view"])
         network = make_network(card["config"]["model"], view)

@@ -17,6 +17,7 @@ from datamodules.errors import InputError
 from zoo.checkpoint_path import FOLDER, LATEST, find_checkpoint
 from zoo.checkup import inputs, installation, machine, renderer, round_trip
 from zoo.checkup.finding import FAULT, OK, WARNING, Finding, careful
+from zoo.early_interrupt import raise_again
 
 USAGE = "usage: python -m zoo.doctor [CKPT] [RECORDING] [port=4567]"
 HELP = f"""{USAGE}
@@ -108,6 +109,7 @@ def print_finding(finding: Finding) -> None:
 
 def main(arguments: list[str]) -> int:
     """The command."""
+    raise_again()
     if {"-h", "--help"} & set(arguments):
         print(HELP)
         return 0

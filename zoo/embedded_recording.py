@@ -73,7 +73,9 @@ def _record(folder: Path, recipe: dict, console: Console) -> None:
 
 
 def _check_recipe(folder: Path, recipe: dict) -> None:
-    found = json.loads((folder / RECIPE).read_text())
+    from zoo.records.files import read_json
+
+    found = read_json(folder / RECIPE)
     if found != json.loads(json.dumps(recipe)):
         raise InputError(
             f"{folder}: was recorded with other options than data.record now has: remove it, or "

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.errors import InputError
-from datamodules.image import decode_image
+from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings, times_from_names
 from zoo.command_line import run_command
 from zoo.driving import drive_log
@@ -135,7 +135,7 @@ def _pictures(shots: list[Shot], faults: list[str], console: Console) -> Iterato
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         for shot in progress.track(shots, description="filming"):
             try:
-                frame = decode_image(shot.path.read_bytes())
+                frame = read_image(shot.path)
             except (OSError, ValueError) as error:
                 faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
                 continue

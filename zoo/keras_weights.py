@@ -4,7 +4,6 @@ Formats: Keras' `saving/hdf5_format.py` (2.x) and `engine/topology.py` (1.x). No
 run: Lambda layers, whose code it may hold, are passed over.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +12,9 @@ import torch
 from torch import nn
 
 from datamodules.errors import InputError
+from datamodules.regular_file import open_binary
+
+MOST_BYTES = 8_000_000_000
 
 
 @dataclass(frozen=True)
@@ -107,15 +109,17 @@ def read_keras_file(path: Path) -> KerasFile:
         import h5py
     except ImportError:
         raise InputError(f"{path}: reading it needs h5py; pip install h5py") from None
+    from zoo.records.files import parse_json
+
     try:
-        with h5py.File(path) as file:
+        with open_binary(path, MOST_BYTES) as raw, h5py.File(raw) as file:
             group = file.get("model_weights", file)
             if "layer_names" not in group.attrs and "layer_names0" not in group.attrs:
                 raise InputError(
                     f"{path}: holds no layers of Keras 1 or 2; save the model with "
                     "model.save('model.h5'), not as .weights.h5 or .keras"
                 )
-            config = json.loads(_text(file.attrs.get("model_config", "{}")))
+            config = parse_json(_text(file.attrs.get("model_config", "{}")))
             version = _text(group.attrs.get("keras_version", file.attrs.get("keras_version", "1")))
             model = _model_layers(config)
             channels_first = _channels_first(model)
@@ -138,6 +142,9 @@ def read_keras_file(path: Path) -> KerasFile:
             )
     except InputError:
         raise
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise InputError(f"{path}: is no whole HDF5 file of Keras ({reason})") from None
     except Exception as error:  # bytes of any kind make HDF5 and JSON fail in any way
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: is no whole HDF5 file of Keras ({reason})") from None

@@ -3,19 +3,21 @@
 The frame goes through the same `View` as in training; only the network is run by onnxruntime.
 """
 
-import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from datamodules.errors import InputError
+from datamodules.regular_file import open_binary
 from datamodules.view import View
 
 if TYPE_CHECKING:
     import onnxruntime
 
 SUFFIX = ".onnx"
+MOST_BYTES = 2_000_000_000  # a file of ONNX without further files beside it holds no more
 CARD = "drivezoo"  # the key of the metadata; its value is JSON
 IMAGES, SPEED = "images", "speed"  # the graph's inputs
 INSTALL = "pip install 'drivezoo[onnx]'"
@@ -93,6 +95,12 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         import onnxruntime
     except ImportError:
         raise InputError(f"{path}: driving it needs onnxruntime: {INSTALL}") from None
+    try:
+        if not os.path.getsize(path):  # noqa: PTH202
+            raise InputError(f"{path}: is empty (0 bytes); export it again")
+        open_binary(path, MOST_BYTES).close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.log_severity_level = 4  # what is wrong is raised; it need not be on the terminal, too
@@ -109,6 +117,7 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
 def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
     """What `zoo.export` wrote into the metadata, with the view as a `View`."""
     from zoo.checkpoint import FORMAT  # imports torch
+    from zoo.records.files import check_text, parse_json
 
     text = session.get_modelmeta().custom_metadata_map.get(CARD)
     if text is None:
@@ -117,7 +126,7 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
             "use one that python -m zoo.export wrote"
         )
     try:
-        card = json.loads(text)
+        card = check_text(parse_json(text))
         if card["format"] != FORMAT:
             raise InputError(f"has format {card['format']}, this version reads {FORMAT}")
         view = View.from_dict(card["view"])

@@ -1,6 +1,5 @@
 """What a training has come to: figures, table and plots of its best checkpoint."""
 
-import csv
 import json
 import platform
 import time
@@ -25,6 +24,7 @@ from zoo.checkpoint_path import short_name
 from zoo.code_fingerprint import code_fingerprint
 from zoo.console_progress import working
 from zoo.open_loop import baseline_metrics, open_loop_metrics, predict_steering, side_response
+from zoo.records import curves_files
 from zoo.report import write_report
 from zoo.scoring.candidates import Choice
 from zoo.scoring.tracks import RunScore, score_run
@@ -164,16 +164,7 @@ def read_curves(folder: Path) -> dict[str, dict[int, float]]:
     A resumed run repeats an epoch that was cut off: the later figure counts.
     """
     curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
-    earlier = sorted(folder.glob("metrics.*.csv"), key=lambda path: int(path.stem.split(".")[1]))
-    for path in [*earlier, folder / "metrics.csv"]:
-        if not path.is_file():
-            continue
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                for name, curve in curves.items():
-                    if row.get(name):
-                        curve[int(row["epoch"]) + 1] = float(row[name])
-    return curves
+    return curves | curves_files.read_curves(folder, curves)
 
 
 def _without_nan(value: object) -> object:

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from datamodules.errors import InputError
-from datamodules.image import decode_image
+from datamodules.image import read_image
 from datamodules.recording import read_recordings
 from zoo.onnx_policy import OnnxPolicy
 from zoo.policy import Policy
@@ -102,7 +102,7 @@ def _frames_of(folder: str | list[str], images: str | None = None) -> Frames:
     for row in rows:
         path = Path(recording.images[row, 0])
         try:
-            frames.append(decode_image(path.read_bytes()))
+            frames.append(read_image(path))
         except (OSError, ValueError) as error:
             raise InputError(f"{recording.place(row)}: {path}: {error}") from None
     source = f"of {', '.join(recording.names)}"

@@ -3,21 +3,26 @@
 Sweeps and the leaderboard share it. A run that was not driven comes after all that were.
 """
 
-import csv
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from datamodules.errors import InputError
 from zoo.scoring.table import Spread, mean_and_deviation, read_figures
 from zoo.status import is_alive, read_status
 from zoo.trained_recordings import TrainedOn, read_trained_on
 
+if TYPE_CHECKING:
+    from zoo.records.config_files import Runtime
+
 # Not what a run is: its seed, where things are kept, and what a search adds.
 APART = ("seed",)
 LAST = float("inf")
+CURVES = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
 
 
 @dataclass(frozen=True)
@@ -85,8 +90,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class Unranked:
-    """A run without figures: `why` is `running`, `stopped`, `failed`, `pruned`, `older`, with more
-    words in `reason`."""
+    """A run without figures: `why` is `running`, `stopped`, `failed`, `pruned`, `older` or
+    `damaged`, with more words in `reason`."""
 
     folder: Path
     why: str
@@ -94,42 +99,55 @@ class Unranked:
 
 
 def read_run(folder: Path) -> Run | None:
-    """A finished run; None where its figures are missing, or are not those of this version."""
+    """Return a finished run; None where its figures are not those of this version, or damaged."""
     try:
-        metrics = json.loads((folder / "metrics.json").read_text())
-        open_loop = metrics["open_loop"]
-        tracks, mph = _driven(metrics.get("drive"))
-        shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
-        config, overrides, hydra = _configs(folder)
-        choices = hydra["runtime"]["choices"]
-        trained_on = read_trained_on(config, hydra, metrics)
-        return Run(
-            folder=folder,
-            name=choices.get("experiment") or metrics["model"],
-            overrides=overrides,
-            settings=_settings(config, trained_on),
-            seed=metrics.get("seed"),
-            trained_on=trained_on,
-            parameters=metrics.get("parameters"),
-            autonomy=_mean(tracks, "autonomy"),
-            cte_m=_mean(tracks, "cte_mean_m"),
-            tracks={
-                name: {key: float(one[key][0]) for key in shown if one.get(key)}
-                for name, one in tracks.items()
-            },
-            counts={
-                name: Count(one["drives_without_intervention"], one["drives"])
-                for name, one in tracks.items()
-                if one.get("drives_without_intervention") is not None
-            },
-            mph=mph,
-            val_mse=open_loop.get("val", {}).get("mse"),
-            test_mse=open_loop.get("test", {}).get("mse"),
-            wall_s=float(metrics.get("wall_s") or 0),
-            curves=read_curves(folder),
-        )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
+        return load_run(folder)
+    except InputError:
         return None
+
+
+def load_run(folder: Path) -> Run | None:
+    """Return a finished run; None where its figures are not those of this version.
+
+    Raises:
+        InputError: a file of it is missing, or cannot be read.
+    """
+    from zoo.records.curves_files import read_curves
+    from zoo.records.metrics_file import read_metrics_file
+
+    metrics = read_metrics_file(folder)
+    open_loop = metrics.get("open_loop")
+    if open_loop is None:
+        return None
+    tracks, mph = _driven(metrics.get("drive"))
+    shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
+    config, overrides, runtime = _configs(folder)
+    trained_on = read_trained_on(config, runtime.cwd, metrics)
+    return Run(
+        folder=folder,
+        name=runtime.choices.experiment or metrics.get("model") or "?",
+        overrides=overrides,
+        settings=_settings(config, trained_on),
+        seed=metrics.get("seed"),
+        trained_on=trained_on,
+        parameters=metrics.get("parameters"),
+        autonomy=_mean(tracks, "autonomy"),
+        cte_m=_mean(tracks, "cte_mean_m"),
+        tracks={
+            name: {key: float(one[key][0]) for key in shown if one.get(key)}
+            for name, one in tracks.items()
+        },
+        counts={
+            name: Count(one["drives_without_intervention"], one["drives"])
+            for name, one in tracks.items()
+            if one.get("drives_without_intervention") is not None
+        },
+        mph=mph,
+        val_mse=open_loop.get("val", {}).get("mse"),
+        test_mse=open_loop.get("test", {}).get("mse"),
+        wall_s=float(metrics.get("wall_s") or 0),
+        curves=read_curves(folder, CURVES),
+    )
 
 
 def why_unranked(folder: Path) -> Unranked:
@@ -144,18 +162,29 @@ def why_unranked(folder: Path) -> Unranked:
 
 
 def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
-    """Each folder as a run that can be ranked, or why it can't."""
+    """Return each folder as a run that can be ranked, or why it can't."""
+    from zoo.records.status_file import read_status_file
+
     runs, unranked = [], []
     for folder in folders:
-        status = read_status(folder)
-        # Of a finished run that was resumed, the figures of what was finished stand.
-        has_figures = status.get("status") == "finished" or "finished_epochs" in status
-        run = read_run(folder) if has_figures else None
+        try:
+            status = read_status_file(folder)
+            # Of a finished run that was resumed, the figures of what was finished stand.
+            has_figures = status.get("status") == "finished" or "finished_epochs" in status
+            run = load_run(folder) if has_figures else None
+        except InputError as error:
+            unranked.append(Unranked(folder, "damaged", _below(str(error), folder)))
+            continue
         if run is None:
             unranked.append(why_unranked(folder))
         else:
             runs.append(run)
     return runs, unranked
+
+
+def _below(reason: str, folder: Path) -> str:
+    """Return a reason without the folder, which stands before it."""
+    return reason.removeprefix(f"{folder}/")
 
 
 def rank(runs: Sequence[Run]) -> list[Entry]:
@@ -188,25 +217,9 @@ def protocols(runs: Sequence[Run]) -> list[str]:
     return sorted(said) if len(said) > 1 else []
 
 
-def read_curves(folder: Path) -> dict[str, dict[int, float]]:
-    """Losses and driving by epoch (1 is the first), of all a run's `metrics*.csv`."""
-    curves: dict[str, dict[int, float]] = {}
-    names = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
-    earlier = sorted(folder.glob("metrics.*.csv"), key=lambda path: int(path.stem.split(".")[1]))
-    for path in [*earlier, folder / "metrics.csv"]:
-        if not path.is_file():
-            continue
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                for name in names:
-                    if row.get(name):
-                        curves.setdefault(name, {})[int(row["epoch"]) + 1] = float(row[name])
-    return curves
-
-
-def _driven(drive: object) -> tuple[dict[str, dict], float | None]:
-    """Figures by track and the speed; none where the run was scored in another way, or not."""
-    if not isinstance(drive, dict) or "tracks" not in drive:
+def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
+    """Return figures by track and the speed; none where the run was scored in another way."""
+    if not drive or not drive.get("tracks"):
         return {}, None
     seeds = drive.get("seeds")
     tracks = {name: read_figures(one, seeds) for name, one in drive["tracks"].items() if one}
@@ -268,13 +281,11 @@ def _settings(config: dict, trained_on: TrainedOn) -> str:
     return json.dumps([config, *astuple(trained_on)], sort_keys=True)
 
 
-def _configs(folder: Path) -> tuple[dict, dict[str, str], dict]:
-    """Return the config without the seed, the overrides by key, and Hydra's own settings."""
-    import yaml
+def _configs(folder: Path) -> tuple[dict, dict[str, str], "Runtime"]:
+    """Return the config without the seed, the overrides by key, and what Hydra kept."""
+    from zoo.records.config_files import read_config_file, read_hydra_file, read_overrides_file
 
-    config = yaml.safe_load((folder / ".hydra" / "config.yaml").read_text())
-    overrides = yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text())
-    hydra = yaml.safe_load((folder / ".hydra" / "hydra.yaml").read_text())["hydra"]
+    config, overrides = read_config_file(folder), read_overrides_file(folder)
     for key in APART:
         config.pop(key, None)
     # A search's own callback tells its trials apart, not what is trained.
@@ -282,4 +293,4 @@ def _configs(folder: Path) -> tuple[dict, dict[str, str], dict]:
         config["callbacks"].pop("pruning", None)
     pairs = [one.lstrip("+~").partition("=") for one in overrides]
     typed = {key: value for key, _, value in pairs if not key.startswith(("hydra", "callbacks.pr"))}
-    return config, typed, hydra
+    return config, typed, read_hydra_file(folder)

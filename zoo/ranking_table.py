@@ -242,6 +242,7 @@ WORDS = {
     "failed": "failed",
     "pruned": "pruned",
     "older": "older or other format",
+    "damaged": "damaged",
 }
 NAMED = 5
 

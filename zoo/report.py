@@ -97,7 +97,7 @@ def report_sections(run: "Run") -> "list[Section]":
 
 def _footer(run: "Run") -> str:
     version = (run.metrics.get("versions") or {}).get("drivezoo")
-    when = run.status.get("time", "")[:10]
+    when = (run.status.get("time") or "")[:10]
     return " ".join(part for part in ("drivezoo", version, when) if part)
 
 

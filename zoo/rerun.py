@@ -1,6 +1,5 @@
 """`python -m zoo.rerun RUN`: repeat a run from its folder alone, and compare the figures."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -17,7 +16,7 @@ from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
 from zoo.config import escape_interpolation
 from zoo.options import read_arguments
-from zoo.saved_config import TRUST, check_saved_config, read_saved_config, split_trust
+from zoo.saved_config import TRUST, check_saved_config, split_trust
 from zoo.status import StoppedError
 from zoo.whole_file import refuse_links_out
 
@@ -79,8 +78,10 @@ def rerun(arguments: list[str]) -> None:
         raise InputError(
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
         )
+    from zoo.records.metrics_file import read_metrics_file
+
     refuse_links_out(run)
-    then = json.loads((run / "metrics.json").read_text())
+    then = read_metrics_file(run)
     stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
     out = Path(options.out or f"outputs/reruns/{stamp}").resolve()
     if out.exists() and any(out.iterdir()):
@@ -90,7 +91,7 @@ def rerun(arguments: list[str]) -> None:
     check_saved_config(config, run, trusted)
     _prepare(run, config, out)
     _train(out, trusted, then.get("threads"))
-    now = json.loads((out / "metrics.json").read_text())
+    now = read_metrics_file(out)
     _report(then, now, out)
 
 
@@ -116,11 +117,11 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 
 def place_of(run: Path) -> Path:
     """Where the run was started: relative paths of its config begin there."""
-    try:
-        hydra = OmegaConf.load(run / ".hydra" / "hydra.yaml")
-        place = Path(hydra.hydra.runtime.cwd)
-    except (OSError, AttributeError, TypeError):
+    from zoo.records.config_files import read_hydra_file
+
+    if not (run / ".hydra" / "hydra.yaml").exists():
         return Path.cwd()
+    place = Path(read_hydra_file(run).cwd or "")
     return place if place.is_dir() else Path.cwd()
 
 
@@ -156,12 +157,17 @@ def _absolute(value: object, place: Path, is_file: bool) -> object:
 def _trained_config(run: Path) -> DictConfig:
     """Return the config that a run was trained with: the checkpoint's, whatever `resume=` has
     changed since."""
-    config = read_saved_config(run / ".hydra" / "config.yaml")
+    from zoo.records.config_files import load_config
+
+    config = load_config(run)
     last = run / "checkpoints" / "last.ckpt"
     if last.is_file():
         from zoo.checkpoint import read_checkpoint_file
+        from zoo.records.checkpoint_card import check_card
 
-        trained = read_checkpoint_file(last)["drivezoo"]["config"]
+        card = read_checkpoint_file(last)["drivezoo"]
+        check_card(card, last)
+        trained = card["config"]
         config = OmegaConf.create(escape_interpolation(trained))
     if OmegaConf.select(config, "callbacks.pruning"):
         del config.callbacks["pruning"]  # its study is over
@@ -196,7 +202,7 @@ def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
 
 
 def _report(then: dict, now: dict, out: Path) -> None:
-    for package, number in then.get("versions", {}).items():
+    for package, number in (then.get("versions") or {}).items():
         other = now["versions"].get(package)
         if other != number:
             print(f"version of {package}: {number} then, {other} now")

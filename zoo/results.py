@@ -1,10 +1,7 @@
 """`python -m zoo.results RUN_FOLDER...`: finished runs side by side, as a Markdown table."""
 
-import json
 import sys
 from pathlib import Path
-
-from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
@@ -41,13 +38,15 @@ def print_results(arguments: list[str]) -> None:
 
 def result_row(folder: Path) -> str:
     """One Markdown row: a figure, and in brackets those of always zero and of the mean."""
+    from zoo.records.config_files import load_config, read_hydra_file
+    from zoo.records.metrics_file import read_metrics_file
+
     path = folder / "metrics.json"
     if not path.is_file():
         raise InputError(f"{folder}: holds no metrics.json; only a finished run has figures")
-    metrics = json.loads(path.read_text())
-    config = OmegaConf.load(folder / ".hydra" / "config.yaml")
-    choices = OmegaConf.load(folder / ".hydra" / "hydra.yaml").hydra.runtime.choices
-    name = choices.experiment or metrics["model"]
+    metrics = read_metrics_file(folder)
+    config = load_config(folder)
+    name = read_hydra_file(folder).choices.experiment or metrics["model"]
     if config.quick:
         name += ", quick"
     cells = [

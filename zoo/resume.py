@@ -10,14 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.errors import InputError
 from zoo.config import config_groups, quote_paths
 from zoo.console_progress import loading
-from zoo.saved_config import (
-    Keys,
-    check_saved_config,
-    leaf_keys,
-    read_saved_config,
-    split_trust,
-)
-from zoo.status import read_metrics, read_status
+from zoo.saved_config import Keys, check_saved_config, leaf_keys, split_trust
 from zoo.whole_file import refuse_links_out
 
 
@@ -42,12 +35,16 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
             "trainer.max_epochs=60, or start a new run"
         )
+    from zoo.records.config_files import load_config
+    from zoo.records.metrics_file import read_metrics_file
+    from zoo.records.status_file import read_status_file
+
     refuse_links_out(folder)
-    saved = read_saved_config(saved_path)
+    saved = load_config(folder)
     config, typed = _overridden(saved, overrides)
     check_saved_config(config, saved_path, trusted, typed)
-    if read_status(folder).get("status") == "finished":
-        finished = FinishedRun(folder, saved)
+    if read_status_file(folder).get("status") == "finished":
+        finished = FinishedRun(folder, saved, read_metrics_file(folder))
         if not finished.is_less_than(config):
             print("\n".join(finished.lines(overrides)))
             return
@@ -81,9 +78,8 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
 class FinishedRun:
     """A finished run: what it has, and how it can be trained further."""
 
-    def __init__(self, folder: Path, config: DictConfig) -> None:
-        self.folder, self.config = folder, config
-        self.metrics = read_metrics(folder)
+    def __init__(self, folder: Path, config: DictConfig, metrics: dict) -> None:
+        self.folder, self.config, self.metrics = folder, config, metrics
         self.epochs = self.metrics.get("epochs") or 0
         self.best = folder / "checkpoints" / "best.ckpt"
         self.last = folder / "checkpoints" / "last.ckpt"

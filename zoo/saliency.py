@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from datamodules.errors import InputError
-from datamodules.image import decode_image
+from datamodules.image import read_image
 from datamodules.recording import read_recordings
 from zoo.checkpoint_path import find_checkpoint
 from zoo.command_line import run_command
@@ -72,7 +72,7 @@ def _frames(source: Path) -> list[tuple[np.ndarray, float]]:
 
 def _read_frame(path: Path) -> np.ndarray:
     try:
-        return decode_image(path.read_bytes())
+        return read_image(path)
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: {error}; name a JPEG or PNG, or a recording's folder") from None
 

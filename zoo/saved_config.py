@@ -1,9 +1,9 @@
 """Configs that were read from a file: what they may name, and what only a person may.
 
 Hydra calls whatever a `_target_` names. A config that a person typed, or that the package ships,
-may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each of
-its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist is
-no boundary, as its source says.)
+may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each
+of its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist
+is no boundary, as its source says.)
 """
 
 import importlib
@@ -127,27 +127,6 @@ def split_trust(arguments: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     given = [one for one in arguments if one.startswith(f"{TRUST}=")]
     names = [name.strip() for one in given for name in one.partition("=")[2].split(",")]
     return [one for one in arguments if one not in given], tuple(filter(None, names))
-
-
-def read_saved_config(path: Path) -> DictConfig:
-    """Return the config of a run's folder, nothing of it resolved.
-
-    Raises:
-        InputError: it cannot be read, is too large, repeats parts of itself, or is no mapping.
-    """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: has over {MAX_BYTES:,} bytes; a run's config has some 4,000")
-        text = path.read_text(encoding="utf-8")
-        # A few aliases of aliases fill any memory; Hydra writes none.
-        if any(isinstance(one, yaml.AliasEvent) for one in yaml.parse(text, yaml.SafeLoader)):
-            raise InputError(f"{path}: has a YAML alias (*name); write its value out")
-        config = OmegaConf.create(text)
-    except (OSError, yaml.YAMLError, OmegaConfBaseException, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read ({_line(error)}); restore it") from None
-    if not isinstance(config, DictConfig):
-        raise InputError(f"{path}: holds no keys and values; restore it")
-    return config
 
 
 def check_saved_config(

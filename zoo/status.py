@@ -105,7 +105,12 @@ def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> N
 
 def read_metrics(folder: Path) -> dict:
     """Return what `metrics.json` holds; an empty dict where there is none to read."""
-    return _read_dict(folder / "metrics.json")
+    from zoo.records.metrics_file import read_metrics_file
+
+    try:
+        return read_metrics_file(folder)
+    except InputError:
+        return {}
 
 
 def is_first_process(several: bool = True) -> bool:
@@ -144,20 +149,17 @@ def write_status(folder: Path, status: str, **more: object) -> None:
 
 
 def read_status(folder: Path) -> dict:
-    """What `write_status` wrote last; an empty dict where nothing did, or nothing that can be."""
-    return _read_dict(folder / NAME)
+    """Return what `write_status` wrote last; an empty dict where there is none that can be read."""
+    from zoo.records.status_file import read_status_file
 
-
-def _read_dict(path: Path) -> dict:
     try:
-        found = json.loads(path.read_text())
-    except (OSError, ValueError):
+        return read_status_file(folder)
+    except InputError:
         return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _is_here(status: dict) -> bool:
-    return status.get("host", socket.gethostname()) == socket.gethostname()
+    return (status.get("host") or socket.gethostname()) == socket.gethostname()
 
 
 def is_alive(folder: Path) -> bool:
@@ -175,9 +177,9 @@ def is_alive(folder: Path) -> bool:
         process = psutil.Process(status["pid"])
         started = process.create_time()
         gone = process.status() == psutil.STATUS_ZOMBIE
-    except (psutil.Error, KeyError, TypeError):
+    except (psutil.Error, KeyError, TypeError, ValueError, OverflowError):
         return False
-    return not gone and abs(started - status.get("process_started", started)) < 2
+    return not gone and abs(started - (status.get("process_started") or started)) < 2
 
 
 def is_beating(folder: Path) -> bool:

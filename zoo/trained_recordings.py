@@ -19,14 +19,14 @@ class TrainedOn:
     fingerprint: str = ""
 
 
-def read_trained_on(config: dict, hydra: dict, metrics: dict) -> TrainedOn:
+def read_trained_on(config: dict, started_in: str | None, metrics: dict) -> TrainedOn:
     """Return the recordings of a run, from its config and its figures."""
-    data = config.get("data") if isinstance(config.get("data"), dict) else {}
+    data = config.get("data") or {}
     # data=lake names no root: the run records it where data.record.out says.
     root = data.get("root") or (data.get("record") or {}).get("out") or []
-    cwd = Path(hydra["runtime"].get("cwd") or "")
+    cwd = Path(started_in or "")
     roots = [root] if isinstance(root, str) else root
-    found = tuple(os.path.normpath(cwd / Path(one).expanduser()) for one in roots)
+    found = tuple(os.path.normpath(cwd / os.path.expanduser(one)) for one in roots)  # noqa: PTH111
     return TrainedOn(found, str((metrics.get("data") or {}).get("fingerprint") or ""))
 
 

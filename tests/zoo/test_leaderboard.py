@@ -100,7 +100,8 @@ def test_what_cannot_be_ranked_is_counted_and_named(
     assert "1 failed: today/bad (no space left)" in said
     assert "1 still running: today/going" in said
     assert "1 stopped half way: today/killed" in said
-    assert f"2 older or other format: today/broken, today/{old.name}" in said
+    assert f"1 older or other format: today/{old.name}" in said
+    assert "1 damaged: today/broken (metrics.json: is no JSON" in said
     assert (tmp_path / "outputs" / "leaderboard.html").is_file()
 
 

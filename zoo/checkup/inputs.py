@@ -70,12 +70,11 @@ def _trained_on(policy: object, recording: str | None) -> Finding:
 
 def check_recording(folder: str) -> Iterator[Finding]:
     """Whether its log can be read, and a few of its pictures, spread over it."""
-    from pathlib import Path
 
     import numpy as np
 
     from datamodules.errors import InputError
-    from datamodules.image import decode_image
+    from datamodules.image import read_image
     from datamodules.recording import read_recordings
 
     what = "recording"
@@ -89,7 +88,7 @@ def check_recording(folder: str) -> Iterator[Finding]:
     rows = np.unique(np.linspace(0, len(recording) - 1, PICTURES).astype(int))
     for row in rows:
         try:
-            decode_image(Path(recording.images[row, 0]).read_bytes())
+            read_image(recording.images[row, 0])
         except (OSError, ValueError) as error:
             bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
     if bad:

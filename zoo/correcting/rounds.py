@@ -98,12 +98,14 @@ def open_progress(
                 f"{folder}: is not empty, and holds no {NAME}; name another folder with out="
             )
         return new
+    from zoo.records.correct_file import read_correct_file
+
     try:
-        before = json.loads((folder / NAME).read_text())
+        before = read_correct_file(folder / NAME)
         rounds = [_read_round(one, before["options"].get("seeds")) for one in before["rounds"]]
         found = Progress(before["identity"], before["options"], before["overrides"], rounds)
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(f"{folder / NAME}: is damaged; name another folder with out=") from None
+    except (InputError, TypeError) as error:
+        raise InputError(f"{error}; it is damaged: name another folder with out=") from None
     if found.identity != identity:
         raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
     other = [key for key in given if given[key] != found.options.get(key)]

@@ -16,9 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.errors import InputError
+from datamodules.log_text import printable
+from datamodules.regular_file import open_text
 from zoo.whole_file import write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
+MOST_BYTES = 256_000_000  # of a log: days of driving
 POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
 
 
@@ -146,10 +149,9 @@ def read_drive(folder: Path | str) -> Drive:
     """
     folder = Path(folder)
     path = folder / LOG_NAME
-    if not path.is_file():
+    if not path.exists():
         raise InputError(f"{folder}: holds no {LOG_NAME}; python -m zoo.drive leaves one")
-    with path.open(newline="") as file:
-        header, *rows = list(csv.reader(file)) or [[]]
+    header, *rows = _rows(path) or [[]]
     if tuple(header) != COLUMNS:
         raise InputError(f"{path}: its columns are not {','.join(COLUMNS)}; is it a drive's?")
     columns = {name: [] for name in COLUMNS}
@@ -158,13 +160,25 @@ def read_drive(folder: Path | str) -> Drive:
             raise InputError(f"{path}, row {line}: {len(row)} columns, expected {len(COLUMNS)}")
         for name, text in zip(COLUMNS, row, strict=True):
             columns[name].append(_value(path, line, name, text))
+    from zoo.records.drive_file import read_summary_file
+
     summary = folder / SUMMARY_NAME
     types = {"client": np.int64, "driver": np.str_, "frame": np.str_, "intervention": np.bool_}
     return Drive(
         folder,
-        json.loads(summary.read_text()) if summary.is_file() else {},
+        read_summary_file(summary) if summary.exists() else {},
         **{name: np.array(columns[name], types.get(name, np.float64)) for name in COLUMNS},
     )
+
+
+def _rows(path: Path) -> list[list[str]]:
+    with open_text(path, MOST_BYTES, errors="surrogateescape") as file:
+        reader = csv.reader(file)
+        try:
+            return list(reader)
+        except csv.Error as error:
+            said = f"{path}, row {reader.line_num + 1}: cannot be read ({error}); delete the row"
+            raise InputError(said) from None
 
 
 def _texts(row: DriveRow) -> list[str]:
@@ -180,11 +194,18 @@ def _texts(row: DriveRow) -> list[str]:
 
 def _value(path: Path, line: int, name: str, text: str) -> object:
     if name in ("driver", "frame"):
+        if "\0" in text or (not text.isascii() and printable(text) != text):
+            raise InputError(f"{path}, row {line}: {name} is {text[:40]!a}; delete the row")
         return text
     try:
-        return math.nan if not text else float(text)
+        value = math.nan if not text else float(text)
     except ValueError:
-        raise InputError(f"{path}, row {line}: {name} is {text!r}, not a number") from None
+        value = math.inf
+    whole = {"client": (1, 1e9), "intervention": (0, 1)}.get(name)
+    if math.isinf(value) or (whole and not (whole[0] <= value <= whole[1] and value % 1 == 0)):
+        what = "whole number" if whole else "number"
+        raise InputError(f"{path}, row {line}: {name} is {text[:40]!r}, not a {what}")
+    return value
 
 
 def _without_nan(value: object) -> object:

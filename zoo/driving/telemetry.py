@@ -5,14 +5,13 @@ import binascii
 import io
 import math
 import re
-import struct
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from PIL import Image
 
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, decode_image
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, decode_image, jpeg_size
 
 NUMBERS = ("steering_angle", "throttle", "speed")
 # Limits before an image is decoded, in the thread that answers all clients: 400 kB of progressive
@@ -169,22 +168,3 @@ def _picture_size(picture: bytes) -> tuple[int, int]:
             return head.size
     except Exception as error:  # Pillow fails in any way on bytes of any kind
         raise ValueError(f"the file is no JPEG or PNG ({type(error).__name__})") from None
-
-
-def jpeg_size(picture: bytes) -> tuple[int, int] | None:
-    """Width and height of a plain JPEG, ten times as fast as Pillow tells them; None of all else.
-
-    Segments (ITU-T T.81, annex B) are passed over up to the frame's header.
-    """
-    at, end = 2, len(picture) - 9
-    if not picture.startswith(b"\xff\xd8"):
-        return None
-    while at < end and picture[at] == 0xFF:
-        kind = picture[at + 1]
-        if kind in (0xC0, 0xC1, 0xC2):  # the frame: sequential or progressive
-            height, width = struct.unpack_from(">HH", picture, at + 5)
-            return width, height
-        if kind < 0xC4 or 0xD0 <= kind <= 0xD9 or kind == 0xFF:  # markers without a length, filling
-            return None
-        at += 2 + int.from_bytes(picture[at + 2 : at + 4], "big")
-    return None

@@ -66,9 +66,10 @@ def _scores(run: Run) -> list[Block]:
 
 
 def _tracks(run: Run) -> list[Block]:
+    blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
     if run.tracks and not run.drives:
-        raise MissingError("The drives themselves are not in the run's folder any more.")
-    blocks: list[Block] = []
+        missing = Missing("The drives themselves are not in the run's folder any more.")
+        return blocks or [missing]
     left = FILMS_BYTES
     for track in dict.fromkeys(drive.summary["track"] for drive in run.drives):
         drives = [drive for drive in run.drives if drive.summary["track"] == track]

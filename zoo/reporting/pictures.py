@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from datamodules.image import decode_image
+from datamodules.image import read_image
 from zoo.reporting.blocks import MissingError, Picture
 
 SCALE = 2
@@ -18,7 +18,7 @@ QUALITY = 88
 def read_frame(path: Path | str) -> np.ndarray:
     """A camera's picture, uint8 [H, W, 3] RGB; MissingError where it cannot be read."""
     try:
-        return decode_image(Path(path).read_bytes())
+        return read_image(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise MissingError(f"{path}: {reason}.") from None

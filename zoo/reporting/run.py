@@ -1,7 +1,5 @@
 """A run's folder, as its write-up reads it."""
 
-import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +9,7 @@ from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from zoo.reporting.blocks import MissingError, Picture
-from zoo.status import is_alive, read_status
+from zoo.status import is_alive
 
 if TYPE_CHECKING:
     from datamodules.recording import Recording
@@ -85,16 +83,32 @@ class Run:
     @cached_property
     def drives(self) -> list["Drive"]:
         """The scored drives, by track and start seed; one that is damaged is left out."""
+        return self._read_drives[0]
+
+    @property
+    def damaged_drives(self) -> list[str]:
+        """What is wrong with those drives that cannot be read, a line each."""
+        return self._read_drives[1]
+
+    @cached_property
+    def _read_drives(self) -> tuple[list["Drive"], list[str]]:
         from zoo.driving.drive_log import LOG_NAME, read_drive
 
-        found = []
+        found, damaged = [], []
         for path in sorted(self.folder.glob(f"drives/*/{LOG_NAME}")):
             try:
                 found.append(read_drive(path.parent))
-            except (InputError, ValueError):
-                continue
-        complete = [one for one in found if len(one) and "autonomy" in one.summary]
-        return sorted(complete, key=lambda one: (one.summary["track"], one.summary["seed"]))
+            except InputError as error:
+                damaged.append(str(error))
+        needed = ("track", "seed", "autonomy", "cte_max_m")
+        complete = [
+            one
+            for one in found
+            if len(one) and all(one.summary.get(key) is not None for key in needed)
+        ]
+        return sorted(
+            complete, key=lambda one: (one.summary["track"], one.summary["seed"])
+        ), damaged
 
     @cached_property
     def tracks(self) -> dict[str, dict]:
@@ -168,32 +182,24 @@ def read_run(folder: Path) -> Run:
         raise InputError(f"{folder}: is a sweep's folder{hint}")
     if not (folder / ".hydra" / "config.yaml").is_file():
         raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
-    hydra = _read(folder / ".hydra" / "hydra.yaml", _yaml, {}).get("hydra") or {}
-    runtime = hydra.get("runtime") or {}
-    config = _read(folder / ".hydra" / "config.yaml", _yaml, {})
+    from zoo.records.config_files import Runtime, load_config, read_hydra_file, read_overrides_file
+    from zoo.records.metrics_file import read_metrics_file
+    from zoo.records.status_file import read_status_file
+
+    runtime = read_hydra_file(folder) if _has(folder, ".hydra/hydra.yaml") else Runtime()
+    config = OmegaConf.to_container(load_config(folder), resolve=False)
     if not isinstance(config.get("data"), dict) or not isinstance(config.get("model"), dict):
         raise InputError(f"{folder}: is no run of python -m zoo (its config has no data and model)")
     return Run(
         folder=folder,
         hydra_config=config,
-        choices=runtime.get("choices") or {},
-        overrides=_read(folder / ".hydra" / "overrides.yaml", _yaml, []),
-        started_in=Path(runtime["cwd"]) if runtime.get("cwd") else None,
-        status=_read(folder / "status.json", lambda _: read_status(folder), {}),
-        metrics=_read(folder / "metrics.json", lambda path: json.loads(path.read_text()), {}),
+        choices=runtime.choices.model_dump(),
+        overrides=read_overrides_file(folder) if _has(folder, ".hydra/overrides.yaml") else [],
+        started_in=Path(runtime.cwd) if runtime.cwd else None,
+        status=read_status_file(folder),
+        metrics=read_metrics_file(folder) if _has(folder, "metrics.json") else {},
     )
 
 
-def _read(path: Path, read: Callable[[Path], Any], otherwise: Any) -> Any:
-    if not path.is_file():
-        return otherwise
-    try:
-        return read(path)
-    except Exception as error:  # YAML's and JSON's errors have no common base
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{path}: cannot be read ({reason})") from None
-
-
-def _yaml(path: Path) -> Any:
-    # What interpolates Hydra's own settings can't be resolved outside of it, and need not be.
-    return OmegaConf.to_container(OmegaConf.load(path), resolve=False)
+def _has(folder: Path, name: str) -> bool:
+    return (folder / name).exists()

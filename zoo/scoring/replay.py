@@ -25,7 +25,7 @@ import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
-from datamodules.image import decode_image
+from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
 from zoo.driving.drive_log import DriveRow
@@ -218,7 +218,7 @@ class _Frames:
         if camera not in self._decoded:
             path = self.recording.images[self.row, CAMERAS.index(camera)]
             try:
-                self._decoded[camera] = decode_image(Path(path).read_bytes())
+                self._decoded[camera] = read_image(path)
             except (OSError, ValueError) as error:
                 raise InputError(f"{self.recording.place(self.row)}: {path}: {error}") from None
         return self._decoded[camera]

@@ -1,7 +1,6 @@
 """What runs in the process of a job, whoever started it: a laptop, a pool, Slurm, Ray."""
 
 import contextlib
-import json
 import multiprocessing
 import os
 import signal
@@ -146,8 +145,10 @@ def _train_beside(config: DictConfig, folder: Path) -> float:
         status = read_status(folder)
         died = f"its process ended with {result.returncode}"
         raise RuntimeError(status["reason"] if status.get("status") == "failed" else died)
-    open_loop = json.loads((folder / "metrics.json").read_text())["open_loop"]
-    return open_loop.get("val", {}).get("mse", float("nan"))
+    from zoo.records.metrics_file import read_metrics_file
+
+    scores = (read_metrics_file(folder).get("open_loop") or {}).get("val") or {}
+    return scores.get("mse", float("nan"))
 
 
 @contextlib.contextmanager

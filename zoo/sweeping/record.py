@@ -3,12 +3,14 @@
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from datamodules.errors import InputError
+from datamodules.log_text import MOST_LOG_BYTES
+from datamodules.regular_file import read_regular
 from zoo.whole_file import write_whole
 
 NAME = "sweep.json"
@@ -64,16 +66,18 @@ def read_record(folder: Path) -> SweepRecord:
         InputError: no sweep's folder, or one of another version.
     """
     path = folder / NAME
-    if not path.is_file():
+    if not path.exists():
         found = "holds no sweep.json" if folder.is_dir() else "there is no such folder"
         raise InputError(f"{folder}: is no sweep's folder ({found}); see outputs/sweeps")
+    from zoo.records.sweep_file import read_sweep_file
+
     try:
-        contents = json.loads(path.read_text())
-        if contents.pop("format") != FORMAT:
-            raise InputError(f"{path}: was written by another version; use the drivezoo that did")
-        return SweepRecord(**contents)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: is damaged ({error}); start a new sweep") from None
+        found = read_sweep_file(path)
+    except InputError as error:
+        raise InputError(f"{error}; it is damaged: start a new sweep") from None
+    if found.format != FORMAT:
+        raise InputError(f"{path}: was written by another version; use the drivezoo that did")
+    return SweepRecord(**{one.name: getattr(found, one.name) for one in fields(SweepRecord)})
 
 
 def job_folders(folder: Path) -> list[Path]:
@@ -119,7 +123,7 @@ def log_digest(root: str) -> str | None:
     path = Path(root)
     path = path / "driving_log.csv" if path.is_dir() else path
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+        return hashlib.sha256(read_regular(path, MOST_LOG_BYTES)).hexdigest()[:16]
     except OSError:
         return None
 

@@ -1,13 +1,14 @@
 """What is known of a network beside its drives, and the commands that train it again."""
 
-import json
 import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from datamodules.errors import InputError
 from zoo.checkpoint_path import short_name
+from zoo.status import read_metrics
 
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 
@@ -64,7 +65,7 @@ class Evidence:
 def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:
     """Read what the run of a checkpoint left beside it, as far as it can be read."""
     folder = Path(checkpoint).parent.parent
-    metrics = read_json(folder / "metrics.json")
+    metrics = read_metrics(folder)
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
     name = short_name(folder if is_best else Path(checkpoint))
     return Evidence(name, config, metrics, read_overrides(folder))
@@ -77,24 +78,14 @@ def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence
     return Evidence(name, config, metrics, read_overrides(folder))
 
 
-def read_json(path: Path) -> dict:
-    """Return a JSON object; empty where the file holds none."""
-    try:
-        found = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
 def read_overrides(folder: Path) -> tuple[str, ...] | None:
     """Return what was typed to start a run; None where that is not known."""
-    import yaml
+    from zoo.records.config_files import read_overrides_file
 
     try:
-        found = yaml.safe_load((folder / ".hydra" / "overrides.yaml").read_text())
-    except (OSError, ValueError, yaml.YAMLError):
+        return tuple(read_overrides_file(folder))
+    except InputError:
         return None
-    return tuple(map(str, found)) if isinstance(found, list) else None
 
 
 def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]) -> str:

@@ -1,0 +1,90 @@
+"""Open and read regular files alone: a pipe, a device or a folder is refused and never waited for.
+
+The kind and the size are those of the opened descriptor, so that no other file takes its place in
+between. A symbolic link to a regular file is one.
+"""
+
+import errno
+import io
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO, TextIO
+
+from datamodules.errors import InputError
+
+KINDS = {
+    stat.S_IFIFO: "is a named pipe",
+    stat.S_IFCHR: "is a device",
+    stat.S_IFBLK: "is a device",
+    stat.S_IFSOCK: "is a socket",
+    stat.S_IFDIR: "is a directory",
+}
+# Opening a pipe without it waits for a writer; a regular file ignores it.
+_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+
+
+def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
+    """Return a regular file's descriptor, for reading, and its size.
+
+    Raises:
+        OSError: the file is missing, no regular file or above `most_bytes`; `strerror` has the
+            reason in words.
+    """
+    try:
+        descriptor = os.open(path, _FLAGS)
+    except ValueError as error:  # a NUL in the path
+        raise OSError(errno.EINVAL, str(error), ascii(str(path))) from None
+    except OSError as error:
+        if error.errno == errno.ENXIO:  # what opening a socket says
+            raise OSError(error.errno, "is a socket, no regular file", str(path)) from None
+        raise
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            kind = KINDS.get(stat.S_IFMT(found.st_mode), "is of an unknown kind")
+            raise OSError(errno.EINVAL, f"{kind}, no regular file", str(path))
+        if found.st_size > most_bytes:
+            said = f"has {found.st_size:,} bytes, more than the {most_bytes:,} that are read"
+            raise OSError(errno.EFBIG, said, str(path))
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor, found.st_size
+
+
+def read_regular(path: str | Path, most_bytes: int) -> bytes:
+    """Return a file's bytes, as many as it had when it was opened; raises as `open_regular`.
+
+    Few calls: after each of them threads queue for Python's lock.
+    """
+    descriptor, size = open_regular(path, most_bytes)
+    try:
+        data = os.read(descriptor, size)
+        while len(data) < size and (more := os.read(descriptor, size - len(data))):
+            data += more
+        return data
+    finally:
+        os.close(descriptor)
+
+
+def open_binary(path: str | Path, most_bytes: int) -> BinaryIO:
+    """Return a regular file, opened; raises as `open_regular`."""
+    descriptor, size = open_regular(path, most_bytes)
+    if not size:  # the kernel's files, such as /proc/kmsg, say so and can be read without end
+        os.close(descriptor)
+        return io.BytesIO()
+    return os.fdopen(descriptor, "rb")
+
+
+def open_text(path: str | Path, most_bytes: int, errors: str = "strict") -> TextIO:
+    """Return a CSV file's text, UTF-8 with or without a mark, its line ends as they are.
+
+    Raises:
+        InputError: see `open_regular`.
+    """
+    try:
+        file = open_binary(path, most_bytes)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; name another file") from None
+    return io.TextIOWrapper(file, encoding="utf-8-sig", errors=errors, newline="")

@@ -1,0 +1,66 @@
+"""YAML of anybody's making as plain containers, within limits on size and depth."""
+
+import os
+import re
+import stat
+from pathlib import Path
+
+import yaml
+
+from simulator.errors import SimulatorError
+
+MOST_BYTES = 1_000_000
+MOST_LEVELS = 64
+MOST_DIGITS = 4300  # of a number; Python's own limit on decimal ones
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_STARTS = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
+_ENDS = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
+
+
+def read_yaml(path: Path) -> object:
+    """Return what a YAML file holds.
+
+    Raises:
+        SimulatorError: it is no regular file, too large, or see `parse_yaml`.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        with os.fdopen(descriptor, "rb") as file:
+            found = os.fstat(descriptor)
+            if not stat.S_ISREG(found.st_mode):
+                raise SimulatorError(f"{path}: is no regular file; name a track's .yaml file")
+            if found.st_size > MOST_BYTES:
+                raise SimulatorError(f"{path}: has more than {MOST_BYTES:,} bytes; is it a track?")
+            return parse_yaml(file.read(found.st_size).decode("utf-8-sig"))
+    except OSError as error:
+        raise SimulatorError(f"{path}: {error.strerror or error}") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise SimulatorError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+
+
+def parse_yaml(text: str) -> object:
+    """Return what a YAML text holds; raises as `check_yaml`."""
+    check_yaml(text)
+    return yaml.load(text, _LOADER)
+
+
+def check_yaml(text: str) -> None:
+    """Check a YAML text without building what it stands for.
+
+    Raises:
+        ValueError, yaml.YAMLError: it is no YAML, has an alias, of which few stand for millions of
+            values, or is nested too deep.
+    """
+    depth = 0
+    for event in yaml.parse(text, _LOADER):
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"line {line}: *{event.anchor} is an alias; write its value there")
+        depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
+        if depth > MOST_LEVELS:
+            raise ValueError(f"line {line}: nested deeper than {MOST_LEVELS} levels")
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > MOST_DIGITS:
+            quoted = bool(event.style) and event.tag is None
+            if not quoted and re.match(r"[\s_]*[-+0-9.]", event.value):
+                raise ValueError(f"line {line}: a number of {len(event.value):,} digits")

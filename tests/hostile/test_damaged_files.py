@@ -1,0 +1,320 @@
+"""Files of a run, a drive, a sweep or a checkpoint that are damaged: one line, and on with it."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from tests.zoo.checkpoints import write_constant
+from tests.zoo.commands import only_line, run
+from tests.zoo.sweeps import write_run
+from zoo.checkpoint import load_checkpoint
+from zoo.driving.drive_log import DriveRow, DriveWriter, read_drive, write_summary
+from zoo.ranking import rank, read_runs
+from zoo.records.curves_files import read_curves
+from zoo.records.files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
+from zoo.reporting.run import read_run
+from zoo.sweeping.record import new_record, read_record, write_record
+
+Damage = Callable[[Path], object]
+LAUGHS = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{chr(98 + one)}: &{chr(98 + one)} [{','.join([f'*{chr(97 + one)}'] * 9)}]\n"
+    for one in range(9)
+)
+METRICS, STATUS, CONFIG = "metrics.json", "status.json", ".hydra/config.yaml"
+OVERRIDES, HYDRA = ".hydra/overrides.yaml", ".hydra/hydra.yaml"
+
+
+def text(content: str) -> Damage:
+    return lambda path: path.write_text(content)
+
+
+def data(content: bytes) -> Damage:
+    return lambda path: path.write_bytes(content)
+
+
+def field(*keys: str, value: object) -> Damage:
+    """Set a field of a JSON file, of which YAML's are a kind."""
+
+    def damage(path: Path) -> None:
+        found = inner = json.loads(path.read_text())
+        for key in keys[:-1]:
+            inner = inner[key]
+        inner[keys[-1]] = value
+        path.write_text(json.dumps(found))
+
+    return damage
+
+
+def folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def huge(path: Path) -> None:
+    """Make it 2 GB, of which the disk holds nothing."""
+    with path.open("r+b") as file:
+        file.truncate(2_000_000_000)
+
+
+LAKE = ("drive", "tracks", "lake")
+DAMAGE = {
+    "empty": (METRICS, text(""), "is no JSON"),
+    "half": (METRICS, text('{"open_loop": '), "is no JSON"),
+    "list": (METRICS, text("[]"), "keys and values"),
+    "null": (METRICS, text("null"), "keys and values"),
+    "not UTF-8": (METRICS, data(b'{"model": "\xff"}'), "byte 12 is no UTF-8"),
+    "NUL": (METRICS, data(bytes(100)), "is no JSON"),
+    "NUL in text": (METRICS, field("model", value="a\0b"), "NUL"),
+    "half a character": (METRICS, text('{"model": "\\ud800"}'), "half a character"),
+    "deep": (METRICS, text("[" * 100_000), "deeper than 64"),
+    "rather deep": (METRICS, text('{"x":' + "[" * 80 + "]" * 80 + "}"), "deeper than 64"),
+    "5,000 digits": (METRICS, text(f'{{"parameters": {"9" * 5000}}}'), "is no JSON"),
+    "folder": (METRICS, folder, "is a directory"),
+    "pipe": (METRICS, pipe, "is a named pipe"),
+    "2 GB": (METRICS, huge, "2,000,000,000 bytes"),
+    "missing": (METRICS, Path.unlink, "No such file"),
+    "text for figure": (METRICS, field(*LAKE, "autonomy", value="good"), "lake.autonomy: should"),
+    "number for pair": (METRICS, field(*LAKE, "cte_mean_m", value=0.3), "lake.cte_mean_m: should"),
+    "NaN": (METRICS, field(*LAKE, "autonomy", value=[float("nan"), 0]), "lake.autonomy: should"),
+    "null in pair": (METRICS, field(*LAKE, "autonomy", value=[None, 0]), "lake.autonomy: should"),
+    "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: should"),
+    "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: should be a finite"),
+    "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: should be a finite"),
+    "text for seed": (METRICS, field("seed", value="one"), "seed: should be a whole number"),
+    "list for model": (METRICS, field("model", value=[1]), "model: should be text"),
+    "text for scores": (METRICS, field("open_loop", value="x"), "open_loop: should be keys"),
+    "text for MSE": (METRICS, field("open_loop", "val", "mse", value="x"), "open_loop.val.mse"),
+    "negative count": (METRICS, field(*LAKE, "drives", value=-1), "lake.drives: "),
+    "alias bomb": (CONFIG, text(LAUGHS), "is an alias"),
+    "overrides' bomb": (OVERRIDES, text(LAUGHS), "is an alias"),
+    "deep config": (CONFIG, text("a: " + "[" * 50_000), "deeper than 64"),
+    "config's digits": (CONFIG, text(f"seed: {'9' * 5000}"), "a number of 5,000 digits"),
+    "sexagesimal": (CONFIG, text("seed: " + "1:" * 300_000 + "1"), "a number of"),
+    "no date": (CONFIG, text("when: 2001-99-99"), "is no YAML"),
+    "code": (CONFIG, text("a: !!python/object/apply:os.mkdir [ran]"), "is no YAML"),
+    "empty config": (CONFIG, text(""), "keys and values"),
+    "config of 2 GB": (CONFIG, huge, "2,000,000,000 bytes"),
+    "config's folder": (CONFIG, folder, "is a directory"),
+    "list for data": (CONFIG, field("data", value=[1]), "data: should be keys"),
+    "number for root": (CONFIG, field("data", "root", value=3), "data.root: should be text"),
+    "dict of overrides": (OVERRIDES, text("a: 1"), "should be a list of texts"),
+    "numbers as overrides": (OVERRIDES, text("[1, 2]"), "should be a list of texts"),
+    "no hydra": (HYDRA, text("{}"), "hydra: is missing"),
+    "text for runtime": (HYDRA, field("hydra", "runtime", value="x"), "hydra.runtime: should be"),
+    "list for status": (STATUS, text("[]"), "keys and values"),
+    "text for pid": (STATUS, field("pid", value="x"), "pid: should be a whole number"),
+    "dict for reason": (STATUS, field("reason", value={}), "reason: should be text"),
+    "status's folder": (STATUS, folder, "is a directory"),
+    "curves": ("metrics.csv", text("epoch,val/mse\nx,0.1\n"), "row 2"),
+    "curves' NUL": ("metrics.csv", data(b"epoch,val/mse\n0,\0\n"), "row 2"),
+    "curves' pipe": ("metrics.csv", pipe, "is a named pipe"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_damaged_run_is_named_with_its_field_and_the_others_are_ranked(
+    name: str, tmp_path: Path
+) -> None:
+    file, damage, words = DAMAGE[name]
+    good = write_run(tmp_path / "good", 0.9, overrides=("x=1",))
+    bad = write_run(tmp_path / "bad", 1.0, overrides=("x=2",))
+    damage(bad / file)
+
+    runs, unranked = read_runs([bad, good])
+
+    assert [one.folder for one in runs] == [good]
+    assert len(rank(runs)) == 1
+    ((folder, why, reason),) = [(one.folder, one.why, one.reason) for one in unranked]
+    assert (folder, why) == (bad, "damaged")
+    assert reason.startswith(file)
+    assert words in reason
+    assert "\n" not in reason
+    assert len(reason) < 300
+
+
+def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -> None:
+    write_run(tmp_path / "good", 0.9)
+    for name in ("alias bomb", "NaN", "folder", "deep"):
+        file, damage, _ = DAMAGE[name]
+        damage(write_run(tmp_path / name, 1.0) / file)
+    result = run(tmp_path, ".", module="zoo.leaderboard", timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert "90.0%" in result.stdout
+    assert "4 damaged: " in result.stdout
+    assert "drive.tracks.lake.autonomy: should be" in " ".join(result.stdout.split())
+    assert not result.stderr
+
+
+def test_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
+    old = write_run(tmp_path / "old", 0.9)
+    found = json.loads((old / METRICS).read_text())
+    for key in ("parameters", "data", "wall_s"):
+        del found[key]
+    found["whatever"] = {"else": [1, None, "x"]}
+    (old / METRICS).write_text(json.dumps(found))
+    (old / STATUS).write_text(json.dumps({"status": "finished", "mood": "good"}))
+    (run_read,), unranked = read_runs([old])
+    assert not unranked
+    assert (run_read.autonomy, run_read.parameters, run_read.wall_s) == (0.9, None, 0.0)
+
+
+def test_a_file_just_within_its_limit_is_read_and_one_beyond_is_not(tmp_path: Path) -> None:
+    for read, limit in ((read_json, MOST_JSON_BYTES), (read_yaml, MOST_YAML_BYTES)):
+        path = tmp_path / "file"
+        path.write_text('"' + "x" * (limit - 2) + '"')
+        assert len(read(path)) == limit - 2
+        path.write_text('"' + "x" * (limit - 1) + '"')
+        with pytest.raises(InputError, match="bytes, more than the"):
+            read(path)
+
+
+def test_an_anchor_without_an_alias_is_no_bomb(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("a: &a 1\n")
+    assert read_yaml(tmp_path / "a.yaml") == {"a": 1}
+
+
+@pytest.fixture
+def trained(tmp_path: Path) -> Path:
+    """A folder as a finished run of `linear` leaves it."""
+    folder = write_run(tmp_path / "run", 0.9)
+    config = {"seed": 1, "data": {"root": None}, "model": {"name": "linear"}}
+    (folder / CONFIG).write_text(json.dumps(config))
+    write_constant(folder / "checkpoints" / "best.ckpt", 0.0)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["alias bomb", "deep", "text for pid", "list for data"])
+@pytest.mark.parametrize("module", ["zoo.report", "zoo.rerun", "zoo"])
+def test_a_command_names_the_file_and_the_field(module: str, name: str, trained: Path) -> None:
+    file, damage, words = DAMAGE[name]
+    if (module, name) == ("zoo.rerun", "text for pid"):
+        pytest.skip("the repeated run has a status of its own")
+    damage(trained / file)
+    before = sorted(trained.rglob("*"))
+    argument = f"resume={trained}" if module == "zoo" else str(trained)
+    line = only_line(run(trained.parent, argument, module=module, timeout=60))
+    assert file in line
+    assert words in line
+    assert sorted(trained.rglob("*")) == before
+
+
+def write_drive(folder: Path) -> Path:
+    writer = DriveWriter(folder)
+    writer.add([DriveRow(0.1 * row, frame="frames/1.jpg") for row in range(3)])
+    writer.close()
+    write_summary(folder, {"track": "lake", "seed": 0, "autonomy": 1.0, "cte_max_m": 0.3})
+    return folder
+
+
+DRIVES = {
+    "summary's list": ("drive.json", text("[]"), "keys and values"),
+    "summary's text": ("drive.json", field("autonomy", value="x"), "autonomy: should be a number"),
+    "summary's pipe": ("drive.json", pipe, "is a named pipe"),
+    "summary's depth": ("drive.json", text("[" * 100_000), "deeper than 64"),
+    "rows not UTF-8": ("drive.csv", lambda path: path.open("ab").write(b"\xff\n"), "row 5"),
+    "row's NUL": ("drive.csv", lambda path: path.open("a").write("0,1,x,\0,,,,,,\n"), "row 5"),
+    "client": ("drive.csv", lambda path: path.open("a").write("0,1e999,x,,,,,,0,\n"), "client"),
+    "text": ("drive.csv", lambda path: path.open("a").write("x,1,x,,,,,,0,\n"), "time_s is 'x'"),
+    "infinite": ("drive.csv", lambda path: path.open("a").write("inf,1,x,,,,,,0,\n"), "time_s"),
+    "log's folder": ("drive.csv", folder, "is a directory"),
+    "log's pipe": ("drive.csv", pipe, "is a named pipe"),
+    "log of 2 GB": ("drive.csv", huge, "2,000,000,000 bytes"),
+}
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_damaged_drive_is_named(name: str, tmp_path: Path) -> None:
+    file, damage, words = DRIVES[name]
+    drive = write_drive(tmp_path / "drive")
+    assert len(read_drive(drive)) == 3
+    damage(drive / file)
+    with pytest.raises(InputError, match=words) as caught:
+        read_drive(drive)
+    assert str(drive / file) in str(caught.value)
+    assert len(str(caught.value)) < 300 + len(str(drive))
+
+
+def test_a_damaged_drive_is_named_by_the_report(trained: Path) -> None:
+    drive = write_drive(trained / "drives" / "lake-0")
+    DRIVES["summary's text"][1](drive / "drive.json")
+    run_read = read_run(trained)
+    assert run_read.drives == []
+    (line,) = run_read.damaged_drives
+    assert "drive.json: autonomy: should be a number" in line
+
+
+def test_film_names_a_damaged_drive(tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "drive")
+    DRIVES["summary's list"][1](drive / "drive.json")
+    line = only_line(run(tmp_path, str(drive), module="zoo.film", timeout=60))
+    assert f"{drive}/drive.json: should be keys and values" in line
+
+
+SWEEPS = {
+    "list": (text("[]"), "keys and values"),
+    "text for jobs": (field("jobs", value="x"), "jobs: should be a list"),
+    "number for argument": (field("arguments", value=[1]), "arguments.0: should be text"),
+    "text for format": (field("format", value="1"), "format: should be a whole number"),
+    "no arguments": (text('{"format": 1}'), "arguments: is missing"),
+    "deep": (text("[" * 100_000), "deeper than 64"),
+    "pipe": (pipe, "is a named pipe"),
+}
+
+
+@pytest.mark.parametrize("name", SWEEPS)
+def test_a_damaged_sweep_is_named(name: str, tmp_path: Path) -> None:
+    damage, words = SWEEPS[name]
+    write_record(tmp_path, new_record(["seed=1,2"]))
+    assert read_record(tmp_path).arguments == ["seed=1,2"]
+    damage(tmp_path / "sweep.json")
+    with pytest.raises(InputError, match=rf"sweep\.json: .*{words}"):
+        read_record(tmp_path)
+
+
+def test_resuming_a_damaged_sweep_is_one_line(tmp_path: Path) -> None:
+    write_record(tmp_path, new_record(["seed=1,2"]))
+    SWEEPS["text for jobs"][0](tmp_path / "sweep.json")
+    result = run(tmp_path, f"resume={tmp_path}", module="zoo.sweep", timeout=60)
+    assert "sweep.json: jobs: should be a list" in only_line(result)
+
+
+CARDS = {
+    "view's list": (("view",), [1], "view: should be keys"),
+    "crop's text": (("view", "crop"), "x", "view.crop: should be a list"),
+    "crop's NaN": (("view", "crop"), [float("nan"), 1], "view.crop.0"),
+    "colour": (("view", "colour"), 3, "view.colour: should be text"),
+    "config's text": (("config",), "x", "config: should be keys"),
+    "model's list": (("config", "model"), [1], "config.model: should be keys"),
+    "data's text": (("data",), "x", "data: should be keys"),
+    "rows": (("data", "rows"), "many", "data.rows: should be a whole number"),
+}
+
+
+@pytest.mark.parametrize("name", CARDS)
+def test_a_damaged_card_of_a_checkpoint_is_named(name: str, tmp_path: Path) -> None:
+    keys, value, words = CARDS[name]
+    path = write_constant(tmp_path / "x.ckpt", 0.0)
+    contents = torch.load(path, weights_only=True)
+    inner = contents["drivezoo"]
+    for key in keys[:-1]:
+        inner = inner[key]
+    inner[keys[-1]] = value
+    torch.save(contents, path)
+    with pytest.raises(InputError, match=rf"x\.ckpt: drivezoo: {words}"):
+        load_checkpoint(path)
+
+
+def test_curves_of_odd_file_names_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "metrics.old.csv").write_text("epoch,val/mse\n0,0.5\n")
+    (tmp_path / "metrics.csv").write_text("epoch,val/mse\n0,0.1\n")
+    assert read_curves(tmp_path, ["val/mse"]) == {"val/mse": {1: 0.1}}

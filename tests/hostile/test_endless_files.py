@@ -1,0 +1,257 @@
+"""Files that never end, or that are far too large, in the place of those that are read."""
+
+import os
+import socket
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from datamodules.check import look_at_image
+from datamodules.errors import InputError
+from datamodules.image import (
+    MOST_IMAGE_BYTES,
+    MOST_PIXELS,
+    decode_image,
+    find_size_fault,
+    read_image,
+)
+from datamodules.log_text import MOST_LOG_BYTES
+from datamodules.recording import read_recordings
+from datamodules.regular_file import open_regular, read_regular
+from datamodules.split import split_rows
+from datamodules.view import View
+from datamodules.view_store import decode_all
+from simulator.errors import SimulatorError
+from simulator.track_file import read_track
+from tests.recordings import Written, write_recording
+from tests.zoo.commands import only_line, run
+from tests.zoo.trainings import SMALL
+from zoo.checkpoint import load_plain
+from zoo.keras_weights import read_keras_file
+from zoo.onnx_policy import open_session
+
+Make = Callable[[Path], object]
+
+
+def listening(path: Path) -> None:
+    """Leave a socket's file; closing it removes no name."""
+    place = Path.cwd()
+    os.chdir(path.parent)  # a socket's path is short
+    try:
+        with socket.socket(socket.AF_UNIX) as one:
+            one.bind(path.name)
+    finally:
+        os.chdir(place)
+
+
+def sparse(size: int) -> Make:
+    return lambda path: path.open("wb").truncate(size)
+
+
+ENDLESS: dict[str, tuple[Make, str]] = {
+    "pipe": (os.mkfifo, "is a named pipe"),
+    "device": (lambda path: path.symlink_to("/dev/zero"), "is a device"),
+    "socket": (listening, "is a socket"),
+    "folder": (Path.mkdir, "is a directory"),
+}
+KERNEL = Path("/proc/kmsg")  # calls itself a regular file of 0 bytes, and is waited for
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_only_a_regular_file_is_opened(name: str, tmp_path: Path) -> None:
+    make, words = ENDLESS[name]
+    make(tmp_path / "file")
+    with pytest.raises(OSError, match=words) as caught:
+        open_regular(tmp_path / "file", 1000)
+    assert caught.value.filename == str(tmp_path / "file")
+
+
+def test_a_link_to_a_regular_file_is_one(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"abc")
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    assert read_regular(tmp_path / "link", 3) == b"abc"
+    with pytest.raises(OSError, match="3 bytes, more than the 2"):
+        read_regular(tmp_path / "link", 2)
+
+
+def test_no_descriptor_is_left_open(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    before = len([*Path("/proc/self/fd").iterdir()])
+    for _ in range(5):
+        with pytest.raises(OSError, match="pipe"):
+            open_regular(tmp_path / "pipe", 1000)
+    assert len([*Path("/proc/self/fd").iterdir()]) == before
+
+
+def place(make: Make, path: Path) -> Path:
+    path.unlink(missing_ok=True)
+    make(path)
+    return path
+
+
+READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "checkpoint": ("x.ckpt", load_plain),
+    "weights": ("x.h5", read_keras_file),
+    "ONNX": ("x.onnx", lambda path: open_session(path, 1)),
+    "track": ("x.yaml", lambda path: read_track(str(path))),
+    "log": ("driving_log.csv", lambda path: read_recordings(str(path.parent))),
+}
+
+
+@pytest.mark.parametrize("kind", READERS)
+@pytest.mark.parametrize("name", [*ENDLESS, "kernel"])
+def test_what_is_read_is_a_regular_file(kind: str, name: str, tmp_path: Path) -> None:
+    file, read = READERS[kind]
+    make, _ = ENDLESS.get(name, (lambda path: path.symlink_to(KERNEL), ""))
+    path = place(make, tmp_path / file)
+    with pytest.raises((InputError, SimulatorError)) as caught:
+        read(path)
+    assert str(path) in str(caught.value) or str(path.parent) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_a_split_is_a_regular_file(name: str, recorded: Written, tmp_path: Path) -> None:
+    make, words = ENDLESS[name]
+    path = place(make, tmp_path / "split.csv")
+    with pytest.raises(InputError, match=rf"split\.csv: {words}"):
+        split_rows(read_recordings(str(recorded.folder)), str(path))
+
+
+def test_a_log_beyond_its_limit_is_refused_unread(tmp_path: Path) -> None:
+    sparse(MOST_LOG_BYTES + 1)(tmp_path / "driving_log.csv")
+    with pytest.raises(InputError, match=r"driving_log\.csv: has 2,000,000,001 bytes"):
+        read_recordings(str(tmp_path))
+
+
+def png_header(width: int, height: int) -> bytes:
+    """Return a PNG that claims a size and holds next to nothing."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        whole = kind + content
+        return struct.pack(">I", len(content)) + whole + struct.pack(">I", zlib.crc32(whole))
+
+    return b"".join(
+        [
+            b"\x89PNG\r\n\x1a\n",
+            chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+            chunk(b"IDAT", zlib.compress(b"\0" * 100)),
+            chunk(b"IEND", b""),
+        ]
+    )
+
+
+def jpeg_header(width: int, height: int) -> bytes:
+    """Return a JPEG that claims a size."""
+    _, data = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))
+    whole = bytearray(data.tobytes())
+    at = whole.index(b"\xff\xc0")
+    struct.pack_into(">HH", whole, at + 5, height, width)
+    return bytes(whole)
+
+
+LARGE = {
+    "PNG": png_header(20_000, 20_000),
+    "JPEG": jpeg_header(20_000, 20_000),
+    "PNG beyond Pillow's": png_header(60_000, 60_000),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_an_image_of_too_many_pixels_is_refused_by_check_and_training_alike(
+    name: str, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    path = tmp_path / "image.jpg"
+    path.write_bytes(LARGE[name])
+    said = look_at_image(str(path))
+    assert isinstance(said, str)
+    assert f"pixels, more than {MOST_PIXELS:,}" in said
+    with pytest.raises(ValueError, match="pixels, more than") as caught:
+        read_image(path)
+    assert str(caught.value) == said
+    assert not recwarn.list
+
+
+def test_an_image_at_the_limit_is_none_too_many() -> None:
+    assert decode_image(jpeg_header(8, 8)).shape == (160, 320, 3)
+    assert find_size_fault(8_000, MOST_PIXELS // 8_000) is None
+    assert find_size_fault(8_000, MOST_PIXELS // 8_000 + 1)
+
+
+@pytest.mark.parametrize("name", [*ENDLESS, "kernel", "large"])
+def test_an_image_that_never_ends_is_named_by_check_and_training_alike(
+    name: str, tmp_path: Path
+) -> None:
+    more = {
+        "kernel": (lambda path: path.symlink_to(KERNEL), "is empty"),
+        "large": (sparse(MOST_IMAGE_BYTES + 1), "32,000,001 bytes"),
+    }
+    make, words = (ENDLESS | more)[name]
+    path = place(make, tmp_path / "image.jpg")
+    assert words in str(look_at_image(str(path)))
+    with pytest.raises((OSError, ValueError), match=words):
+        read_image(path)
+
+
+@pytest.fixture
+def replaced(tmp_path: Path) -> Written:
+    """A recording, one of whose images becomes something else after the log names it."""
+    return write_recording(tmp_path / "lake", rows=40)
+
+
+def test_decoding_names_the_file(replaced: Written) -> None:
+    image = replaced.image(7)
+    image.write_bytes(LARGE["JPEG"])
+    paths = [str(replaced.image(row)) for row in range(10)]
+    faults = decode_all(paths, View([60, 40], "gray", [8, 8]), lambda start, chunk: None)
+    assert list(faults) == [7]
+    assert f"{image}: the image has 20000 x 20000 pixels" in faults[7]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["JPEG", "kernel"])
+def test_training_names_the_file_and_the_row(name: str, replaced: Written, tmp_path: Path) -> None:
+    image = replaced.image(7)
+    image.unlink()
+    if name == "JPEG":
+        image.write_bytes(LARGE["JPEG"])
+    else:
+        image.symlink_to(KERNEL)
+    arguments = (*SMALL, f"data.root={replaced.folder}", "data.cache=null", "hydra.run.dir=run")
+    line = only_line(run(tmp_path, *arguments, timeout=100))
+    assert f"{replaced.log}, row 8: " in line
+    assert image.name in line
+    result = run(tmp_path, str(replaced.folder), module="datamodules.check", timeout=60)
+    assert result.returncode == 1
+    assert f"{replaced.log}, row 8: " in result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pipe", "device"])
+def test_commands_do_not_wait_for_a_file(name: str, replaced: Written, tmp_path: Path) -> None:
+    make, words = ENDLESS[name]
+    place(make, replaced.log)
+    for module, arguments in {
+        "datamodules.check": (str(replaced.folder),),
+        "zoo.preview": (f"data.root={replaced.folder}",),
+    }.items():
+        line = only_line(run(tmp_path, *arguments, module=module, timeout=60))
+        assert f"{replaced.log}: {words}" in line
+
+
+@pytest.mark.parametrize("module", ["zoo.evaluate", "zoo.export", "zoo.drive"])
+def test_a_checkpoint_that_never_ends_is_refused(module: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "x.ckpt")
+    assert "x.ckpt" in only_line(run(tmp_path, "x.ckpt", module=module, timeout=60))
+
+
+def test_film_leaves_out_what_is_no_file(replaced: Written, tmp_path: Path) -> None:
+    images = tmp_path / "images"
+    images.mkdir()
+    os.mkfifo(images / "a.jpg")
+    line = only_line(run(tmp_path, str(images), module="zoo.film", timeout=60))
+    assert f"{images / 'a.jpg'}: is a named pipe" in line

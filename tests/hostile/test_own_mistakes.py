@@ -1,0 +1,312 @@
+"""What a user does by mistake: one line, and no trace."""
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from simulator.errors import SimulatorError
+from simulator.track_file import make_track, read_track, track_folder
+from tests.recordings import write_recording
+from tests.zoo.checkpoints import write_constant
+from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.sweeps import write_run
+from zoo.command_line import run_command
+
+LONG = "../" * 43_000
+DEEP = "[" * 3_000 + "]" * 3_000
+DIGITS = "9" * 5_000
+
+
+def line_of(capsys: pytest.CaptureFixture) -> str:
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    return line
+
+
+def never(_: list[str]) -> None:
+    raise AssertionError("the command is not to begin")
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("data.root=a\0b", "NUL"),
+        (LONG, "a path has 4,096 characters"),
+        (f"data.root=[lake,{LONG}]", "a path has 4,096 characters"),
+        (f"seed={DIGITS}", "a number has 4,300 digits"),
+        (f"model.size={DEEP}", "nested 64 deep"),
+    ],
+)
+def test_an_argument_beyond_all_bounds_is_refused_before_it_is_parsed(
+    argument: str, words: str, capsys: pytest.CaptureFixture
+) -> None:
+    assert run_command("zoo", never, [argument]) == 1
+    line = line_of(capsys)
+    assert words in line
+    assert len(line) < 200
+
+
+def test_long_lists_of_paths_are_arguments() -> None:
+    given = []
+    roots = ",".join(f"/recordings/day-{day}/lake" for day in range(1000))
+    assert run_command("zoo", given.extend, [f"data.root=[{roots}]"]) == 0
+    assert given == [f"data.root=[{roots}]"]
+
+
+@pytest.mark.parametrize("argument", [f"seed={DIGITS}", f"model.size={DEEP}", f"data.root={LONG}"])
+def test_training_refuses_such_an_argument(argument: str, tmp_path: Path) -> None:
+    only_line(run(tmp_path, argument, timeout=60))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError("Unable to allocate 52.0 GiB"), "not enough memory"),
+        (RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: 9"), "memory"),
+        (RecursionError("maximum recursion depth exceeded"), "nested too deep"),
+        (OSError(28, "No space left on device", "/disk/x.json"), "/disk/x.json: No space left"),
+    ],
+)
+def test_what_the_machine_lacks_is_one_line(
+    error: Exception, words: str, capsys: pytest.CaptureFixture
+) -> None:
+    def fail(_: list[str]) -> None:
+        raise error
+
+    assert run_command("zoo", fail, []) == 1
+    assert words in line_of(capsys)
+
+
+def test_a_mistake_of_ours_keeps_its_trace_and_says_so(capsys: pytest.CaptureFixture) -> None:
+    def fail(_: list[str]) -> None:
+        raise ZeroDivisionError("of ours")
+
+    assert run_command("zoo.film", fail, []) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert lines[0].startswith("Traceback")
+    assert "ZeroDivisionError: of ours" in lines[-2]
+    assert lines[-1].startswith("zoo.film: ")
+    assert "report" in lines[-1]
+
+
+@pytest.mark.parametrize(
+    "setting", [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "latin-1"}]
+)
+def test_a_terminal_that_lacks_characters_gets_others(
+    setting: dict[str, str], tmp_path: Path
+) -> None:
+    write_run(tmp_path / "läufe→", 0.9, overrides=("x=ü→",), start_seeds=3)
+    for module, arguments in {"zoo.leaderboard": ["."], "zoo.models": []}.items():
+        result = subprocess.run(
+            command(module, *arguments),
+            cwd=tmp_path,
+            env=environment() | setting,
+            capture_output=True,
+            timeout=60,
+            check=False,
+        )
+        assert result.returncode == 0, result.stderr.decode()
+        assert not result.stderr
+    assert "Error" not in result.stdout.decode("latin-1")
+
+
+@pytest.mark.parametrize("module", ["zoo.evaluate", "zoo"])
+@pytest.mark.parametrize("after_s", [0.1, 0.3])
+def test_ctrl_c_while_modules_are_imported_is_no_trace(
+    module: str, after_s: float, tmp_path: Path
+) -> None:
+    process = subprocess.Popen(
+        command(module, "resume=nowhere"),
+        cwd=tmp_path,
+        env=environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    maps = Path(f"/proc/{process.pid}/maps")
+    until = time.monotonic() + 20
+    while "_socket" not in maps.read_text() and time.monotonic() < until:
+        time.sleep(0.005)  # until it imports what `zoo` does first
+    time.sleep(after_s - 0.1)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert "Traceback" not in said
+    assert process.returncode in (1, 130)
+    assert len(said.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("module", ["zoo.leaderboard", "zoo.film"])
+def test_little_memory_is_no_trace(module: str, tmp_path: Path) -> None:
+    """Three quarters of what the command takes to import."""
+    write_run(tmp_path / "run", 0.9)
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (600_000_000, 600_000_000))
+
+    result = subprocess.run(
+        command(module, "."),
+        cwd=tmp_path,
+        env=environment() | {"OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        preexec_fn=limit,
+        check=False,
+    )
+    assert "Traceback" not in result.stderr
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 40 kB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=40k", "none", str(place)]
+    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only root can mount a disk")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+def test_evaluating_on_a_full_disk_is_one_line(small_disk: Path, tmp_path: Path) -> None:
+    checkpoint = write_constant(tmp_path / "x.ckpt", 0.0)
+    more = ("laps=0.02", "workers=1", f"out={small_disk / 'out'}")
+    result = run(tmp_path, str(checkpoint), *more, module="zoo.evaluate", timeout=100)
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    assert "No space left on device" in result.stderr.strip().splitlines()[-1]
+
+
+@pytest.fixture
+def nobody(tmp_path: Path) -> list[str]:
+    """What runs a command as a user without rights."""
+    if os.geteuid() or not shutil.which("setpriv"):
+        pytest.skip("only root can become another user")
+    for parent in (tmp_path, *tmp_path.parents[:3]):
+        parent.chmod(parent.stat().st_mode | 0o055)
+    return ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+
+
+@pytest.mark.parametrize("name", ["driving_log.csv", "."])
+def test_an_unreadable_recording_is_named(name: str, nobody: list[str], tmp_path: Path) -> None:
+    lake = write_recording(tmp_path / "lake", rows=20).folder
+    (lake / name).chmod(0)
+    try:
+        result = subprocess.run(
+            [*nobody, *command("datamodules.check", str(lake))],
+            cwd=tmp_path,
+            env=environment() | {"HOME": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    finally:
+        (lake / name).chmod(0o755)
+    if "No module named" in result.stderr or "can't open" in result.stderr:
+        pytest.skip("the other user cannot read the program")
+    line = only_line(result)
+    assert str(lake) in line
+    assert "ermission denied" in line
+
+
+def lake() -> dict:
+    return yaml.safe_load((track_folder() / "lake.yaml").read_text())
+
+
+def change(key: str, value: object) -> Callable[[dict], None]:
+    return lambda content: content.update({key: value})
+
+
+def many_points(content: dict) -> None:
+    angle = np.linspace(0, 2 * np.pi, 10_001, endpoint=False)
+    content["points"] = [[900 * np.cos(a), 900 * np.sin(a), 0.0] for a in angle.tolist()]
+
+
+TRACKS: dict[str, tuple[Callable[[dict], None], str]] = {
+    "times 100": (
+        lambda one: one.update(points=[[100 * v for v in p] for p in one["points"]]),
+        "points: reach over",
+    ),
+    "many points": (many_points, "points: 10,001, more than 10,000"),
+    "long": (
+        lambda one: one.update(
+            points=[[x, y, 0.0] for x in range(0, 9000, 40) for y in range(0, 3000, 1500)]
+        ),
+        "the road is",
+    ),
+    "NaN lake": (change("surroundings", {"lakes": [[1.0, float("nan"), 9.0]]}), "lakes: each"),
+    "no lake": (change("surroundings", {"lakes": float("nan")}), "lakes: each"),
+    "large lake": (change("surroundings", {"lakes": [[0, 0, 1e8]]}), "radii up to"),
+    "lakes": (change("surroundings", {"lakes": [[0, 0, 9]] * 101}), "lakes: 101"),
+    "NaN width": (change("width", float("nan")), "width: nan"),
+}
+
+
+@pytest.mark.parametrize("name", TRACKS)
+def test_a_track_that_cannot_be_is_refused_before_it_takes_memory(name: str) -> None:
+    damage, words = TRACKS[name]
+    content = lake()
+    damage(content)
+    with pytest.raises(SimulatorError, match=words):
+        make_track("own", content)
+
+
+def test_a_long_track_is_one(tmp_path: Path) -> None:
+    content = lake()
+    content["points"] = [[8 * one for one in point] for point in content["points"]]
+    content |= {"stretches": [], "surroundings": {}}
+    assert make_track("long", content).length > 9_000
+
+
+def test_a_track_that_crosses_itself_is_still_named() -> None:
+    content = lake()
+    content["points"] = [
+        [0, 0, 0],
+        [200, 200, 0],
+        [400, 0, 0],
+        [400, 200, 0],
+        [200, 0, 0],
+        [0, 200, 0],
+    ]
+    content |= {"stretches": []}
+    with pytest.raises(SimulatorError, match="crosses itself"):
+        make_track("eight", content)
+
+
+FILES = {
+    "bomb": ("a: &a [1]\nb: *a\n", "alias"),
+    "depth": ("points: " + "[" * 50_000, "deeper than 64"),
+    "digits": (f"width: {DIGITS}", "5,000 digits"),
+    "NUL": ("width: \0", "not YAML"),
+    "date": ("width: 2001-99-99", "not YAML"),
+    "large": ("#" * 1_000_001, "1,000,000 bytes"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_track_file_is_named(name: str, tmp_path: Path) -> None:
+    text, words = FILES[name]
+    (tmp_path / "own.yaml").write_text(text)
+    with pytest.raises(SimulatorError, match=rf"own\.yaml: .*{words}"):
+        read_track(str(tmp_path / "own.yaml"))
+
+
+@pytest.mark.parametrize("name", ["a\0b.yaml", f"{LONG}own.yaml"])
+def test_a_track_of_no_name_is_refused(name: str) -> None:
+    with pytest.raises(SimulatorError, match="there is no track"):
+        read_track(name)
+
+
+@pytest.mark.parametrize("value", [f"{{fog: {DIGITS}}}", "[" * 5000, "[&a [1], *a]"])
+def test_the_simulator_refuses_such_an_option(value: str, tmp_path: Path) -> None:
+    arguments = ("record", "out=lake", f"weather={value}")
+    only_line(run(tmp_path, *arguments, module="simulator", timeout=60))

@@ -1,0 +1,87 @@
+"""The kinds of fields that the records are made of, and one line for a field that is wrong."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from datamodules.errors import InputError
+
+Record = TypeVar("Record", bound=BaseModel)
+LARGEST = 1e300
+
+WORDS = {
+    "missing": "is missing",
+    "float_type": "should be a number",
+    "int_type": "should be a whole number",
+    "string_type": "should be text",
+    "bool_type": "should be true or false",
+    "list_type": "should be a list",
+    "dict_type": "should be keys and values",
+    "model_type": "should be keys and values",
+    "model_attributes_type": "should be keys and values",
+}
+
+
+class Fields(BaseModel):
+    """Fields of a file: a type that is right is not converted, and an unknown key is kept."""
+
+    model_config = ConfigDict(strict=True, extra="allow", frozen=True, protected_namespaces=())
+
+
+def finite(value: object) -> object:
+    """Return a value, unless it is NaN or infinite, which raises ValueError."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and not abs(value) < LARGEST:  # NaN is not below, either
+        raise ValueError("should be a finite number")
+    return value
+
+
+def _pair(value: object) -> object:
+    mean, deviation = value if isinstance(value, list) and len(value) == 2 else (None, None)
+    for one in (mean, 0 if deviation is None else deviation):
+        if isinstance(one, bool) or not isinstance(one, int | float):
+            raise ValueError("should be two numbers, mean and deviation")
+        finite(one)
+    return value
+
+
+def _texts(value: object) -> object:
+    if not all(isinstance(one, str) for one in (value if isinstance(value, list) else [value])):
+        raise ValueError("should be text, or a list of texts")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(finite)]
+Whole = Annotated[int, BeforeValidator(finite)]
+Count = Annotated[int, BeforeValidator(finite), Field(ge=0)]
+Pair = Annotated[list, BeforeValidator(_pair)]  # a mean over drives and its deviation, or null
+
+Texts = Annotated[object, BeforeValidator(_texts)]
+
+
+class Figures(Fields):
+    """A track's figures; earlier versions wrote no counts."""
+
+    drives: Count | None = None
+    drives_without_intervention: Count | None = None
+    __pydantic_extra__: dict[str, Pair | None] = Field(init=False)
+
+
+def check_fields(kind: type[Record], found: object, place: Path | str) -> Record:
+    """Return a record of plain containers; InputError names the first field that is wrong."""
+    if not isinstance(found, Mapping):
+        raise InputError(f"{place}: should be keys and values")
+    try:
+        return kind.model_validate(found)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+    names = [str(one) for one in first["loc"]]
+    said = WORDS.get(first["type"]) or first["msg"].removeprefix("Value error, ")
+    raise InputError(f"{place}: {'.'.join(names)}: {said}")
+
+
+def plain(record: Fields) -> dict:
+    """Return a record's keys that the file has, as plain containers."""
+    return record.model_dump(exclude_unset=True)
