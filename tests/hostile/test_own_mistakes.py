@@ -1,5 +1,6 @@
 """What a user does by mistake: one line, and no trace."""
 
+import io
 import os
 import resource
 import shutil
@@ -98,6 +99,16 @@ def test_a_mistake_of_ours_keeps_its_trace_and_says_so(capsys: pytest.CaptureFix
     assert "report" in lines[-1]
 
 
+def test_a_stream_that_lacks_a_character_prints_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    printed = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(printed, "ascii"))
+    assert run_command("zoo", lambda _: print("12 m → läuft", flush=True), []) == 0
+    assert printed.getvalue() == b"12 m ? l?uft\n"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "setting", [{"PYTHONIOENCODING": "ascii"}, {"PYTHONIOENCODING": "latin-1"}]
 )
@@ -176,6 +187,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(place)], check=True)
 
 
+@pytest.mark.slow
 def test_evaluating_on_a_full_disk_is_one_line(small_disk: Path, tmp_path: Path) -> None:
     checkpoint = write_constant(tmp_path / "x.ckpt", 0.0)
     more = ("laps=0.02", "workers=1", f"out={small_disk / 'out'}")
@@ -186,13 +198,16 @@ def test_evaluating_on_a_full_disk_is_one_line(small_disk: Path, tmp_path: Path)
 
 
 @pytest.fixture
-def nobody(tmp_path: Path) -> list[str]:
+def nobody(tmp_path: Path) -> Iterator[list[str]]:
     """What runs a command as a user without rights."""
     if os.geteuid() or not shutil.which("setpriv"):
         pytest.skip("only root can become another user")
-    for parent in (tmp_path, *tmp_path.parents[:3]):
-        parent.chmod(parent.stat().st_mode | 0o055)
-    return ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+    modes = {place: place.stat().st_mode for place in (tmp_path, *tmp_path.parents[:2])}
+    for place, mode in modes.items():
+        place.chmod(mode | 0o055)
+    yield ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
+    for place, mode in modes.items():
+        place.chmod(mode)
 
 
 @pytest.mark.parametrize("name", ["driving_log.csv", "."])
