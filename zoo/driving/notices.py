@@ -47,10 +47,10 @@ class Notices:
 
 
 def printable(text: str) -> str:
-    """Return a text that cannot command a terminal: all but printable characters are escaped.
+    r"""Return a text that cannot command a terminal: all but printable characters are escaped.
 
-    >>> printable("\x1b[2Jis é\u202e")
-    '\\x1b[2Jis é\\u202e'
+    >>> print(printable("\x1b[2Jis é\u202e"))
+    \x1b[2Jis é\u202e
     """
     if text.isprintable():
         return text
