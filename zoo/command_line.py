@@ -41,6 +41,9 @@ def _failure(error: Exception, arguments: list[str]) -> InputError | None:
 
     if isinstance(error, HydraException | OmegaConfBaseException):
         return InputError(explain(error, arguments))
+    if isinstance(error, ValueError) and str(error).startswith("Config group override"):
+        nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
+        return InputError(f"{nulls}: name a choice; python -m zoo --help lists all")
     if isinstance(error, OSError) and error.strerror is not None:
         return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None
