@@ -109,6 +109,9 @@ def explain_failure(error: Exception, arguments: list[str]) -> InputError | None
         )
     if isinstance(error, RecursionError):
         return InputError("an argument or a file is nested too deep; use fewer levels")
+    if isinstance(error, ValueError) and str(error).startswith("Config group override"):
+        nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
+        return InputError(f"{nulls}: name a choice; python -m zoo --help lists all")
     if isinstance(error, OSError) and error.strerror is not None:
         return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None

@@ -28,7 +28,7 @@ from zoo.outcome import report_outcome
 from zoo.pace import set_pace
 from zoo.scoring.candidates import choose_best, restore_monitored
 from zoo.scoring.tracks import run_options
-from zoo.status import StoppedError, is_first_process, run_status
+from zoo.status import StoppedError, is_first_process, read_status, run_status
 from zoo.steering_module import SteeringModule
 from zoo.sweeping.job import needs_processes
 from zoo.together import ending_together
@@ -178,6 +178,8 @@ def _fit(
         if not last.is_file():
             best = _best(folder)
             done = _without_last(best) if best.is_file() else "no epoch was complete yet"
+        if (finished := read_status(folder).get("finished_epochs")) is not None:
+            done += f"; metrics.json holds the figures of when it had finished {finished}"
         raise StoppedError(f"stopped; {done}; go on with: {_resume_command(folder)}")
     if trainer.max_epochs == 0:  # nothing to learn: only carry the weights over to a checkpoint
         for name in ("best", "last"):

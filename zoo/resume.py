@@ -70,7 +70,9 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
             raise InputError(f"{one.input_line}: a run has one value for a key")
         else:
             value = one.value()
-        OmegaConf.update(config, one.key_or_group, value, force_add=one.is_add())
+        OmegaConf.update(
+            config, one.key_or_group, value, force_add=one.is_add() or one.is_force_add()
+        )
         typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", one.key_or_group)))
     return config, typed
 

@@ -1,4 +1,4 @@
-"""Callbacks that take a run's disk away in the middle of its training."""
+"""Callbacks that stop a run in the middle of its training, or take its disk away."""
 
 import shutil
 from pathlib import Path
@@ -45,3 +45,14 @@ class FillDisk(lightning.Callback):
                         file.write(bytes(4096))
             except OSError:
                 return
+
+
+class Interrupt(lightning.Callback):
+    """Raises what Ctrl-C does at the beginning of an epoch."""
+
+    def __init__(self, epoch: int) -> None:
+        self.epoch = epoch
+
+    def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
+        if trainer.current_epoch == self.epoch:
+            raise KeyboardInterrupt

@@ -69,6 +69,7 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
         ("experiment=pilotnt", "did you mean pilotnet"),
         ("augment=[rain]", "there are bend, blur, brightness"),
         ("data.offset=[", "--help lists all keys"),
+        ("callbacks=null", "callbacks=null: name a choice"),
         ("resume=nowhere", "nowhere: is no run's folder"),
     ],
 )

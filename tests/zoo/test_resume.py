@@ -119,6 +119,22 @@ def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
     assert "finished_epochs" not in read_status(two_epochs)
 
 
+def test_ctrl_c_while_training_further_names_the_figures_that_stand(
+    two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
+) -> None:
+    before = metrics(two_epochs)
+    interrupt = "+callbacks.stop._target_=tests.zoo.spoil.Interrupt"
+    assert zoo("resume=run", "trainer.max_epochs=4", interrupt, "+callbacks.stop.epoch=3") == 130
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "metrics.json" in line
+    assert f"resume={two_epochs}" in line
+    assert metrics(two_epochs) == before
+    (ranked,), _ = read_runs([two_epochs])
+    assert ranked.folder == two_epochs
+    assert zoo("resume=run", "callbacks.stop=null") == 0
+    assert metrics(two_epochs)["epochs"] == 4, "it goes on with what was asked for"
+
+
 def test_a_finished_run_without_its_last_checkpoint_does_not_begin_again(
     two_epochs: Path, zoo: Zoo, capsys: pytest.CaptureFixture
 ) -> None:
