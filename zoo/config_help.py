@@ -25,7 +25,9 @@ python -m datamodules.check (are a recording's images whole)."""
 
 def config_help(arguments: Sequence[str]) -> str:
     """The help, with the config that the overrides among the arguments compose."""
-    overrides = [one for one in arguments if not one.startswith(("-", "resume=", "trust=", "hydra"))]
+    overrides = [
+        one for one in arguments if not one.startswith(("-", "resume=", "trust=", "hydra"))
+    ]
     config = compose_config(quote_paths(overrides))
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]
     keys = list(_keys(config))

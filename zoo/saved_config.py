@@ -88,9 +88,7 @@ ALLOWED = {
         ),
     ),
     # Not those of MLflow and Weights & Biases: they send figures to a server that they name.
-    ("logger", "*"): Allowed(
-        names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")
-    ),
+    ("logger", "*"): Allowed(names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")),
 }
 # They write files, whose names stay within the run's folder.
 WRITERS = ("callbacks", "logger")
