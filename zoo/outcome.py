@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.findings import find_oddities
 from datamodules.split import PARTS
 from zoo import plots

@@ -68,8 +68,9 @@ def rerun(arguments: list[str]) -> None:
     """Train once more with the config, seed and threads of a run, and compare.
 
     Raises:
-        InputError: no finished run's folder, a config that names what it must not, a recording that
-            has changed, an `out` that is not empty, or figures that differ, after they were printed.
+        InputError: no finished run's folder, a config that names what it must not, a recording
+            that has changed, an `out` that is not empty, or figures that differ, after they were
+            printed.
         StoppedError: on Ctrl-C, with the command to go on.
     """
     (name,), options = read_arguments(RerunOptions, ["RUN"], arguments, USAGE)
