@@ -1,9 +1,10 @@
 """Configs that were read from a file: what they may name, and what only a person may.
 
 Hydra calls whatever a `_target_` names. A config that a person typed, or that the package ships,
-may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each of
-its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist is
-no boundary, as its source says.)
+may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each
+of its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist
+is no boundary, as its source says.) It still decides which recording and weights are read, where
+decoded views are cached (`data.cache`), and how much time, memory and how many processes it takes.
 """
 
 import importlib

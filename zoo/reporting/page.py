@@ -11,7 +11,11 @@ from zoo.reporting.blocks import Section
 
 
 def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> str:
-    """Return the text of `index.html`; a film that is too large for it is named relative to `folder`."""
+    """Return the text of `index.html`.
+
+    Args:
+        folder: a film that is too large for the page is named relative to it.
+    """
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "static"),
         autoescape=True,
