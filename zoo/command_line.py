@@ -20,11 +20,13 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     """
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
     failure: Exception | None = None
-    before, output = sys.stdout, ForgivingOutput(sys.stdout)
+    before = sys.stdout
+    output = ForgivingOutput(before) if before else None  # None where it was closed: `>&-`
     sys.stdout = output
     try:
         command(arguments)
-        output.flush()
+        if output:
+            output.flush()
     except (InputError, StoppedError) as error:
         failure = error
     except (HydraException, OmegaConfBaseException) as error:
@@ -39,7 +41,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         failure = InputError(f"{error.filename or 'a file'}: {error.strerror}")
     finally:
         sys.stdout = before
-    if failure is None and output.failure is not None:
+    if failure is None and output and output.failure:
         failure = InputError(
             f"standard output: {output.failure.strerror}; all was done, but not all of it printed: "
             "write it to a place with room"

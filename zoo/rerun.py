@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
 from zoo.checkpoint_path import find_run
@@ -18,7 +19,7 @@ from zoo.command_line import run_command
 from zoo.config import escape_interpolation
 from zoo.options import read_arguments
 from zoo.saved_config import TRUST, check_saved_config, read_saved_config, split_trust
-from zoo.status import StoppedError
+from zoo.status import StoppedError, read_metrics
 from zoo.whole_file import refuse_links_out
 
 USAGE = "python -m zoo.rerun RUN [out=FOLDER trust=CLASS]"
@@ -80,7 +81,9 @@ def rerun(arguments: list[str]) -> None:
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
         )
     refuse_links_out(run)
-    then = json.loads((run / "metrics.json").read_text())
+    then = read_metrics(run)
+    if not then:
+        raise InputError(f"{run / 'metrics.json'}: is damaged; restore it, or name another run")
     stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
     out = Path(options.out or f"outputs/reruns/{stamp}").resolve()
     if out.exists() and any(out.iterdir()):
@@ -117,9 +120,9 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 def place_of(run: Path) -> Path:
     """Where the run was started: relative paths of its config begin there."""
     try:
-        hydra = OmegaConf.load(run / ".hydra" / "hydra.yaml")
+        hydra = read_saved_config(run / ".hydra" / "hydra.yaml")
         place = Path(hydra.hydra.runtime.cwd)
-    except (OSError, AttributeError, TypeError):
+    except (InputError, OmegaConfBaseException, AttributeError, TypeError):
         return Path.cwd()
     return place if place.is_dir() else Path.cwd()
 

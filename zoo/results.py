@@ -4,11 +4,12 @@ import json
 import sys
 from pathlib import Path
 
-from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
 from zoo.command_line import run_command
 from zoo.options import is_help
+from zoo.saved_config import read_saved_config
 
 USAGE = "usage: python -m zoo.results RUN_FOLDER..."
 HELP = f"""{USAGE}
@@ -32,7 +33,13 @@ def print_results(arguments: list[str]) -> None:
         return
     if not arguments:
         raise InputError(f"name the folders of finished runs; {USAGE}")
-    rows = [result_row(Path(folder)) for folder in arguments]
+    rows = []
+    for folder in arguments:
+        try:
+            rows.append(result_row(Path(folder)))
+        except (ValueError, KeyError, TypeError, AttributeError, OmegaConfBaseException) as error:
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise InputError(f"{folder}: its figures or config are damaged ({reason})") from None
     print(f"| {HEADER} |")
     print("|---|---|" + "---:|" * (HEADER.count("|") - 1))
     for row in rows:
@@ -45,8 +52,8 @@ def result_row(folder: Path) -> str:
     if not path.is_file():
         raise InputError(f"{folder}: holds no metrics.json; only a finished run has figures")
     metrics = json.loads(path.read_text())
-    config = OmegaConf.load(folder / ".hydra" / "config.yaml")
-    choices = OmegaConf.load(folder / ".hydra" / "hydra.yaml").hydra.runtime.choices
+    config = read_saved_config(folder / ".hydra" / "config.yaml")
+    choices = read_saved_config(folder / ".hydra" / "hydra.yaml").hydra.runtime.choices
     name = choices.experiment or metrics["model"]
     if config.quick:
         name += ", quick"

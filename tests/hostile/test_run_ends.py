@@ -78,6 +78,13 @@ def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_pa
     check_whole(tmp_path / "run")
 
 
+@posix
+def test_a_standard_output_that_is_closed(tmp_path: Path) -> None:
+    shell = ["sh", "-c", '"$@" >&-', "sh", *command("zoo.models", "--help")]
+    result = subprocess.run(shell, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
+    assert (result.returncode, result.stderr) == (0, b"")
+
+
 def test_a_report_that_fails_is_one_line(
     recorded: Written,
     tmp_path: Path,

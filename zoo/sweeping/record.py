@@ -71,7 +71,10 @@ def read_record(folder: Path) -> SweepRecord:
         contents = json.loads(path.read_text())
         if contents.pop("format") != FORMAT:
             raise InputError(f"{path}: was written by another version; use the drivezoo that did")
-        return SweepRecord(**contents)
+        record = SweepRecord(**contents)
+        if not all(isinstance(one, str) for one in record.arguments):
+            raise TypeError("its arguments are no texts")
+        return record
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: is damaged ({error}); start a new sweep") from None
 
