@@ -35,13 +35,15 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal may not know every character
     failure: Exception | None = None
-    before, output = sys.stdout, ForgivingOutput(sys.stdout)
+    before = sys.stdout
+    output = ForgivingOutput(before) if before else None  # None where it was closed: `>&-`
     sys.stdout = output
     try:
         raise_again()
         check_arguments(arguments)
         command(arguments)
-        output.flush()
+        if output:
+            output.flush()
     except (InputError, StoppedError) as error:
         failure = error
     except KeyboardInterrupt:
@@ -60,7 +62,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
             return 1
     finally:
         sys.stdout = before
-    if failure is None and output.failure is not None:
+    if failure is None and output and output.failure:
         failure = InputError(
             f"standard output: {output.failure.strerror}; all was done, but not all of it printed: "
             "write it to a place with room"

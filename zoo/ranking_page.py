@@ -1,7 +1,5 @@
 """The ranking as one page that fetches nothing: table, parallel coordinates, curves."""
 
-import base64
-import hashlib
 import math
 from collections.abc import Sequence
 from datetime import datetime
@@ -23,6 +21,7 @@ from zoo.ranking_table import (
     unranked_lines,
     value_of,
 )
+from zoo.reporting.page import hash_source
 from zoo.scoring.intervals import count_with_interval
 from zoo.scoring.table import with_deviation
 from zoo.whole_file import write_whole
@@ -59,7 +58,8 @@ def write_page(
     )
     style, script = ((parts / name).read_text() for name in ("style.css", "page.js"))
     page = environment.get_template("page.html").render(
-        policy=f"default-src 'none'; style-src {_hash(style)}; script-src {_hash(script)}; "
+        policy=f"default-src 'none'; style-src {hash_source(style)}; "
+        f"script-src {hash_source(script)}; "
         "base-uri 'none'; form-action 'none'",
         title=title,
         when=f"{datetime.now():%Y-%m-%d %H:%M}",
@@ -82,11 +82,6 @@ def _kept(entry: Entry) -> str:
         for key, one in counts.items()
     ]
     return f"; drives without intervention: {', '.join(said_counts)}" if counts else ""
-
-
-def _hash(text: str) -> str:
-    """Return a source of a Content-Security-Policy: only this style or script runs."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 def _lead(entries: Sequence[Entry]) -> str:

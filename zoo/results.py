@@ -29,7 +29,13 @@ def print_results(arguments: list[str]) -> None:
         return
     if not arguments:
         raise InputError(f"name the folders of finished runs; {USAGE}")
-    rows = [result_row(Path(folder)) for folder in arguments]
+    rows = []
+    for folder in arguments:
+        try:
+            rows.append(result_row(Path(folder)))
+        except (KeyError, TypeError, AttributeError) as error:  # of another version
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise InputError(f"{folder}: its figures or config are damaged ({reason})") from None
     print(f"| {HEADER} |")
     print("|---|---|" + "---:|" * (HEADER.count("|") - 1))
     for row in rows:

@@ -3,7 +3,8 @@
 Hydra calls whatever a `_target_` names. A config that a person typed, or that the package ships,
 may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each
 of its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist
-is no boundary, as its source says.)
+is no boundary, as its source says.) It still decides which recording and weights are read, where
+decoded views are cached (`data.cache`), and how much time, memory and how many processes it takes.
 """
 
 import importlib
@@ -92,6 +93,7 @@ ALLOWED = {
 }
 # They write files, whose names stay within the run's folder.
 WRITERS = ("callbacks", "logger")
+READ_KEYS = ("track",)  # of theirs: files that are only read
 FOLDER_KEYS = ("save_dir", "root_dir")  # of loggers; a run's go into its own folder
 # Of the trainer: they write elsewhere, or replace what a run sets.
 TRAINER_KEYS = ("callbacks", "default_root_dir", "logger", "plugins", "profiler")
@@ -226,7 +228,8 @@ def _refused(keys: Keys, value: object, config: Mapping) -> tuple[str | None, st
     if section in WRITERS and not _is_shipped(keys[:2], config):
         if section == "logger" and keys[-1] in FOLDER_KEYS and value is not None:
             return "lets a logger write outside of the run's folder", key
-        if isinstance(value, str | bytes | os.PathLike) and _leads_out(os.fsdecode(value)):
+        is_text = isinstance(value, str | bytes | os.PathLike) and keys[-1] not in READ_KEYS
+        if is_text and _leads_out(os.fsdecode(value)):
             return "leads out of the run's folder", key
     if section == "trainer":
         if len(keys) > 1 and keys[1] in TRAINER_KEYS and value not in (None, False):

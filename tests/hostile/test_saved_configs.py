@@ -16,6 +16,7 @@ from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.__main__ import zoo
 from zoo.checkpoint import make_network
@@ -24,6 +25,7 @@ from zoo.config import compose_config
 from zoo.correct import command as correct
 from zoo.records.config_files import load_config
 from zoo.rerun import absolute_places, rerun
+from zoo.results import print_results
 from zoo.saved_config import check_saved_config, find_refusals
 from zoo.sweep import resume_sweep
 
@@ -149,6 +151,39 @@ def test_what_runs_or_writes_elsewhere_is_refused_by_its_key(key: str, value: ob
         check_saved_config(config, "x.ckpt")
     trust = str(raised.value).rpartition("trust=")[2]
     check_saved_config(config, "x.ckpt", [trust])
+
+
+def test_a_track_of_a_persons_own_may_be_anywhere() -> None:
+    config = OmegaConf.create(compose_config(["callbacks=closed_loop"]))
+    config.callbacks.closed_loop.track = "/home/me/track.yaml"
+    check_saved_config(config, "x.ckpt")
+
+
+@pytest.mark.parametrize(
+    ("file", "command", "arguments"),
+    [
+        ("metrics.json", rerun, ["run", "out=again"]),
+        ("metrics.json", print_results, ["run"]),
+        (".hydra/config.yaml", print_results, ["run"]),
+        (".hydra/hydra.yaml", print_results, ["run"]),
+        ("sweep.json", resume_sweep, ["resume=run"]),
+    ],
+)
+@pytest.mark.parametrize("text", ["", "[1", '{"format": 1, "arguments": [1]}', "\0"])
+def test_a_damaged_file_of_a_run_gets_one_line(
+    file: str,
+    command: Callable[[list[str]], None],
+    arguments: list[str],
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (write_run(tmp_path / "run") / file).write_text(text)
+    assert run_command("zoo", command, arguments) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "run" in line
 
 
 def test_every_choice_that_is_shipped_is_allowed() -> None:

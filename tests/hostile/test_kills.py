@@ -1,0 +1,165 @@
+"""`kill -9` and full disks at any moment: the last whole checkpoint stays, and nothing half."""
+
+import json
+import os
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from tests.recordings import Written
+from tests.zoo.checkpoints import write_constant
+from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.trainings import SMALL
+from zoo.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.whole_file import remove_parts
+
+posix = pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL, mounts disks")
+SHM = Path("/dev/shm")
+
+# Saves a checkpoint of 8 MB again and again; each holds its number.
+SAVER = """
+import sys, torch
+from pathlib import Path
+from zoo.checkpoint_files import CheckpointFiles
+path, files = Path(sys.argv[1]), CheckpointFiles()
+for number in range(1, 10_000):
+    files.save_checkpoint({"number": number, "weights": torch.full((2_000_000,), number)}, path)
+    print(number, flush=True)
+"""
+
+
+@pytest.fixture(params=["tmp", "shm"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
+    """A folder on the disk of the temporary files, and one on another."""
+    if request.param == "tmp":
+        yield tmp_path
+        return
+    if not SHM.is_dir() or SHM.stat().st_dev == tmp_path.stat().st_dev:
+        pytest.skip("there is one file system")
+    import tempfile
+
+    with tempfile.TemporaryDirectory(dir=SHM) as folder:
+        yield Path(folder)
+
+
+@posix
+def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_path: Path) -> None:
+    path = place / "checkpoints" / "last.ckpt"
+    moments = random.Random(0)
+    for _ in range(4):
+        saver = subprocess.Popen(
+            [sys.executable, "-c", SAVER, str(path)],
+            env=environment() | {"TMPDIR": str(tmp_path)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        first = int(saver.stdout.readline())
+        time.sleep(moments.uniform(0, 0.2))
+        saver.kill()
+        said = [first, *map(int, saver.stdout.read().split())]
+        saver.wait()
+        contents = torch.load(path, weights_only=True)
+        assert contents["number"] in (said[-1], said[-1] + 1), "the last that was saved, or next"
+        assert bool((contents["weights"] == contents["number"]).all())
+        remove_parts(path.parent)
+        assert [one.name for one in path.parent.iterdir()] == ["last.ckpt"]
+    assert not list(tmp_path.glob("*.part"))
+
+
+@posix
+@pytest.mark.slow
+def test_a_training_that_is_killed_again_and_again_goes_on(
+    place: Path, recorded: Written, tmp_path: Path
+) -> None:
+    folder = place / "run"
+    shm = {"TMPDIR": str(SHM)} if SHM.is_dir() else {}
+    base = [*SMALL, f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}"]
+    begin = command("zoo", *base, "trainer.max_epochs=100000", f"hydra.run.dir={folder}")
+    last, epochs = folder / "checkpoints" / "last.ckpt", []
+    moments = random.Random(1)
+    for number in range(3):
+        training = subprocess.Popen(
+            begin if not number else command("zoo", f"resume={folder}"),
+            env=environment() | shm,
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        before = last.stat().st_mtime_ns if last.is_file() else 0
+        while training.poll() is None and (not last.is_file() or last.stat().st_mtime_ns == before):
+            time.sleep(0.02)
+        time.sleep(moments.uniform(0, 0.5))
+        training.kill()
+        assert training.wait() == -9, training.stderr.read()
+        epochs.append(read_checkpoint_file(last)["epoch"])
+        load_checkpoint(last)
+        # As a kill in the middle of a write leaves it.
+        (last.parent / ".last.ckpt.0123456789abcdef.part").write_bytes(bytes(55_000_000))
+        (last.parent / "last.ckpt.part").write_bytes(bytes(1_000))
+    assert epochs == sorted(epochs)
+    result = run(tmp_path, f"resume={folder}", f"trainer.max_epochs={epochs[-1] + 2}")
+    assert result.returncode == 0, result.stderr
+    assert {path.name for path in last.parent.iterdir()} == {"best.ckpt", "last.ckpt"}
+
+
+@posix
+def test_a_run_that_was_killed_between_its_checkpoints_names_the_one_it_has(
+    recorded: Written, tmp_path: Path
+) -> None:
+    base = [*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1", "hydra.run.dir=run"]
+    assert run(tmp_path, *base).returncode == 0
+    checkpoints = tmp_path / "run" / "checkpoints"
+    (checkpoints / "last.ckpt").unlink()
+    status = tmp_path / "run" / "status.json"
+    status.write_text(json.dumps(json.loads(status.read_text()) | {"status": "running", "pid": 0}))
+    result = run(tmp_path, "resume=run")
+    assert result.returncode == 0, result.stderr
+    assert f"{checkpoints / 'best.ckpt'} is kept, but there is no last.ckpt" in result.stdout
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 5.5 MB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=5500k", "none", str(place)]
+    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("only root can mount a disk")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@posix
+@pytest.mark.slow
+def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_goes_on_with_room(
+    recorded: Written, small_disk: Path, tmp_path: Path
+) -> None:
+    """Its first checkpoint has 3 MB, its second finds no room; all loggers are on."""
+    folder = small_disk / "run"
+    base = [*SMALL, "model=nvidia", "data.crop=[40,20]", f"data.root={recorded.folder}"]
+    more = [f"data.cache={tmp_path / 'cache'}", "trainer.max_epochs=2", f"hydra.run.dir={folder}"]
+    line = only_line(run(tmp_path, *base, *more))
+    assert "No space left on device" in line
+    assert str(folder) in line
+    assert f"resume={folder}" in line
+    best = folder / "checkpoints" / "best.ckpt"
+    assert f"{best} is kept" in line
+    load_checkpoint(best)
+    assert [one.name for one in best.parent.iterdir()] == ["best.ckpt"]
+    subprocess.run(["mount", "-o", "remount,size=40m", str(small_disk)], check=True)
+    result = run(tmp_path, f"resume={folder}")
+    assert result.returncode == 0, result.stderr
+    assert json.loads((folder / "metrics.json").read_text())["epochs"] == 2
+
+
+def test_a_checkpoint_of_its_folder_is_not_taken_for_half_of_one(tmp_path: Path) -> None:
+    write_constant(tmp_path / "last.ckpt", 0.1)
+    remove_parts(tmp_path)
+    load_checkpoint(tmp_path / "last.ckpt")

@@ -1,0 +1,122 @@
+"""The end of a run: nothing that can only be shown costs the figures and the checkpoints."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.commands import command, environment
+from tests.zoo.trainings import SMALL, zoo_here
+from zoo import outcome
+
+posix = pytest.mark.skipif(os.name != "posix", reason="names of any bytes, /dev/full")
+
+
+def arguments(root: str, *more: str) -> list[str]:
+    base = [*SMALL, f"data.root={root}", "trainer.max_epochs=1", "hydra.run.dir=run"]
+    return [*base, *more]
+
+
+def train(cwd: Path, *given: str, stdout: object = subprocess.PIPE, **more: str) -> tuple[int, str]:
+    """Return the exit status and what was printed on stderr."""
+    result = subprocess.run(
+        command("zoo", *given),
+        cwd=cwd,
+        env=environment() | more,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        timeout=120,
+        check=False,
+    )
+    return result.returncode, result.stderr.decode(errors="backslashreplace")
+
+
+def check_whole(run: Path) -> None:
+    assert json.loads((run / "metrics.json").read_text())["epochs"] == 1
+    assert json.loads((run / "status.json").read_text())["status"] == "finished"
+    for name in ("best.ckpt", "last.ckpt"):
+        assert (run / "checkpoints" / name).is_file()
+    assert (run / "report" / "index.html").is_file()
+
+
+@posix
+@pytest.mark.slow
+def test_a_recording_whose_folder_is_no_utf_8(recorded: Written, tmp_path: Path) -> None:
+    root = tmp_path / os.fsdecode(b"laps\xff\xe4")
+    shutil.copytree(recorded.folder, root)
+    ended, said = train(tmp_path, *arguments(str(root)))
+    assert (ended, said) == (0, "")
+    check_whole(tmp_path / "run")
+    ended, said = train(tmp_path, "resume=run", "trainer.max_epochs=2")
+    assert (ended, said) == (0, "")
+
+
+@posix
+@pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_standard_output_of_few_signs(encoding: str, recorded: Written, tmp_path: Path) -> None:
+    root = tmp_path / "Fahrt \N{SNOWMAN}"
+    shutil.copytree(recorded.folder, root)
+    ended, said = train(tmp_path, *arguments(str(root)), PYTHONIOENCODING=encoding)
+    assert (ended, said) == (0, "")
+    check_whole(tmp_path / "run")
+
+
+@posix
+@pytest.mark.parametrize("buffered", ["", "1"])
+def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        more = {"PYTHONUNBUFFERED": buffered}
+        ended, said = train(tmp_path, *arguments(str(recorded.folder)), stdout=full, **more)
+    (line,) = said.strip().splitlines()
+    assert "standard output: No space left on device" in line
+    assert ended == 1
+    check_whole(tmp_path / "run")
+
+
+@posix
+def test_a_standard_output_that_is_closed(tmp_path: Path) -> None:
+    shell = ["sh", "-c", '"$@" >&-', "sh", *command("zoo.models", "--help")]
+    result = subprocess.run(shell, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
+    assert (result.returncode, result.stderr) == (0, b"")
+
+
+def test_a_report_that_fails_is_one_line(
+    recorded: Written,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    def fail(folder: Path) -> Path:
+        raise UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no sign")
+
+    monkeypatch.setattr(outcome, "write_report", fail)
+    assert zoo_here(monkeypatch, tmp_path, *arguments(str(recorded.folder))) == 0
+    said = capsys.readouterr()
+    (line,) = [one for one in said.out.splitlines() if "no report" in one]
+    assert "no sign" in line
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 1
+
+
+@posix
+def test_a_recording_that_is_removed_while_it_trains(
+    recorded: Written,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    root = Path(shutil.copytree(recorded.folder, tmp_path / "laps"))
+    before = outcome.open_loop_metrics
+
+    def remove(*given: object) -> dict:
+        shutil.rmtree(root, ignore_errors=True)
+        return before(*given)
+
+    monkeypatch.setattr(outcome, "open_loop_metrics", remove)
+    assert zoo_here(monkeypatch, tmp_path, *arguments(str(root))) == 0
+    assert capsys.readouterr().err == ""
+    check_whole(tmp_path / "run")
