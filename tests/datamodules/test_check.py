@@ -132,13 +132,19 @@ def test_the_next_commands_close(tmp_path):
     see, train = run_check(folder, "--images", images).stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
     assert shlex.split(see.partition(": ")[2]) == ["python", "-m", "zoo.preview", *keys]
-    assert shlex.split(train.partition(": ")[2]) == ["python", "-m", "zoo", *keys]
+    assert shlex.split(train.partition(": ")[2]) == [
+        "python",
+        "-m",
+        "zoo",
+        "experiment=first_try",
+        *keys,
+    ]
 
 
 def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
     folders = [str(write_recording(tmp_path / one, rows=2).folder) for one in ("a", "b's [2]")]
     command = shlex.split(run_check(*folders).stdout.splitlines()[-1].partition(": ")[2])
-    (override,) = OverridesParser.create().parse_overrides(command[3:])
+    _, override = OverridesParser.create().parse_overrides(command[3:])
     assert (override.key_or_group, override.value()) == ("data.root", folders)
 
 

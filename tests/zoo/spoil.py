@@ -14,7 +14,10 @@ class RemoveFolder(lightning.Callback):
 
     def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
         if trainer.current_epoch == self.epoch:
-            shutil.rmtree(trainer.default_root_dir)
+            while Path(
+                trainer.default_root_dir
+            ).exists():  # TensorBoard's thread still writes there
+                shutil.rmtree(trainer.default_root_dir, ignore_errors=True)
 
 
 class LimitFiles(lightning.Callback):

@@ -262,6 +262,7 @@ def test_a_mistake_is_one_line_before_anything_is_written(
 
 
 def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> None:
+    (tmp_path / "model.onnx").write_bytes(b"any")
     with pytest.raises(InputError, match=r"model\.onnx: cannot be trained on"):
         command([str(tmp_path / "model.onnx")])
 

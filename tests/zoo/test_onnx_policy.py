@@ -68,7 +68,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture)
     for number, contents in enumerate([*cuts, whole[:-1], bytes(scrambled), b"rubbish" * 999]):
         path = tmp_path / f"{number}.onnx"
         path.write_bytes(contents)
-        with pytest.raises(InputError, match=f"{number}.onnx: is n"):
+        with pytest.raises(InputError, match=rf"{number}\.onnx: is (no|empty)"):
             OnnxPolicy(path)
     assert capfd.readouterr().err == ""
 

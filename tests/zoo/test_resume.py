@@ -215,7 +215,7 @@ def test_odd_names_are_trained_in_and_resumed(
     places = (f"data.root={odd / 'lake'}", f"data.cache={odd / 'cache'}")
     new = "b 'ï' [x]=1"  # is not there yet
     assert zoo(*SMALL, *places, "trainer.max_epochs=1", f"hydra.run.dir={new}") == 0
-    assert str(tmp_path / new / "checkpoints" / "best.ckpt") in capsys.readouterr().out
+    assert str(Path(new) / "checkpoints" / "best.ckpt") in capsys.readouterr().out
     shutil.move(tmp_path / new, odd / "run")
     assert zoo(f"resume={odd / 'run'}", "trainer.max_epochs=2") == 0
     assert metrics(odd / "run")["epochs"] == 2
