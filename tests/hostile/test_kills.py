@@ -49,6 +49,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
 
 
 @posix
+@pytest.mark.slow
 def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_path: Path) -> None:
     path = place / "checkpoints" / "last.ckpt"
     moments = random.Random(0)

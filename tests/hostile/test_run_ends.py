@@ -67,7 +67,7 @@ def test_a_standard_output_of_few_signs(encoding: str, recorded: Written, tmp_pa
 
 
 @posix
-@pytest.mark.parametrize("buffered", ["", "1"])
+@pytest.mark.parametrize("buffered", ["", pytest.param("1", marks=pytest.mark.slow)])
 def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         more = {"PYTHONUNBUFFERED": buffered}

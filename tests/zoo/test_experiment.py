@@ -303,6 +303,7 @@ def test_the_weights_of_a_checkpoint_start_another_run(run_folder: Path, tmp_pat
     assert equal(weights(tmp_path / "run", "best"), weights(run_folder, "best"))
 
 
+@pytest.mark.slow
 def test_two_processes_train_on_the_cpu(recorded: Written, tmp_path: Path) -> None:
     result = run(
         tmp_path,
