@@ -3,6 +3,9 @@
 import io
 import os
 import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
@@ -32,3 +35,17 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
 def console() -> Console:
     """Not a terminal; `console.file.getvalue()` is what was printed."""
     return Console(file=io.StringIO(), width=500)
+
+
+@pytest.fixture
+def small_disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
+    """A disk of a few bytes, as its indirect parameter says: `5500k`, `8m`."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={request.param}", "none", str(place)]
+    if os.name != "posix" or os.geteuid():
+        pytest.skip("only root can mount a disk")
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no disk can be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)

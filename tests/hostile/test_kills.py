@@ -125,18 +125,7 @@ def test_a_run_that_was_killed_between_its_checkpoints_names_the_one_it_has(
     assert f"{checkpoints / 'best.ckpt'} is kept, but there is no last.ckpt" in result.stdout
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 5.5 MB."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=5500k", "none", str(place)]
-    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("only root can mount a disk")
-    yield place
-    subprocess.run(["umount", str(place)], check=True)
-
-
+@pytest.mark.parametrize("small_disk", ["5500k"], indirect=True)
 @posix
 @pytest.mark.slow
 def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_goes_on_with_room(

@@ -175,18 +175,7 @@ def test_little_memory_is_no_trace(module: str, tmp_path: Path) -> None:
     assert "Traceback" not in result.stderr
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 40 kB."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=40k", "none", str(place)]
-    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("only root can mount a disk")
-    yield place
-    subprocess.run(["umount", str(place)], check=True)
-
-
+@pytest.mark.parametrize("small_disk", ["40k"], indirect=True)
 @pytest.mark.slow
 def test_evaluating_on_a_full_disk_is_one_line(small_disk: Path, tmp_path: Path) -> None:
     checkpoint = write_constant(tmp_path / "x.ckpt", 0.0)

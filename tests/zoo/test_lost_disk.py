@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,18 +35,6 @@ def unlimited() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 8 MB."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=8m", "none", str(place)]
-    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("only root can mount a disk")
-    yield place
-    subprocess.run(["umount", str(place)], check=True)
-
-
 @posix
 @pytest.mark.usefixtures("unlimited")
 def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
@@ -69,6 +56,7 @@ def test_a_checkpoint_that_cannot_be_written_is_named_and_the_last_one_kept(
     assert json.loads((tmp_path / "run" / "status.json").read_text())["status"] == "failed"
 
 
+@pytest.mark.parametrize("small_disk", ["8m"], indirect=True)
 def test_a_full_disk_is_named_and_the_run_resumed_when_there_is_room(
     arguments: list[str],
     small_disk: Path,
