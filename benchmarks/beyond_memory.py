@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from datamodules.recording import read_recordings
-from zoo.build import build_data
+from zoo.training.build import build_data
 
 ROWS, LIMIT_MB = 12_000, 1_500
 # Views of 100 x 320 x 3 bytes: a small network over large pictures, so that feeding is the work.

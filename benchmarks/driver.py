@@ -21,7 +21,7 @@ from timing import Row, median_ratio, medians, run_part
 
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
-from zoo.config import choices, compose_config
+from zoo.cli.compose import choices, compose_config
 
 FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 1.2
 CONSTANT = "a constant"
@@ -156,12 +156,12 @@ def serve_each(names: list[str], pipe: Connection) -> None:
 
 
 def serve(name: str, pipe: Connection) -> None:
-    from zoo.driving.driver import Driver
-    from zoo.driving.notices import Notices
-    from zoo.driving.scribe import Scribe
-    from zoo.driving.server import DriveServer, listen
-    from zoo.driving.speed_controller import PI
-    from zoo.driving.steering_filter import SteeringFilter
+    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.driver import Driver
+    from zoo.drive.notices import Notices
+    from zoo.drive.server import DriveServer, listen
+    from zoo.drives.speed_controller import PI
+    from zoo.drives.steering_filter import SteeringFilter
 
     notices, times, looked = Notices(lambda line: None), [], []
     with tempfile.TemporaryDirectory() as folder:
@@ -210,8 +210,9 @@ def random_policy(name: str) -> object:
     import torch
 
     from datamodules.view import View
-    from zoo.checkpoint import Checkpoint, make_network
-    from zoo.policy import Policy
+    from zoo.checkpoints.checkpoint import Checkpoint
+    from zoo.checkpoints.policy import Policy
+    from zoo.models.make_network import make_network
 
     torch.set_num_threads(1)
     config = compose_config([f"model={name}"])

@@ -10,8 +10,8 @@ from timing import Row, median_ratio, medians, run_part, take_turns
 from torch.utils.data import DataLoader
 
 from datamodules.driving import DrivingData
-from zoo.build import build_data
-from zoo.process import keep_freed_memory
+from zoo.training.build import build_data
+from zoo.training.host_settings import keep_freed_memory
 
 BATCH = 64
 

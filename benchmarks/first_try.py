@@ -172,6 +172,6 @@ def _driven(score: dict) -> str:
 
 
 if __name__ == "__main__":
-    from zoo.command_line import run_command
+    from zoo.cli.run_command import run_command
 
     sys.exit(run_command("first_try", main, sys.argv[1:]))

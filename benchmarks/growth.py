@@ -74,9 +74,9 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     """A training of lenet, one epoch, in the main job's stages; views and run go to `place`."""
     from datamodules.recording import read_recordings
     from datamodules.recording_report import report_lines
-    from zoo.build import build_data, build_module, build_trainer
-    from zoo.open_loop import predict_steering
-    from zoo.pace import set_pace
+    from zoo.training.build import build_data, build_module, build_trainer
+    from zoo.training.open_loop import predict_steering
+    from zoo.training.plan import set_pace
 
     pipe.send(None)
     pipe.recv()
@@ -120,7 +120,9 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
 
 
 def give_back_freed_memory() -> None:
-    """To the kernel, what the allocator keeps (`zoo.process.keep_freed_memory`); glibc alone can.
+    """Return to the kernel what the allocator keeps, which glibc alone can.
+
+    See `zoo.training.host_settings.keep_freed_memory`.
 
     What is kept grows over the first epochs and then no more, whatever the number of rows: blocks
     of a step's many sizes find their places.

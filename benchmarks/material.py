@@ -5,7 +5,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from zoo.config import compose_config
+from zoo.cli.compose import compose_config
 
 OUT = Path("outputs/bench")
 LAKE = Path("outputs/recordings/lake")

@@ -20,8 +20,8 @@ from scipy.stats import spearmanr
 from benchmarks.recoveries import OFFSET
 from benchmarks.results import CSV
 from datamodules.errors import InputError
-from zoo.command_line import run_command
-from zoo.plots import save_figure
+from zoo.cli.run_command import run_command
+from zoo.runs.plots import save_figure
 
 METRICS = {
     "test_mse": "MSE",

@@ -16,9 +16,9 @@ from rich.console import Console
 
 from datamodules.image import decode_image
 from datamodules.recording import Recording, read_recordings
-from zoo.embedded_recording import apply_recording
-from zoo.open_loop import open_loop_metrics, side_response
-from zoo.policy import load_policy
+from zoo.checkpoints.policy import load_policy
+from zoo.training.embedded_recording import apply_recording
+from zoo.training.open_loop import open_loop_metrics, side_response
 
 RECORD = {
     "out": "outputs/recordings/recoveries",
@@ -56,7 +56,7 @@ def figures_of(
     """Figures of a network on `rows`, whose pictures are `frames` (of centre, left and right).
 
     `mse`, `mae` and `balanced_mae` of the centre camera; `side_mae` of the side cameras, whose
-    steering is the recorded one and `OFFSET`; `side_response` as `zoo.open_loop` has it.
+    steering is the recorded one and `OFFSET`; `side_response` as `zoo.training.open_loop` has it.
     """
     policy = load_policy(str(checkpoint))
     true, speed = recording.steering[rows], recording.speed_mph[rows]

@@ -27,9 +27,9 @@ from datamodules.image import decode_image
 from datamodules.recording import Recording, read_recordings
 from simulator.rig import CAMERAS
 from simulator.world import Start, open_world
-from zoo.policy import Policy, load_policy
-from zoo.scoring.replay import replay, score_replay
-from zoo.scoring.warp import Warp
+from zoo.checkpoints.policy import Policy, load_policy
+from zoo.evaluate.camera_warp import Warp
+from zoo.evaluate.recording_replay import replay, score_replay
 
 OUT = Path("outputs/replay_validation")
 POSES = ((0.0, 3.0), (0.0, -6.0), (0.25, 0.0), (0.5, 0.0), (0.5, 3.0), (-0.9, -5.0), (0.4, -8.0))
@@ -71,8 +71,8 @@ def drive_and_replay(checkpoint: str, recording_folder: str) -> dict[str, dict[s
     """The figures of one checkpoint: `replay`, `same` (speed and margin), `evaluate`."""
     import torch
 
-    from zoo.driving.speed_controller import PI
-    from zoo.scoring.closed_loop import drive_closed_loop, score
+    from zoo.drives.speed_controller import PI
+    from zoo.evaluate.embedded_drive import drive_closed_loop, score
 
     torch.set_num_threads(1)
     recording, policy = read_recordings(recording_folder), load_policy(checkpoint)

@@ -201,6 +201,6 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    from zoo.command_line import run_command
+    from zoo.cli.run_command import run_command
 
     sys.exit(run_command("results", main, sys.argv[1:]))

@@ -15,8 +15,8 @@ from scipy.stats import spearmanr
 
 from datamodules.image import decode_image
 from datamodules.recording import read_recordings
-from zoo.policy import Policy, load_policy
-from zoo.visual_backprop import Saliency
+from zoo.checkpoints.policy import Policy, load_policy
+from zoo.saliency.visual_backprop import Saliency
 
 FRAMES, PATCH, STEP = 11, 20, 10
 

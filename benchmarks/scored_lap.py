@@ -16,9 +16,9 @@ from timing import Row, median_ratio, medians, run_part, take_turns
 
 from datamodules.cores import usable_cores
 from simulator.world import Start
-from zoo.checkpoint import PREFIX, make_card
-from zoo.scoring.closed_loop import ScoredDrive
-from zoo.scoring.drives import Setup, drive_all, drive_once, drive_setup, open_setup
+from zoo.checkpoints.checkpoint import PREFIX, make_card
+from zoo.evaluate.embedded_drive import ScoredDrive
+from zoo.evaluate.many_drives import Setup, drive_all, drive_once, drive_setup, open_setup
 
 LAPS, SHORT_LAPS = 0.2, 0.02
 MANY = 4

@@ -28,7 +28,7 @@ def measure(short: bool) -> list[Row]:
         f"trainer.max_epochs={epochs}",
         "trainer.accelerator=cpu",
     )
-    from zoo.build import build_data, build_module
+    from zoo.training.build import build_data, build_module
 
     torch.set_num_threads(1)
     data = build_data(config)
@@ -60,8 +60,8 @@ def measure(short: bool) -> list[Row]:
 
 def fit(config: object, data: DrivingData) -> float:
     """Seconds of the fit alone: the load is the cache's matter, the start-up another row's."""
-    from zoo.build import build_module, build_trainer
-    from zoo.pace import set_pace
+    from zoo.training.build import build_module, build_trainer
+    from zoo.training.plan import set_pace
 
     folder = Path(OUT / "run")
     folder.mkdir(parents=True, exist_ok=True)

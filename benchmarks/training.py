@@ -4,7 +4,7 @@ Processes take turns: `python -m zoo` itself, epoch by epoch; the same network i
 tensors that are in memory, with the settings of the first; that loop as torch has it by default;
 and the usual one, fed by a DataLoader with four workers that decodes, resizes and augments sample
 by sample. Threads wait for each other as torch has it, which is to spin; those of the first as it
-decides itself (`zoo.waiting`).
+decides itself (`zoo.training.openmp_threads`).
 """
 
 import itertools
@@ -20,8 +20,8 @@ from material import AUGMENT, OUT, config_for, linked_recording
 from rich.console import Console
 from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
-from zoo.process import multiplies_bf16
-from zoo.waiting import LOOK_EVERY_S, QUIET_LOOKS
+from zoo.training.host_settings import multiplies_bf16
+from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.0  # a loop goes on for so long, however slow a busy machine makes it
@@ -104,7 +104,7 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
     dropped."""
     from unittest.mock import patch
 
-    from zoo import build, experiment
+    from zoo.training import build, run
 
     config = config_for(
         linked_recording(ROWS),
@@ -125,13 +125,13 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
         return trainer
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    with patch.object(experiment, "build_trainer", with_turns):
-        experiment.run_experiment(config, OUT / "-".join(["run", *more]))
+    with patch.object(run, "build_trainer", with_turns):
+        run.run_experiment(config, OUT / "-".join(["run", *more]))
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
     """Forward, backward, step, on batches of noise."""
-    from zoo.process import keep_freed_memory
+    from zoo.training.host_settings import keep_freed_memory
 
     if tuned:
         keep_freed_memory()
@@ -153,7 +153,7 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     from sample_by_sample import SampleBySample
     from torch.utils.data import DataLoader
 
-    from zoo.build import build_data
+    from zoo.training.build import build_data
 
     config = config_for(linked_recording(ROWS), AUGMENT, "model=nvidia")
     data = build_data(config)

@@ -36,7 +36,7 @@ def test_imports_run_one_way(path):
 
 def test_imports_are_seen_wherever_they_stand():
     source = """
-import os.path, zoo.plots as plots
+import os.path, zoo.runs.plots as plots
 def late():
     from simulator.track import Track
     importlib.import_module("datamodules.view")

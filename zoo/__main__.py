@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
-from zoo.checkpoint_path import find_run, name_latest
-from zoo.command_line import run_command
-from zoo.console_progress import loading
-from zoo.options import is_help
-from zoo.status import StoppedError
-from zoo.waiting import choose_waiting
+from zoo.checkpoints.checkpoint_path import find_run, name_latest
+from zoo.cli.arguments import is_help
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+from zoo.cli.stop_errors import StoppedError
+from zoo.training.openmp_threads import choose_waiting
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def zoo(arguments: list[str]) -> None:
     """`resume=FOLDER [overrides]`, or what Hydra makes of the arguments."""
     if is_help(arguments):
-        from zoo.config_help import config_help
+        from zoo.cli.config_help import config_help
 
         print(config_help(arguments))
         return
@@ -34,12 +34,12 @@ def zoo(arguments: list[str]) -> None:
     resumed = [one for one in arguments if one.startswith("resume=")]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]
-        from zoo.resume import resume
+        from zoo.training.resume import resume
 
         resume(find_run(resumed[0].removeprefix("resume=")), overrides)
         return
     if is_sweep(arguments):
-        from zoo.sweeping.start import sweep
+        from zoo.sweep.start_sweep import sweep
 
         sweep(arguments)
         return
@@ -58,8 +58,8 @@ def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
     from hydra.core.hydra_config import HydraConfig
     from hydra.errors import HydraException
 
-    from zoo.config import conf_folder, quote_paths
-    from zoo.run_folder import claimed_folder, is_folder_named
+    from zoo.cli.compose import conf_folder, quote_paths
+    from zoo.runs.run_folder import claimed_folder, is_folder_named
 
     failures: list[Exception] = []
     began = False
@@ -67,7 +67,7 @@ def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
     def train(config: "DictConfig") -> float:
         nonlocal began
         began = True
-        from zoo.experiment import run_experiment
+        from zoo.training.run import run_experiment
 
         is_started()
         try:

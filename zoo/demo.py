@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from datamodules.errors import InputError
-from zoo.command_line import run_command
-from zoo.options import is_help
+from zoo.cli.arguments import is_help
+from zoo.cli.run_command import run_command
 
 SPEED_MPH = 20
 HELP = """usage: python -m zoo.demo

@@ -17,12 +17,12 @@ from rich.progress import Progress
 from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings, times_from_names
-from zoo.command_line import run_command
-from zoo.driving import drive_log
-from zoo.driving.summary import LONGEST_STEP_S, autonomy
-from zoo.film_drive import MOMENTS
-from zoo.film_overlay import draw_overlay
-from zoo.options import read_arguments
+from zoo.cli.arguments import read_arguments
+from zoo.cli.run_command import run_command
+from zoo.drives import drive_log
+from zoo.drives.drive_film import MOMENTS
+from zoo.drives.drive_metrics import LONGEST_STEP_S, autonomy
+from zoo.drives.film_overlay import draw_overlay
 
 USUAL_FPS = 15.0  # of the simulator's recorder, where the pictures carry no time
 MOST_FPS = 60.0

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from zoo.command_line import run_command
-from zoo.options import is_help
+from zoo.cli.arguments import is_help
+from zoo.cli.run_command import run_command
 
 COUNT = 32
 HELP = """usage: python -m zoo.preview [key=value...]
@@ -24,11 +24,11 @@ def preview(arguments: list[str]) -> None:
     from omegaconf import OmegaConf
     from rich.console import Console
 
-    from zoo import plots
-    from zoo.build import apply_quick, build_data
-    from zoo.callbacks.pictures import figure_of_fed_batch, figure_of_steering
-    from zoo.config import compose_config, escape_interpolation, quote_paths
-    from zoo.embedded_recording import apply_recording
+    from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
+    from zoo.cli.compose import compose_config, escape_interpolation, quote_paths
+    from zoo.runs import plots
+    from zoo.training.build import apply_quick, build_data
+    from zoo.training.embedded_recording import apply_recording
 
     console = Console(soft_wrap=True)
     config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(arguments))))

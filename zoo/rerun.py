@@ -12,13 +12,13 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
-from zoo.checkpoint_path import find_run
-from zoo.command_line import run_command
-from zoo.config import escape_interpolation
-from zoo.options import read_arguments
-from zoo.saved_config import TRUST, check_saved_config, split_trust
-from zoo.status import StoppedError
-from zoo.whole_file import refuse_links_out
+from zoo.checkpoints.checkpoint_path import find_run
+from zoo.cli.arguments import read_arguments
+from zoo.cli.compose import escape_interpolation
+from zoo.cli.run_command import run_command
+from zoo.cli.stop_errors import StoppedError
+from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
+from zoo.runs.whole_file import refuse_links_out
 
 USAGE = "python -m zoo.rerun RUN [out=FOLDER trust=CLASS]"
 # What a run comes to; how long it took is the machine's affair.
@@ -78,7 +78,7 @@ def rerun(arguments: list[str]) -> None:
         raise InputError(
             f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
         )
-    from zoo.records.metrics_file import read_metrics_file
+    from zoo.runs.metrics_file import read_metrics_file
 
     refuse_links_out(run)
     then = read_metrics_file(run)
@@ -117,7 +117,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 
 def place_of(run: Path) -> Path:
     """Where the run was started: relative paths of its config begin there."""
-    from zoo.records.config_files import read_hydra_file
+    from zoo.runs.config_files import read_hydra_file
 
     if not (run / ".hydra" / "hydra.yaml").exists():
         return Path.cwd()
@@ -157,13 +157,13 @@ def _absolute(value: object, place: Path, is_file: bool) -> object:
 def _trained_config(run: Path) -> DictConfig:
     """Return the config that a run was trained with: the checkpoint's, whatever `resume=` has
     changed since."""
-    from zoo.records.config_files import load_config
+    from zoo.runs.config_files import load_config
 
     config = load_config(run)
     last = run / "checkpoints" / "last.ckpt"
     if last.is_file():
-        from zoo.checkpoint import read_checkpoint_file
-        from zoo.records.checkpoint_card import check_card
+        from zoo.checkpoints.checkpoint import read_checkpoint_file
+        from zoo.checkpoints.checkpoint_card import check_card
 
         card = read_checkpoint_file(last)["drivezoo"]
         check_card(card, last)

@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 
 from datamodules.errors import InputError
-from zoo.command_line import run_command
-from zoo.options import is_help
+from zoo.cli.arguments import is_help
+from zoo.cli.run_command import run_command
 
 USAGE = "usage: python -m zoo.results RUN_FOLDER..."
 HELP = f"""{USAGE}
@@ -44,8 +44,8 @@ def print_results(arguments: list[str]) -> None:
 
 def result_row(folder: Path) -> str:
     """One Markdown row: a figure, and in brackets those of always zero and of the mean."""
-    from zoo.records.config_files import load_config, read_hydra_file
-    from zoo.records.metrics_file import read_metrics_file
+    from zoo.runs.config_files import load_config, read_hydra_file
+    from zoo.runs.metrics_file import read_metrics_file
 
     path = folder / "metrics.json"
     if not path.is_file():

@@ -20,29 +20,29 @@ class _Sweeper(Sweeper):
 
 
 class GridSweeper(_Sweeper):
-    """All combinations, see `zoo.sweeping.grid`."""
+    """All combinations, see `zoo.sweep.grid`."""
 
     def sweep(self, arguments: list[str]) -> None:
-        from zoo.sweeping.grid import sweep_grid
+        from zoo.sweep.grid import sweep_grid
 
         sweep_grid(arguments, self.config, self.hydra_context, self.launcher)
 
 
 class OptunaSweeper(_Sweeper):
-    """What Optuna proposes, see `zoo.sweeping.search`."""
+    """What Optuna proposes, see `zoo.sweep.search`."""
 
     def __init__(self, **settings: object) -> None:
         self.settings = settings
 
     def sweep(self, arguments: list[str]) -> None:
-        from zoo.sweeping.search import SearchSettings, sweep_search
+        from zoo.sweep.search import SearchSettings, sweep_search
 
         settings = SearchSettings(**self.settings)
         sweep_search(arguments, settings, self.config, self.hydra_context, self.launcher)
 
 
 class RayLauncher(Launcher):
-    """Each job as a task of a Ray cluster, see `zoo.sweeping.ray_cluster`."""
+    """Each job as a task of a Ray cluster, see `zoo.sweep.ray_cluster`."""
 
     def __init__(self, init: DictConfig, task: DictConfig) -> None:
         self.init, self.task = init, task
@@ -53,6 +53,6 @@ class RayLauncher(Launcher):
         self.hydra_context, self.task_function, self.config = hydra_context, task_function, config
 
     def launch(self, job_overrides: list[list[str]], initial_job_idx: int) -> list:
-        from zoo.sweeping.ray_cluster import launch_on_ray
+        from zoo.sweep.ray_cluster import launch_on_ray
 
         return launch_on_ray(self, job_overrides, initial_job_idx)

@@ -12,13 +12,13 @@ from datamodules.errors import InputError
 from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import only_line, run
 from tests.zoo.sweeps import write_run
-from zoo.checkpoint import load_checkpoint
-from zoo.driving.drive_log import DriveRow, DriveWriter, read_drive, write_summary
-from zoo.ranking import rank, read_runs
-from zoo.records.curves_files import read_curves
-from zoo.records.files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
-from zoo.reporting.run import read_run
-from zoo.sweeping.record import new_record, read_record, write_record
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.drives.drive_log import DriveRow, DriveWriter, read_drive, write_summary
+from zoo.leaderboard.ranking import rank, read_runs
+from zoo.report.reported_run import read_run
+from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
+from zoo.runs.curves_files import read_curves
+from zoo.sweep.sweep_record import new_record, read_record, write_record
 
 Damage = Callable[[Path], object]
 LAUGHS = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(

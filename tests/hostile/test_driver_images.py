@@ -11,8 +11,8 @@ from PIL import Image
 
 from tests.zoo.driving.old_client import OldClient, telemetry
 from tests.zoo.driving.serve import Served, picture
-from zoo.driving import telemetry as telemetry_module
-from zoo.driving.telemetry import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
+from zoo.drive import telemetry_message as telemetry_module
+from zoo.drive.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
 
 RED = picture((204, 0, 0))  # steering 0.8
 FINE = {"steering_angle": "0.8000", "throttle": "0.2000"}

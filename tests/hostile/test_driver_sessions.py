@@ -14,8 +14,8 @@ import socketio
 
 from tests.zoo.driving.old_client import OldClient, telemetry
 from tests.zoo.driving.serve import Served, picture, served
-from zoo.driving.connections import MOST_PER_ADDRESS
-from zoo.driving.polling_sessions import MOST_QUIET
+from zoo.drive.connections import MOST_PER_ADDRESS
+from zoo.drive.polling_sessions import MOST_QUIET
 
 RED = picture((204, 0, 0))  # steering 0.8
 FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})

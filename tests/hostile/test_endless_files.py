@@ -31,9 +31,9 @@ from simulator.track_file import read_track
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import SMALL
-from zoo.checkpoint import load_plain
-from zoo.keras_weights import read_keras_file
-from zoo.onnx_policy import open_session
+from zoo.checkpoints.checkpoint import load_plain
+from zoo.checkpoints.keras_weights import read_keras_file
+from zoo.checkpoints.onnx_policy import open_session
 
 Make = Callable[[Path], object]
 

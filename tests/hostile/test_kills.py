@@ -16,8 +16,8 @@ from tests.recordings import Written
 from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.trainings import SMALL
-from zoo.checkpoint import load_checkpoint, read_checkpoint_file
-from zoo.whole_file import remove_parts
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.runs.whole_file import remove_parts
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL, mounts disks")
 SHM = Path("/dev/shm")
@@ -26,7 +26,7 @@ SHM = Path("/dev/shm")
 SAVER = """
 import sys, torch
 from pathlib import Path
-from zoo.checkpoint_files import CheckpointFiles
+from zoo.checkpoints.checkpoint_files import CheckpointFiles
 path, files = Path(sys.argv[1]), CheckpointFiles()
 for number in range(1, 10_000):
     files.save_checkpoint({"number": number, "weights": torch.full((2_000_000,), number)}, path)

@@ -10,18 +10,18 @@ import torch
 from datamodules.errors import InputError
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import zoo
-from zoo.checkpoint_files import CheckpointFiles
-from zoo.command_line import run_command
-from zoo.driving.drive_log import write_summary
-from zoo.leaderboard import show_leaderboard
-from zoo.plots import save_figure
-from zoo.report import report
+from zoo.checkpoints.checkpoint_files import CheckpointFiles
+from zoo.cli.run_command import run_command
+from zoo.drives.drive_log import write_summary
+from zoo.leaderboard.__main__ import show_leaderboard
+from zoo.report.__main__ import report
 from zoo.rerun import rerun
-from zoo.scoring.candidates import take
-from zoo.status import write_status
-from zoo.sweep import resume_sweep
-from zoo.sweeping.record import new_record, write_record
-from zoo.whole_file import refuse_links_out, remove_parts, write_whole
+from zoo.runs.plots import save_figure
+from zoo.runs.status import write_status
+from zoo.runs.whole_file import refuse_links_out, remove_parts, write_whole
+from zoo.sweep.__main__ import resume_sweep
+from zoo.sweep.sweep_record import new_record, write_record
+from zoo.training.candidates import take
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes links")
 

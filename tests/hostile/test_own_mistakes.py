@@ -20,7 +20,7 @@ from tests.recordings import write_recording
 from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
-from zoo.command_line import run_command
+from zoo.cli.run_command import run_command
 
 LONG = "../" * 43_000
 DEEP = "[" * 3_000 + "]" * 3_000

@@ -8,9 +8,9 @@ import pytest
 
 from tests.zoo.driving.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
-from zoo.ranking import rank, read_runs
-from zoo.ranking_page import write_page
-from zoo.report import write_report
+from zoo.leaderboard.ranking import rank, read_runs
+from zoo.leaderboard.ranking_page import write_page
+from zoo.report.write_up import write_report
 
 IMAGE = "<img src=x onerror=hacked=1>"
 SCRIPT = "</script><script>hacked=1</script>"

@@ -11,7 +11,7 @@ import pytest
 from tests.recordings import Written
 from tests.zoo.commands import command, environment
 from tests.zoo.trainings import SMALL, zoo_here
-from zoo import outcome
+from zoo.training import conclusion
 
 posix = pytest.mark.skipif(os.name != "posix", reason="names of any bytes, /dev/full")
 
@@ -94,7 +94,7 @@ def test_a_report_that_fails_is_one_line(
     def fail(folder: Path) -> Path:
         raise UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no sign")
 
-    monkeypatch.setattr(outcome, "write_report", fail)
+    monkeypatch.setattr(conclusion, "write_report", fail)
     assert zoo_here(monkeypatch, tmp_path, *arguments(str(recorded.folder))) == 0
     said = capsys.readouterr()
     (line,) = [one for one in said.out.splitlines() if "no report" in one]
@@ -110,13 +110,13 @@ def test_a_recording_that_is_removed_while_it_trains(
     capsys: pytest.CaptureFixture,
 ) -> None:
     root = Path(shutil.copytree(recorded.folder, tmp_path / "laps"))
-    before = outcome.open_loop_metrics
+    before = conclusion.open_loop_metrics
 
     def remove(*given: object) -> dict:
         shutil.rmtree(root, ignore_errors=True)
         return before(*given)
 
-    monkeypatch.setattr(outcome, "open_loop_metrics", remove)
+    monkeypatch.setattr(conclusion, "open_loop_metrics", remove)
     assert zoo_here(monkeypatch, tmp_path, *arguments(str(root))) == 0
     assert capsys.readouterr().err == ""
     check_whole(tmp_path / "run")

@@ -19,15 +19,15 @@ from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.__main__ import zoo
-from zoo.checkpoint import make_network
-from zoo.command_line import run_command
-from zoo.config import compose_config
-from zoo.correct import command as correct
-from zoo.records.config_files import load_config
+from zoo.cli.compose import compose_config
+from zoo.cli.run_command import run_command
+from zoo.correct.__main__ import command as correct
+from zoo.models.make_network import make_network
 from zoo.rerun import absolute_places, rerun
 from zoo.results import print_results
-from zoo.saved_config import check_saved_config, find_refusals
-from zoo.sweep import resume_sweep
+from zoo.runs.config_files import load_config
+from zoo.runs.saved_config import check_saved_config, find_refusals
+from zoo.sweep.__main__ import resume_sweep
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +187,7 @@ def test_a_damaged_file_of_a_run_gets_one_line(
 
 
 def test_every_choice_that_is_shipped_is_allowed() -> None:
-    from zoo.config import choices, config_groups
+    from zoo.cli.compose import choices, config_groups
 
     for group in config_groups():
         for choice in choices(group):
@@ -314,7 +314,7 @@ def test_relative_places_are_those_of_where_a_run_was_started(tmp_path: Path) ->
 
 
 def write_sweep(folder: Path, arguments: list[str]) -> Path:
-    from zoo.sweeping.record import new_record, write_record
+    from zoo.sweep.sweep_record import new_record, write_record
 
     folder.mkdir(parents=True)
     write_record(folder, new_record(arguments))

@@ -5,7 +5,8 @@ from pathlib import Path
 import torch
 
 from datamodules.view import View
-from zoo.checkpoint import make_card, make_network
+from zoo.checkpoints.checkpoint import make_card
+from zoo.models.make_network import make_network
 
 
 def write_constant(path: Path, steering: float, epoch: int = 0, **config: object) -> Path:

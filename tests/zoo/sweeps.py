@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from zoo.status import write_status
+from zoo.runs.status import write_status
 
 
 def write_run(

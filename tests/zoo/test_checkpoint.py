@@ -19,9 +19,9 @@ from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import ROOT
 from tests.zoo.driving.old_client import telemetry
-from zoo.checkpoint import load_checkpoint, read_checkpoint_file
-from zoo.driving.telemetry import read_telemetry
-from zoo.policy import load_policy
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.policy import load_policy
+from zoo.drive.telemetry_message import read_telemetry
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> 
     """In another folder, another process, without the recording or the run's config."""
     copy = shutil.copy(best, tmp_path / "a=b [c].ckpt")
     code = (
-        "import sys, numpy as np; from zoo.policy import load_policy;"
+        "import sys, numpy as np; from zoo.checkpoints.policy import load_policy;"
         "print(load_policy(sys.argv[1])(np.zeros((160, 320, 3), np.uint8), 9.0))"
     )
     result = subprocess.run(
@@ -64,7 +64,7 @@ def test_training_and_driving_see_the_same_bits(
     from omegaconf import OmegaConf
     from rich.console import Console
 
-    from zoo.build import build_data
+    from zoo.training.build import build_data
 
     config = OmegaConf.create(read_checkpoint_file(best)["drivezoo"]["config"])
     config.data.cache = str(run_folder.parent / "outputs" / "cache")

@@ -8,11 +8,11 @@ import pytest
 
 from datamodules.errors import InputError
 from tests.zoo.commands import only_line, run
-from zoo import doctor
-from zoo.checkpoint import load_checkpoint
-from zoo.checkpoint_path import find_checkpoint, find_run, name_latest
-from zoo.evaluate import command as evaluate
-from zoo.policy import load_policy
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint, find_run, name_latest
+from zoo.checkpoints.policy import load_policy
+from zoo.doctor import __main__ as doctor
+from zoo.evaluate.__main__ import command as evaluate
 
 ODD = "a=b [ï] c"  # what shells, globs and Hydra read otherwise
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.commands import ROOT
-from zoo.code_fingerprint import code_fingerprint, commit_of, hash_of_code
+from zoo.runs.code_fingerprint import code_fingerprint, commit_of, hash_of_code
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from simulator.recorder import JPEG_QUALITY
 from simulator.weather import CLEAR
 from simulator.world import World, open_world
 from tests.simulator.tracks import loop
-from zoo.correcting.collecting import AskingPolicy, collect_drive, worth_keeping
-from zoo.correcting.options import CorrectOptions
-from zoo.driving.drive_log import DriveRow
-from zoo.scoring.drives import Setup, drive_setup
+from zoo.correct.collecting import AskingPolicy, collect_drive, worth_keeping
+from zoo.correct.correct_options import CorrectOptions
+from zoo.drives.drive_log import DriveRow
+from zoo.evaluate.many_drives import Setup, drive_setup
 
 
 def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None]:
@@ -82,7 +82,7 @@ def test_what_is_recorded_is_what_the_model_saw(
         seen.append(frame.copy())
         return 0.3, None
 
-    monkeypatch.setattr("zoo.policy.load_policy", lambda _: policy)
+    monkeypatch.setattr("zoo.checkpoints.policy.load_policy", lambda _: policy)
     options = CorrectOptions(off_m=0.0)
     setup = Setup("lake", 1, laps=0.02, speed_mph=20, weather=CLEAR, margin_m=1.0)
     rows = collect_drive("any", setup, options, 0.0, 1e6, tmp_path / "recording")

@@ -7,8 +7,8 @@ import torch
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo import compilation
-from zoo.compilation import compile_step, resolve_compile
+from zoo.training import compilation
+from zoo.training.compilation import compile_step, resolve_compile
 
 CPU = torch.device("cpu")
 

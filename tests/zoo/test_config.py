@@ -13,8 +13,7 @@ from omegaconf import OmegaConf
 
 from tests.recordings import Written
 from tests.zoo.commands import environment, only_line, run
-from zoo.build import build_data, build_module, build_trainer
-from zoo.config import (
+from zoo.cli.compose import (
     PATH_KEYS,
     choices,
     compose_config,
@@ -23,6 +22,7 @@ from zoo.config import (
     quote,
     quote_paths,
 )
+from zoo.training.build import build_data, build_module, build_trainer
 
 # Tracks are the simulator's: tests/simulator/test_track_file.py reads them all.
 GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name != "track")

@@ -12,8 +12,8 @@ import pytest
 from rich.console import Console
 
 from tests.zoo.commands import command, environment
-from zoo import console_progress
-from zoo.console_progress import loading, progress_bar, working
+from zoo.cli import console_progress
+from zoo.cli.console_progress import loading, progress_bar, working
 
 
 @pytest.fixture

@@ -14,11 +14,11 @@ from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
-from zoo.checkpoint import load_checkpoint, read_checkpoint_file
-from zoo.config import compose_config
-from zoo.correct import command
-from zoo.driving.drive_log import PERSON, DriveRow, DriveWriter
-from zoo.experiment import run_experiment
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.cli.compose import compose_config
+from zoo.correct.__main__ import command
+from zoo.drives.drive_log import PERSON, DriveRow, DriveWriter
+from zoo.training.run import run_experiment
 
 # A few seconds of the lake, every frame of which is asked about.
 SHORT = ("drives=1", "seeds=1", "workers=1", "epochs=1", "speed=25", "off_m=0")

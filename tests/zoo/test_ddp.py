@@ -19,15 +19,15 @@ from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
-from zoo.build import build_data, build_module
-from zoo.config import compose_config
-from zoo.experiment import run_experiment
+from zoo.cli.compose import compose_config
 from zoo.losses import SteeringWeightedMSE
-from zoo.open_loop import open_loop_metrics, predict_steering
-from zoo.outcome import read_curves
-from zoo.pace import set_pace
-from zoo.status import read_status
-from zoo.together import ending_together
+from zoo.runs.status import read_status
+from zoo.training.build import build_data, build_module
+from zoo.training.conclusion import read_curves
+from zoo.training.distributed import ending_together
+from zoo.training.open_loop import open_loop_metrics, predict_steering
+from zoo.training.plan import set_pace
+from zoo.training.run import run_experiment
 
 # 267 samples: the last of 15 batches has one, of which one process gets none; the others are odd.
 # LeNet has no dropout, whose draws differ from process to process. Adam would divide a gradient
@@ -285,7 +285,7 @@ def test_an_error_of_our_own_is_not_hidden(tmp_path: Path) -> None:
 def test_a_process_that_waits_for_ever_is_ended(tmp_path: Path) -> None:
     """As with NCCL: the main thread never hears of the other's end."""
     source = (
-        "import time, zoo.together as together\n"
+        "import time, zoo.training.distributed as together\n"
         "from pathlib import Path\n"
         "from tests.zoo.test_ddp import ended\n"
         "together.GRACE_S = 0.2\n"

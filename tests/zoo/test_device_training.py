@@ -8,7 +8,7 @@ import torch
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
-from zoo.pace import TOGETHER
+from zoo.training.plan import TOGETHER
 
 ALL = "augment=[brightness,shadow,shift,bend]"
 

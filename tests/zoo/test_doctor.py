@@ -12,9 +12,9 @@ import torch
 
 from tests.recordings import Written
 from tests.zoo.commands import ROOT, environment
-from zoo import doctor
-from zoo.checkup import inputs, installation, round_trip
-from zoo.checkup.finding import FAULT, WARNING
+from zoo.doctor import __main__ as doctor
+from zoo.doctor import inputs, installation, round_trip
+from zoo.doctor.finding import FAULT, WARNING
 
 
 def visit(

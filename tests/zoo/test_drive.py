@@ -19,11 +19,11 @@ from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from tests.zoo.driving.old_client import OldClient
 from tests.zoo.driving.serve import served
-from zoo.driving.drive_log import read_drive
-from zoo.driving.embedded_client import EmbeddedClient
-from zoo.policy import load_policy
-from zoo.scoring.closed_loop import drive_closed_loop, score
-from zoo.scoring.drives import speed_controller
+from zoo.checkpoints.policy import load_policy
+from zoo.drive.embedded_client import EmbeddedClient
+from zoo.drives.drive_log import read_drive
+from zoo.evaluate.embedded_drive import drive_closed_loop, score
+from zoo.evaluate.many_drives import speed_controller
 
 
 @pytest.fixture(scope="module")

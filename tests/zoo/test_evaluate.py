@@ -10,12 +10,12 @@ from PIL import Image
 from datamodules.errors import InputError
 from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
-from zoo.evaluate import command
-from zoo.scoring import tracks
-from zoo.scoring.drives import Setup
-from zoo.scoring.options import EvaluateOptions
-from zoo.scoring.robustness import PERTURBATIONS, perturbations_named, sweeps
-from zoo.scoring.table import ROWS
+from zoo.evaluate import track_scores
+from zoo.evaluate.__main__ import command
+from zoo.evaluate.drives_table import ROWS
+from zoo.evaluate.evaluate_options import EvaluateOptions
+from zoo.evaluate.many_drives import Setup
+from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +79,10 @@ def test_a_run_says_how_fast_it_was_driven(
     keys = ("laps", "autonomy", "interventions", "cte_mean_m", "cte_max_m")
     figures = dict.fromkeys(keys, (1.0, None)) | {"speed_mph": (14.5, None)}
     figures |= {"drives": 1, "drives_without_intervention": 0}
-    scores = tracks.TrackScores([], {"lake": figures}, {})
-    monkeypatch.setattr(tracks, "score_on_tracks", lambda *_: scores)
+    scores = track_scores.TrackScores([], {"lake": figures}, {})
+    monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_: scores)
     options = EvaluateOptions(throttle=throttle, speed=20)
-    found = tracks.score_run(options, tmp_path, console)
+    found = track_scores.score_run(options, tmp_path, console)
     assert said in console.file.getvalue()
     assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
 

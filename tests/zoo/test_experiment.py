@@ -21,12 +21,12 @@ from datamodules.errors import InputError
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import command, environment, only_line, run
 from zoo.__main__ import zoo
-from zoo.checkpoint import load_checkpoint
-from zoo.command_line import run_command
-from zoo.config import compose_config
-from zoo.experiment import run_experiment
-from zoo.outcome import read_curves
-from zoo.resume import resume
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.cli.compose import compose_config
+from zoo.cli.run_command import run_command
+from zoo.training.conclusion import read_curves
+from zoo.training.resume import resume
+from zoo.training.run import run_experiment
 
 # Small enough for seconds; blocks as short as the recording asks for.
 SMALL = (

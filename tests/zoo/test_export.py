@@ -18,18 +18,19 @@ from tests.recordings import Written
 from tests.zoo.commands import run
 from tests.zoo.driving.serve import picture, served
 from tests.zoo.test_models import build
-from zoo import evaluate, export
-from zoo.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
-from zoo.checkup import inputs
-from zoo.checkup.finding import OK
-from zoo.config import choices
-from zoo.drive import load_warm_policy, view_line
-from zoo.driving.page import list_checkpoints
-from zoo.export import ExportOptions, onnx_bytes
-from zoo.onnx_policy import CARD
-from zoo.parity import RENDERED, Frames, compare, take_frames
-from zoo.policy import Policy, load_policy
-from zoo.visual_backprop import Saliency
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.onnx_policy import CARD
+from zoo.checkpoints.policy import Policy, load_policy
+from zoo.cli.compose import choices
+from zoo.doctor import inputs
+from zoo.doctor.finding import OK
+from zoo.drive.__main__ import load_warm_policy, view_line
+from zoo.drive.live_page import list_checkpoints
+from zoo.evaluate import __main__ as evaluate
+from zoo.export import __main__ as export
+from zoo.export.__main__ import ExportOptions, onnx_bytes
+from zoo.export.parity import RENDERED, Frames, compare, take_frames
+from zoo.saliency.visual_backprop import Saliency
 
 NARROW = {"commaai": ["model.width=0.25"], "vgg": ["model.units=8"]}
 

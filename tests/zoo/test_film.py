@@ -13,11 +13,11 @@ from rich.console import Console
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
-from zoo.driving.drive_log import PERSON, DriveRow, DriveWriter
+from zoo.drives.drive_film import KeptFrames
+from zoo.drives.drive_log import PERSON, DriveRow, DriveWriter
+from zoo.drives.film_overlay import GREEN, RED, draw_overlay
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps
-from zoo.film_drive import KeptFrames
-from zoo.film_overlay import GREEN, RED, draw_overlay
 
 GREY = np.full((160, 320, 3), 90, np.uint8)
 

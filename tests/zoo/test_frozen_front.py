@@ -16,13 +16,13 @@ from datamodules.image import decode_image
 from datamodules.samples import CENTER
 from datamodules.view import View
 from tests.recordings import Written
-from zoo.build import build_data, build_module, build_trainer
-from zoo.checkpoint import read_checkpoint_file
-from zoo.config import compose_config
-from zoo.experiment import run_experiment
-from zoo.frozen_front import feed_cached_features, fingerprint
+from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.cli.compose import compose_config
 from zoo.models.vgg import Vgg16
-from zoo.steering_module import SteeringModule
+from zoo.training.build import build_data, build_module, build_trainer
+from zoo.training.frozen_layers import feed_cached_features, fingerprint
+from zoo.training.run import run_experiment
+from zoo.training.steering_module import SteeringModule
 
 SHAPE = (3, 32, 32)
 SMALL = (

@@ -9,7 +9,7 @@ import pytest
 from tests.zoo.commands import ROOT, environment
 
 GUARD = '\nif __name__ == "__main__":'
-PROBE = "zoo.checkup.renderer"  # which the doctor runs beside itself, and nobody else
+PROBE = "zoo.doctor.renderer"  # which the doctor runs beside itself, and nobody else
 SIMULATOR = ("record", "drive", "client")
 # What must be named beside the usage: an option, or what the command leaves.
 NAMED = {

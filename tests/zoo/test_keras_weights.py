@@ -11,7 +11,7 @@ import torch
 
 from datamodules.errors import InputError
 from tests.zoo.test_models import build
-from zoo.weights import load_weights
+from zoo.checkpoints.initial_weights import load_weights
 
 # Kernels as Keras keeps them: (h, w, in, out), (columns, in, out) and (in, out).
 KERNELS = {

@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from zoo.compilation import find_compiler
 from zoo.models import layers
 from zoo.models.layers import Dropout
+from zoo.training.compilation import find_compiler
 
 SHAPE = (8, 24, 31, 98)
 

@@ -12,12 +12,12 @@ from rich.console import Console
 
 from tests.zoo.driving.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
-from zoo.command_line import run_command
-from zoo.leaderboard import run_folders, show_leaderboard
-from zoo.ranking import Count, protocols, rank, read_run, read_runs
-from zoo.ranking_page import write_page
-from zoo.ranking_table import named_columns, print_ranking, ranking_table
-from zoo.status import write_status
+from zoo.cli.run_command import run_command
+from zoo.leaderboard.__main__ import run_folders, show_leaderboard
+from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
+from zoo.leaderboard.ranking_page import write_page
+from zoo.leaderboard.ranking_table import named_columns, print_ranking, ranking_table
+from zoo.runs.status import write_status
 
 
 def ranked(*folders: Path) -> list[list[str]]:

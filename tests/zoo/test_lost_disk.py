@@ -9,7 +9,7 @@ import pytest
 
 from tests.recordings import Written
 from tests.zoo.trainings import SMALL, zoo_here
-from zoo.checkpoint import load_checkpoint
+from zoo.checkpoints.checkpoint import load_checkpoint
 
 posix = pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 

@@ -6,8 +6,8 @@ import torch
 from datamodules.errors import InputError
 from datamodules.view import View
 from tests.zoo.commands import ROOT, run
-from zoo.checkpoint import VIEW_KEYS, make_network
-from zoo.config import choices, compose_config
+from zoo.cli.compose import choices, compose_config
+from zoo.models.make_network import VIEW_KEYS, make_network
 
 PARAMETERS = {
     "commaai": 6_621_809,

@@ -9,11 +9,11 @@ import torch
 from datamodules.errors import InputError
 from tests.zoo.commands import only_line, run
 from tests.zoo.test_models import build
-from zoo import evaluate
-from zoo.checkpoint import Checkpoint
-from zoo.export import onnx_bytes
-from zoo.onnx_policy import CARD, OnnxPolicy
-from zoo.policy import load_policy
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
+from zoo.checkpoints.policy import load_policy
+from zoo.evaluate import __main__ as evaluate
+from zoo.export.__main__ import onnx_bytes
 
 
 def strangers(path: Path, **metadata: str) -> Path:

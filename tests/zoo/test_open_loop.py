@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from zoo.open_loop import baseline_metrics, open_loop_metrics, side_response
+from zoo.training.open_loop import baseline_metrics, open_loop_metrics, side_response
 
 
 def test_figures_of_four_rows_by_hand() -> None:

@@ -9,9 +9,9 @@ from rich.console import Console
 
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
-from zoo import pace
-from zoo.compilation import find_compiler
-from zoo.pace import TOGETHER
+from zoo.training import plan
+from zoo.training.compilation import find_compiler
+from zoo.training.plan import TOGETHER
 
 
 @pytest.fixture(autouse=True)
@@ -86,7 +86,7 @@ def test_compiled_it_learns_the_same_and_repeats_to_the_bit(
 def test_bf16_that_the_processor_does_not_know_is_said(
     precision: str, said: bool, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pace, "multiplies_bf16", lambda: False)
+    monkeypatch.setattr(plan, "multiplies_bf16", lambda: False)
     console = Console(file=StringIO(), width=200)
     overrides = ("model=tiny", "data.crop=[50,0]", "trainer.max_epochs=1")
     overrides += ("trainer.accelerator=cpu", f"trainer.precision={precision}")

@@ -6,10 +6,10 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from zoo.checkpoint import make_network
-from zoo.config import choices, compose_config
+from zoo.checkpoints.policy import network_inputs, quick_forward
+from zoo.cli.compose import choices, compose_config
 from zoo.models.lenet import LeNet
-from zoo.policy import network_inputs, quick_forward
+from zoo.models.make_network import make_network
 
 MODELS = [name for name in choices("model") if name != "vgg"]  # takes seconds
 SPEED = 20.0

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from zoo.process import multiplies_bf16
+from zoo.training.host_settings import multiplies_bf16
 
 # Takes and gives back the blocks of a training step, and says how often the kernel had to help.
 STEPS = """
 import resource, sys
-from zoo.process import keep_freed_memory
+from zoo.training.host_settings import keep_freed_memory
 if "keep" in sys.argv:
     assert keep_freed_memory()
 for step in range(30):

@@ -7,9 +7,9 @@ from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from simulator.record_report import train_command
-from zoo.build import apply_quick
-from zoo.config import compose_config
-from zoo.config_help import ABOUT
+from zoo.cli.compose import compose_config
+from zoo.cli.config_help import ABOUT
+from zoo.training.build import apply_quick
 
 ROOT = Path(__file__).parents[2]
 

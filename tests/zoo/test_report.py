@@ -16,11 +16,11 @@ from PIL import Image
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
-from zoo.report import write_report
-from zoo.reporting.blocks import Picture, Pictures, Rows, Section, Text
-from zoo.reporting.markdown import to_markdown
-from zoo.reporting.page import to_html
-from zoo.scoring.drives import Setup, drive_once
+from zoo.evaluate.many_drives import Setup, drive_once
+from zoo.report.blocks import Picture, Pictures, Rows, Section, Text
+from zoo.report.markdown import to_markdown
+from zoo.report.report_page import to_html
+from zoo.report.write_up import write_report
 
 MISSING = re.compile(r'<p class="missing">(.*?)</p>')
 

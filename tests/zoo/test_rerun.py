@@ -9,7 +9,7 @@ from tests.recordings import Written
 from tests.zoo.sweeps import write_run
 from tests.zoo.test_sweep import SMALL
 from zoo.__main__ import zoo
-from zoo.command_line import run_command
+from zoo.cli.run_command import run_command
 from zoo.rerun import _report, differences, rerun
 
 

@@ -17,8 +17,8 @@ from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, zoo_here
-from zoo.ranking import read_runs
-from zoo.status import read_status, write_status
+from zoo.leaderboard.ranking import read_runs
+from zoo.runs.status import read_status, write_status
 
 Zoo = Callable[..., int]
 

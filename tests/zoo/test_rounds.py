@@ -16,9 +16,9 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from tests.zoo.sweeps import change_status
-from zoo.status import GONE_S, is_alive, read_status, write_status
-from zoo.sweeping.job import needs_processes
-from zoo.sweeping.rounds import Job, launch_all
+from zoo.cli.process_ranks import needs_processes
+from zoo.runs.status import GONE_S, is_alive, read_status, write_status
+from zoo.sweep.launch_rounds import Job, launch_all
 
 
 def status(folder: Path) -> str:

@@ -12,11 +12,11 @@ from datamodules.image import decode_image
 from tests.recordings import Written
 from tests.zoo.commands import run
 from tests.zoo.test_models import build
-from zoo.checkpoint import Checkpoint
-from zoo.config import choices
-from zoo.policy import Policy, load_policy
-from zoo.saliency import draw_saliency
-from zoo.visual_backprop import Saliency, enlarge, overlay
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.policy import Policy, load_policy
+from zoo.cli.compose import choices
+from zoo.saliency.__main__ import draw_saliency
+from zoo.saliency.visual_backprop import Saliency, enlarge, overlay
 
 
 def policy_of(name: str) -> Policy:

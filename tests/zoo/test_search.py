@@ -9,9 +9,9 @@ from tests.recordings import Written
 from tests.zoo.sweeps import write_run
 from tests.zoo.test_sweep import SMALL
 from zoo.__main__ import zoo
-from zoo.command_line import run_command
-from zoo.status import read_status
-from zoo.sweeping.search import _value
+from zoo.cli.run_command import run_command
+from zoo.runs.status import read_status
+from zoo.sweep.search import _value
 
 optuna = pytest.importorskip("optuna")
 
@@ -142,7 +142,7 @@ def test_bad_input_gets_one_line(
     capsys: pytest.CaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("zoo.sweeping.search.ATTEMPTS", 1)
+    monkeypatch.setattr("zoo.sweep.search.ATTEMPTS", 1)
     assert search(recorded, override) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from zoo.status import RANKS, is_first_process, read_status, run_status
+from zoo.cli.process_ranks import RANKS, is_first_process
+from zoo.runs.status import read_status, run_status
 
 
 def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:

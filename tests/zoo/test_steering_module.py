@@ -8,8 +8,8 @@ from omegaconf import OmegaConf
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
-from zoo.build import build_data, build_module
-from zoo.config import compose_config
+from zoo.cli.compose import compose_config
+from zoo.training.build import build_data, build_module
 
 
 def groups(recorded: Written, *overrides: str) -> list[dict]:

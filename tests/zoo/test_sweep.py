@@ -19,18 +19,12 @@ from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import zoo
-from zoo.command_line import run_command
-from zoo.config import choices, conf_folder
-from zoo.status import read_status, write_status
-from zoo.sweep import resume_sweep
-from zoo.sweeping.record import (
-    add_to_record,
-    log_digest,
-    new_record,
-    read_record,
-    write_record,
-)
-from zoo.sweeping.start import find_unfinished, refuse_missing
+from zoo.cli.compose import choices, conf_folder
+from zoo.cli.run_command import run_command
+from zoo.runs.status import read_status, write_status
+from zoo.sweep.__main__ import resume_sweep
+from zoo.sweep.start_sweep import find_unfinished, refuse_missing
+from zoo.sweep.sweep_record import add_to_record, log_digest, new_record, read_record, write_record
 
 SMALL = (
     "model=tiny",
@@ -183,9 +177,9 @@ def test_a_sweep_of_something_that_changed_is_not_gone_on_with(
 def test_an_error_that_is_no_ones_input_is_kept_and_ends_one_job(
     recorded: Written, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    import zoo.experiment
+    import zoo.training.run
 
-    real = zoo.experiment.run_experiment
+    real = zoo.training.run.run_experiment
 
     def out_of_memory(config, folder, resume=False):
         if config.seed == 1:
@@ -193,7 +187,7 @@ def test_an_error_that_is_no_ones_input_is_kept_and_ends_one_job(
             raise RuntimeError("out of memory\nand much more")
         return real(config, folder, resume)
 
-    monkeypatch.setattr(zoo.experiment, "run_experiment", out_of_memory)
+    monkeypatch.setattr(zoo.training.run, "run_experiment", out_of_memory)
     assert sweep(recorded, "seed=1,2", "trainer.max_epochs=0", "hydra.sweep.dir=s") == 1
     assert "0: out of memory; the same command" in capsys.readouterr().err
     assert "in out_of_memory" in (place / "s" / "0" / "error.txt").read_text()
@@ -262,7 +256,7 @@ def test_what_cannot_be_resumed_gets_one_line(
 
 
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("zoo.sweeping.start._is_installed", lambda module: False)
+    monkeypatch.setattr("zoo.sweep.start_sweep._is_installed", lambda module: False)
     for choice, extra in (("launcher=joblib", "joblib"), ("launcher=slurm", "slurm")):
         with pytest.raises(InputError, match=rf"pip install 'drivezoo\[{extra}\]'"):
             refuse_missing([f"hydra/{choice}"])
@@ -289,8 +283,9 @@ def test_every_yaml_of_hydras_own_groups_composes(group: str) -> None:
 
 def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
     code = (
-        "import sys; from zoo.command_line import run_command; from zoo.sweep import resume_sweep;"
-        "from zoo.leaderboard import show_leaderboard; from zoo.rerun import rerun;"
+        "import sys; from zoo.cli.run_command import run_command;"
+        "from zoo.sweep.__main__ import resume_sweep; from zoo.rerun import rerun;"
+        "from zoo.leaderboard.__main__ import show_leaderboard;"
         "run_command('a', resume_sweep, ['resume=no']); run_command('b', show_leaderboard, ['no']);"
         "run_command('c', rerun, ['no']); sys.exit('torch' in sys.modules)"
     )

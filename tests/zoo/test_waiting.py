@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from zoo import waiting
-from zoo.waiting import IdleTeam, choose_waiting, spinning_while_quiet
+from zoo.training import openmp_threads
+from zoo.training.openmp_threads import IdleTeam, choose_waiting, spinning_while_quiet
 
 TEAM = """
 import os, time, torch
-from zoo.waiting import IdleTeam, _find_openmp
+from zoo.training.openmp_threads import IdleTeam, _find_openmp
 count = lambda: len(os.listdir("/proc/self/task"))
 openmp = _find_openmp()
 if openmp is None:
@@ -40,11 +40,11 @@ def nothing_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_where_it_cannot_be_changed_later_threads_sleep(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(waiting, "STAT", tmp_path)
+    monkeypatch.setattr(openmp_threads, "STAT", tmp_path)
     choose_waiting()
     assert "OMP_WAIT_POLICY" not in os.environ
     assert os.environ["KMP_BLOCKTIME"] == "0"
-    monkeypatch.setattr(waiting, "STAT", tmp_path / "missing")
+    monkeypatch.setattr(openmp_threads, "STAT", tmp_path / "missing")
     choose_waiting()
     assert os.environ["OMP_WAIT_POLICY"] == "PASSIVE"
 
@@ -58,7 +58,7 @@ def test_who_said_how_threads_wait_is_heeded(monkeypatch: pytest.MonkeyPatch) ->
         assert threading.active_count() == threads
 
 
-@pytest.mark.skipif(not waiting.STAT.exists(), reason="Linux tells what others use")
+@pytest.mark.skipif(not openmp_threads.STAT.exists(), reason="Linux tells what others use")
 def test_a_team_comes_and_goes() -> None:
     result = subprocess.run(
         [sys.executable, "-c", TEAM],
@@ -79,10 +79,10 @@ def test_openmp_is_found_in_a_folder_with_spaces(
     maps.write_text(
         f"{place}/my laps/.venv/cv2/libgomp-1.so\n{place}/my laps/.venv/torch/lib/libgomp.so.1\n"
     )
-    monkeypatch.setattr(waiting, "MAPS", maps)
-    assert waiting._find_openmp() is None  # it is not there, and that is no error
+    monkeypatch.setattr(openmp_threads, "MAPS", maps)
+    assert openmp_threads._find_openmp() is None  # it is not there, and that is no error
     monkeypatch.setattr("ctypes.CDLL", lambda path: path)
-    assert waiting._find_openmp() == "/my laps/.venv/torch/lib/libgomp.so.1"
+    assert openmp_threads._find_openmp() == "/my laps/.venv/torch/lib/libgomp.so.1"
 
 
 class OpenMP:
@@ -97,7 +97,7 @@ class OpenMP:
         self.teams += 1
 
 
-@pytest.mark.skipif(not waiting.STAT.exists(), reason="Linux tells what others use")
+@pytest.mark.skipif(not openmp_threads.STAT.exists(), reason="Linux tells what others use")
 @pytest.mark.parametrize(
     ("threads", "others", "spins"), [(4, 0.0, True), (4, 0.9, False), (2, 1.9, True), (2, 3, False)]
 )
@@ -112,9 +112,9 @@ def test_threads_spin_while_others_leave_them_their_cores(
         now = time.perf_counter()
         return now, 3.0 * now, (3.0 + others) * now
 
-    monkeypatch.setattr(waiting, "_usage", usage)
-    monkeypatch.setattr(waiting, "_find_openmp", lambda: openmp)
-    monkeypatch.setattr(waiting, "LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr(openmp_threads, "_usage", usage)
+    monkeypatch.setattr(openmp_threads, "_find_openmp", lambda: openmp)
+    monkeypatch.setattr(openmp_threads, "LOOK_EVERY_S", 0.01)
     monkeypatch.setattr(IdleTeam, "end", lambda team: ended.append(end(team)))
     with spinning_while_quiet(threads):
         time.sleep(0.3)

@@ -9,9 +9,9 @@ import torch
 from datamodules.errors import InputError
 from tests.zoo.bomb import Bomb
 from tests.zoo.test_models import build
-from zoo.checkpoint import FORMAT
-from zoo.imagenet_weights import imagenet_file
-from zoo.weights import load_weights
+from zoo.checkpoints.checkpoint import FORMAT
+from zoo.checkpoints.imagenet_weights import imagenet_file
+from zoo.checkpoints.initial_weights import load_weights
 
 
 @pytest.fixture(scope="module")

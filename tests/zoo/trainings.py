@@ -9,11 +9,11 @@ from rich.console import Console
 from datamodules.driving import DrivingData
 from tests.recordings import Written
 from zoo.__main__ import zoo
-from zoo.build import build_data, build_module, build_trainer
-from zoo.command_line import run_command
-from zoo.config import compose_config
-from zoo.pace import set_pace
-from zoo.steering_module import SteeringModule
+from zoo.cli.compose import compose_config
+from zoo.cli.run_command import run_command
+from zoo.training.build import build_data, build_module, build_trainer
+from zoo.training.plan import set_pace
+from zoo.training.steering_module import SteeringModule
 
 
 def train_here(

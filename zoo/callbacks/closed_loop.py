@@ -21,7 +21,7 @@ class ClosedLoop(lightning.Callback):
     """Drives in the embedded world after an epoch, and logs what it came to.
 
     Logs `drive/autonomy` (0..1), `drive/interventions`, `drive/cte_mean` and `drive/cte_max`
-    (metres), and `drive/score` (see `zoo.scoring.driving_score`), which checkpoints and early
+    (metres), and `drive/score` (see `zoo.drives.driving_score`), which checkpoints and early
     stopping can monitor. They keep their last value through epochs that are not driven.
 
     The weights with the highest `drive/score` are kept as `checkpoints/driven.ckpt`: a candidate
@@ -128,12 +128,12 @@ class ClosedLoop(lightning.Callback):
     def drive(self, network: nn.Module, view: View) -> dict[str, float]:
         """What a copy of the network comes to; the same for the same weights."""
         from simulator.world import Start
-        from zoo.checkpoint import Checkpoint
-        from zoo.driving.summary import autonomy
-        from zoo.policy import Policy
-        from zoo.scoring.closed_loop import drive_closed_loop
-        from zoo.scoring.drives import speed_controller
-        from zoo.scoring.driving_score import driving_score
+        from zoo.checkpoints.checkpoint import Checkpoint
+        from zoo.checkpoints.policy import Policy
+        from zoo.drives.drive_metrics import autonomy
+        from zoo.drives.driving_score import driving_score
+        from zoo.evaluate.embedded_drive import drive_closed_loop
+        from zoo.evaluate.many_drives import speed_controller
 
         began, threads = time.perf_counter(), torch.get_num_threads()
         torch.set_num_threads(1)  # a single picture is too little for two

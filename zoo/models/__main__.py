@@ -1,20 +1,15 @@
 """`python -m zoo.models`: the zoo as a table."""
 
-import inspect
 import sys
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
 from datamodules.errors import InputError
 from datamodules.view import View
-from zoo.command_line import run_command
-from zoo.config import choices, compose_config
-from zoo.options import is_help
-
-if TYPE_CHECKING:  # torch takes seconds to import; --help does not need it
-    import torch
+from zoo.cli.arguments import is_help
+from zoo.cli.compose import choices, compose_config
+from zoo.cli.run_command import run_command
 
 HELP = """usage: python -m zoo.models
 
@@ -22,26 +17,11 @@ Prints the zoo: each network's input, parameters, multiply-adds, and the paper i
 options."""
 
 
-def multiply_adds(network: "torch.nn.Module", shape: tuple[int, int, int]) -> int:
-    """Multiply-adds of one forward pass of convolutions and dense layers."""
-    import torch
-    from torch.utils.flop_counter import FlopCounterMode
-
-    images, speed = torch.zeros(1, *shape), torch.zeros(1)
-    network.eval()
-    with torch.no_grad(), FlopCounterMode(display=False) as counter:
-        network(images, speed) if network.takes_speed else network(images)
-    return counter.get_total_flops() // 2
-
-
-def paper(network: "torch.nn.Module") -> str:
-    """The first line of the network's module, which names its source."""
-    return inspect.getdoc(sys.modules[type(network).__module__]).splitlines()[0].rstrip(".")
-
-
 def zoo_table() -> tuple[Table, dict[str, str]]:
     """Each model of `conf/model` with its own view, and the source of each."""
-    from zoo.checkpoint import VIEW_KEYS, make_network
+    # torch takes seconds to import; --help does not need it
+    from zoo.models.make_network import VIEW_KEYS, make_network
+    from zoo.models.network_facts import multiply_adds, paper
 
     sources = {}
     table = Table(title="the zoo", title_justify="left")

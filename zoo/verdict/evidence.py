@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from datamodules.errors import InputError
-from zoo.checkpoint_path import short_name
-from zoo.status import read_metrics
+from zoo.checkpoints.checkpoint_path import short_name
+from zoo.runs.status import read_metrics
 
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 
@@ -80,7 +80,7 @@ def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence
 
 def read_overrides(folder: Path) -> tuple[str, ...] | None:
     """Return what was typed to start a run; None where that is not known."""
-    from zoo.records.config_files import read_overrides_file
+    from zoo.runs.config_files import read_overrides_file
 
     try:
         return tuple(read_overrides_file(folder))

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from zoo.scoring.intervals import count_with_interval
+from zoo.drives.intervals import count_with_interval
 from zoo.verdict.causes import Cause, likely_causes
 from zoo.verdict.evidence import Evidence
 

@@ -15,9 +15,9 @@ from datamodules.errors import InputError
 from simulator.errors import SimulatorError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
-from zoo.build import build_data, build_module, build_trainer
 from zoo.callbacks.closed_loop import ClosedLoop
-from zoo.config import compose_config
+from zoo.cli.compose import compose_config
+from zoo.training.build import build_data, build_module, build_trainer
 
 SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
 

@@ -1,1 +1,1 @@
-"""Tests of zoo.driving, over real sockets."""
+"""Tests of zoo.drive, over real sockets."""

@@ -93,14 +93,14 @@ def main(folder: str, patience_s: str | None = None) -> None:
     from engineio.socket import Socket
     from eventlet.greenthread import GreenThread
 
-    from zoo.drive import StopOnSignal
-    from zoo.driving import connections, polling_sessions
-    from zoo.driving.driver import Driver
-    from zoo.driving.notices import Notices
-    from zoo.driving.scribe import Scribe
-    from zoo.driving.server import DriveServer, listen
-    from zoo.driving.speed_controller import Constant
-    from zoo.driving.steering_filter import SteeringFilter
+    from zoo.drive import connections, polling_sessions
+    from zoo.drive.__main__ import StopOnSignal
+    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.driver import Driver
+    from zoo.drive.notices import Notices
+    from zoo.drive.server import DriveServer, listen
+    from zoo.drives.speed_controller import Constant
+    from zoo.drives.steering_filter import SteeringFilter
 
     stop, notices = StopOnSignal(), Notices()
     scribe = Scribe(Path(folder), notices)

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from datamodules.errors import InputError
-from zoo.driving.drive_log import DriveRow, DriveWriter, read_drive, write_summary
-from zoo.driving.notices import Notices
-from zoo.driving.scribe import Scribe
-from zoo.driving.summary import Tally
+from zoo.drive.drive_writer import Scribe
+from zoo.drive.notices import Notices
+from zoo.drives.drive_log import DriveRow, DriveWriter, read_drive, write_summary
+from zoo.drives.drive_metrics import Tally
 
 ROWS = [
     DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5),

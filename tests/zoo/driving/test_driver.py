@@ -9,11 +9,11 @@ import pytest
 from datamodules.errors import InputError
 from tests.zoo.driving.old_client import telemetry
 from tests.zoo.driving.serve import picture, red_policy
-from zoo.driving.driver import Driver
-from zoo.driving.notices import Notices
-from zoo.driving.scribe import Scribe
-from zoo.driving.speed_controller import PI, Constant, SpeedController
-from zoo.driving.steering_filter import SteeringFilter
+from zoo.drive.drive_writer import Scribe
+from zoo.drive.driver import Driver
+from zoo.drive.notices import Notices
+from zoo.drives.speed_controller import PI, Constant, SpeedController
+from zoo.drives.steering_filter import SteeringFilter
 
 MOVING = telemetry(jpeg=picture((102, 0, 0)), speed="9.0000")
 

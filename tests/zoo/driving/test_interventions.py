@@ -11,13 +11,13 @@ import pytest
 
 from tests.zoo.driving.old_client import telemetry
 from tests.zoo.driving.serve import picture, red_policy
-from zoo.driving.drive_log import read_drive
-from zoo.driving.driver import Driver
-from zoo.driving.interventions import OFF_ROAD, STANDSTILL, InterventionRule
-from zoo.driving.notices import Notices
-from zoo.driving.scribe import Scribe
-from zoo.driving.speed_controller import PI, SpeedController
-from zoo.driving.steering_filter import SteeringFilter
+from zoo.drive.drive_writer import Scribe
+from zoo.drive.driver import Driver
+from zoo.drive.notices import Notices
+from zoo.drives.drive_log import read_drive
+from zoo.drives.interventions import OFF_ROAD, STANDSTILL, InterventionRule
+from zoo.drives.speed_controller import PI, SpeedController
+from zoo.drives.steering_filter import SteeringFilter
 
 GREY = picture((102, 102, 102))
 FRAME_S = 0.1

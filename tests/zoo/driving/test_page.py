@@ -17,7 +17,7 @@ from tests.zoo.commands import command, environment
 from tests.zoo.driving.browser import CHROMIUM, Browser
 from tests.zoo.driving.old_client import OldClient
 from tests.zoo.driving.serve import Served, picture, served
-from zoo.driving.pace import MOST_POLLS, POLL_MS, Pace
+from zoo.drive.poll_interval import MOST_POLLS, POLL_MS, Pace
 
 Answer = tuple[int, str, bytes]
 

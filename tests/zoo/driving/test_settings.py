@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from zoo.config import choices
-from zoo.driving.settings import read_settings
-from zoo.driving.speed_controller import PI
+from zoo.cli.compose import choices
+from zoo.drive.drive_settings import read_settings
+from zoo.drives.speed_controller import PI
 
 
 @pytest.mark.parametrize("choice", choices("drive/speed"))

@@ -3,7 +3,7 @@
 import pytest
 
 from datamodules.errors import InputError
-from zoo.driving.speed_controller import PI, Constant, Network, SpeedController, limit_pedal
+from zoo.drives.speed_controller import PI, Constant, Network, SpeedController, limit_pedal
 
 STEP_S = 1 / 60
 

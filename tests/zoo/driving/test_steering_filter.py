@@ -3,7 +3,7 @@
 import pytest
 
 from datamodules.errors import InputError
-from zoo.driving.steering_filter import SteeringFilter
+from zoo.drives.steering_filter import SteeringFilter
 
 
 def test_it_changes_nothing_by_default() -> None:

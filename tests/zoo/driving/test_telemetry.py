@@ -10,8 +10,8 @@ from PIL import Image
 
 from tests.zoo.driving.old_client import telemetry
 from tests.zoo.driving.serve import picture
-from zoo.driving.driver import reply_values
-from zoo.driving.telemetry import (
+from zoo.drive.driver import reply_values
+from zoo.drive.telemetry_message import (
     TelemetryError,
     decimal_sign,
     jpeg_size,

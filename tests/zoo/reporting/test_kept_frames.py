@@ -11,10 +11,10 @@ from PIL import Image
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.driving.drive_log import DriveRow, read_drive
-from zoo.evaluate import command
+from zoo.drives.drive_film import FILM_SIZE, WorstMoments, badness
+from zoo.drives.drive_log import DriveRow, read_drive
+from zoo.evaluate.__main__ import command
 from zoo.film import make_film
-from zoo.film_drive import FILM_SIZE, WorstMoments, badness
 
 FRAME = np.zeros((160, 320, 3), np.uint8)
 
@@ -73,7 +73,7 @@ def test_a_scored_drive_is_filmed_on_request(
 
 
 def test_ten_moments_are_no_film(tmp_path: Path, console: Console) -> None:
-    from zoo.driving.drive_log import DriveWriter
+    from zoo.drives.drive_log import DriveWriter
 
     writer = DriveWriter(tmp_path)
     writer.add(DriveRow(i / 15, frame="frames/0.jpg" if i == 5 else "") for i in range(200))

@@ -5,9 +5,9 @@ import torch
 from torch import nn
 
 from datamodules.view import View
-from zoo.checkpoint import VIEW_KEYS, make_network
-from zoo.config import choices, compose_config
-from zoo.reporting.network_section import network_layers
+from zoo.cli.compose import choices, compose_config
+from zoo.models.make_network import VIEW_KEYS, make_network
+from zoo.report.network_section import network_layers
 
 
 @pytest.mark.parametrize("model", choices("model"))

@@ -7,10 +7,10 @@ from rich.console import Console
 
 from simulator.errors import SimulatorError
 from tests.zoo.checkpoints import write_constant
-from zoo.checkpoint import read_checkpoint_file
-from zoo.scoring import drives
-from zoo.scoring.candidates import choose_best, restore_monitored
-from zoo.scoring.tracks import RunScore
+from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.evaluate import many_drives
+from zoo.evaluate.track_scores import RunScore
+from zoo.training.candidates import choose_best, restore_monitored
 
 SHORT = RunScore(laps=0.05, candidate_laps=0.05, speed=15.0, workers=1)
 
@@ -71,7 +71,7 @@ def test_without_a_simulator_the_lowest_error_stays(
     def fail(*_: object) -> None:
         raise SimulatorError("no renderer opens")
 
-    monkeypatch.setattr(drives, "open_world", fail)
+    monkeypatch.setattr(many_drives, "open_world", fail)
     assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1
     assert "no renderer opens" in console.file.getvalue()
 

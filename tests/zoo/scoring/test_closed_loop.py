@@ -6,10 +6,10 @@ import pytest
 from simulator.expert import Expert
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop
-from zoo.driving.speed_controller import Constant
-from zoo.scoring.closed_loop import ScoredDrive, drive_closed_loop, score
-from zoo.scoring.drives import Setup, drive_setup, expert_steering_per_s, speed_controller
-from zoo.scoring.table import mean_and_spread
+from zoo.drives.speed_controller import Constant
+from zoo.evaluate.drives_table import mean_and_spread
+from zoo.evaluate.embedded_drive import ScoredDrive, drive_closed_loop, score
+from zoo.evaluate.many_drives import Setup, drive_setup, expert_steering_per_s, speed_controller
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from simulator.expert import Expert
 from simulator.world import open_world
-from zoo.scoring.drives import Setup, drive_setup
-from zoo.scoring.figures import birds_eye
+from zoo.evaluate.drive_plots import birds_eye
+from zoo.evaluate.many_drives import Setup, drive_setup
 
 
 @pytest.mark.parametrize("name", ["lake", "mountain"])

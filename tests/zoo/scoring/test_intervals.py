@@ -2,8 +2,8 @@ import doctest
 
 import pytest
 
-from zoo.scoring import intervals
-from zoo.scoring.intervals import wilson_interval
+from zoo.drives import intervals
+from zoo.drives.intervals import wilson_interval
 
 
 def test_the_examples_in_the_docstrings_run() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from datamodules.errors import InputError
-from zoo.scoring.pool import drive_in_processes
+from zoo.evaluate.process_pool import drive_in_processes
 
 
 def half(number: int, report: Callable[[float], None]) -> tuple[float, int]:

@@ -15,15 +15,15 @@ from datamodules.recording import read_recordings
 from simulator.rig import MPS_PER_MPH
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
-from zoo.driving.drive_log import read_drive
-from zoo.replay import ReplayOptions, keyboard_lines, replay_recording
-from zoo.scoring.replay import (
+from zoo.drives.drive_log import read_drive
+from zoo.evaluate.recording_replay import (
     VirtualCar,
     curvature,
     replay,
     score_replay,
     seconds_of_rows,
 )
+from zoo.evaluate.replay_score import ReplayOptions, keyboard_lines, replay_recording
 
 ROWS = 250  # 16.6 s
 

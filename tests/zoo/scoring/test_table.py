@@ -6,8 +6,8 @@ import io
 import pytest
 from rich.console import Console
 
-from zoo.scoring import table
-from zoo.scoring.table import drives_table, mean_and_spread, read_figures
+from zoo.evaluate import drives_table as table_module
+from zoo.evaluate.drives_table import drives_table, mean_and_spread, read_figures
 
 
 def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
@@ -34,7 +34,7 @@ def row(text: str, label: str) -> str:
 
 
 def test_the_examples_in_the_docstrings_run() -> None:
-    results = doctest.testmod(table)
+    results = doctest.testmod(table_module)
 
     assert results.attempted > 5
     assert not results.failed

@@ -7,7 +7,7 @@ from datamodules.errors import InputError
 from simulator.expert import Expert
 from simulator.world import open_world
 from tests.zoo.commands import only_line, run
-from zoo.scoring.drives import Setup, check_throttle, drive_setup, expert_steering_per_s
+from zoo.evaluate.many_drives import Setup, check_throttle, drive_setup, expert_steering_per_s
 
 
 def speeds(setup: Setup, throttle: float | None) -> np.ndarray:

@@ -1,0 +1,93 @@
+"""Pictures of what is fed and what comes out: PNG files in the run's `plots/`, and TensorBoard."""
+
+from pathlib import Path
+
+import lightning
+import numpy as np
+from lightning.pytorch.loggers import TensorBoardLogger
+from matplotlib.figure import Figure
+
+from datamodules.balance import BatchKey
+from zoo.runs import plots
+
+
+class FedBatch(lightning.Callback):
+    """`plots/fed_batch.png`: the first samples of the first batches, with their labels.
+
+    Args:
+        count: how many samples.
+    """
+
+    def __init__(self, count: int = 32) -> None:
+        self.count = count
+
+    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        if trainer.is_global_zero:
+            publish(trainer, "fed_batch", figure_of_fed_batch(trainer.datamodule, self.count))
+
+
+class SteeringHistogram(lightning.Callback):
+    """`plots/steering_histogram.png`: steering before and after balancing and flipping."""
+
+    def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        if trainer.is_global_zero:
+            publish(trainer, "steering_histogram", figure_of_steering(trainer.datamodule))
+
+
+class PredictedAgainstTrue(lightning.Callback):
+    """`plots/predicted_against_true_val.png` while training.
+
+    Args:
+        every_n_epochs: how often it is drawn anew.
+    """
+
+    def __init__(self, every_n_epochs: int = 5) -> None:
+        self.every_n_epochs = every_n_epochs
+
+    def on_validation_end(
+        self, trainer: lightning.Trainer, module: lightning.LightningModule
+    ) -> None:
+        epoch = trainer.current_epoch + 1
+        if epoch % self.every_n_epochs or not trainer.is_global_zero or module.validation is None:
+            return
+        figure = plots.predicted_against_true(*module.validation, f"validation, epoch {epoch}")
+        publish(trainer, "predicted_against_true_val", figure)
+
+
+def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figure:
+    """The first `count` samples as they come out of the datamodule, whatever the batch size."""
+    keys = iter(data.sampler())
+    indices: list[np.ndarray] = []
+    while sum(map(len, indices)) < min(count, len(data.samples)):
+        key = next(keys, None)
+        if key is None:
+            break
+        indices.append(key.samples)
+    batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
+    pictures = batch["images"].permute(0, 2, 3, 1).numpy()
+    height, width, channels = pictures.shape[1:]
+    title = f"as fed: {width} x {height} {data.view.colour}, {channels} channel(s), steering above"
+    return plots.fed_batch(pictures, batch["targets"][:, 0].numpy(), data.view.colour, title)
+
+
+def figure_of_steering(data: lightning.LightningDataModule) -> Figure:
+    """Steering of all samples and of the first epoch as drawn, flips included, at most 50,000."""
+    batches = data.training_batches()
+    fed = []
+    for key in data.sampler():
+        fed.append(batches.steering(key))
+        if sum(map(len, fed)) > 50_000:
+            break
+    threshold = data.balance["straight_threshold"]
+    return plots.steering_histogram(data.samples.steering, np.concatenate(fed), threshold)
+
+
+def publish(trainer: lightning.Trainer, name: str, figure: Figure) -> None:
+    """Save as PNG and hand to TensorBoard, where that is on."""
+    path = plots.save_figure(figure, Path(trainer.default_root_dir) / "plots" / f"{name}.png")
+    for logger in trainer.loggers:
+        if isinstance(logger, TensorBoardLogger):
+            from PIL import Image
+
+            picture = np.asarray(Image.open(path).convert("RGB"))
+            logger.experiment.add_image(name, picture, trainer.current_epoch, dataformats="HWC")

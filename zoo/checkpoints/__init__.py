@@ -1,0 +1,1 @@
+"""The checkpoint's format, the policies loaded from it, and weights from other programs."""

@@ -1,0 +1,181 @@
+"""Checkpoints: self-contained, plain containers only, and read without running what is in them."""
+
+import pickle
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from datamodules.errors import InputError
+from datamodules.regular_file import open_binary
+from datamodules.view import View
+from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
+from zoo.models.make_network import make_network
+
+FORMAT = 1
+MOST_BYTES = 8_000_000_000
+PREFIX = "network."  # how the LightningModule calls the network in its state
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What a checkpoint holds for whoever drives or goes on training.
+
+    Attributes:
+        network: ready, in evaluation mode, on the CPU.
+        view: what it must be fed.
+        config: the experiment's whole config, plain.
+        data: the recording's `fingerprint` and number of `rows`.
+    """
+
+    network: nn.Module
+    view: View
+    config: dict
+    data: dict
+
+
+def make_card(config: dict, view: View, data: dict) -> dict:
+    """What every checkpoint carries beside the weights, under the key `drivezoo`."""
+    return {"format": FORMAT, "config": config, "view": view.to_dict(), "data": data}
+
+
+def read_checkpoint_file(path: str | Path) -> dict:
+    """Return the plain contents of a checkpoint's file.
+
+    Raises:
+        InputError: no such file, not a checkpoint, one that carries code, or another program's.
+    """
+    path = Path(path)
+    contents = load_plain(path)
+    card = contents.get("drivezoo") if isinstance(contents, dict) else None
+    if not isinstance(card, dict) or "state_dict" not in contents:
+        raise InputError(f"{path}: is not a checkpoint of drivezoo; use one of python -m zoo")
+    if card.get("format") != FORMAT:
+        raise InputError(
+            f"{path}: has format {card.get('format')}, this version reads {FORMAT}; "
+            "use the drivezoo that wrote it"
+        )
+    return contents
+
+
+def load_plain(path: Path) -> object:
+    """Return what a file of torch holds, if that is plain containers and tensors alone.
+
+    Raises:
+        InputError: the file cannot be read, is empty, truncated, damaged or not torch's, or carries
+            code, which is not run.
+    """
+    try:
+        with open_binary(path, MOST_BYTES) as file:
+            begin = file.read(4)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"{path}: cannot be read ({reason}); name another file") from None
+    if not begin:
+        raise InputError(f"{path}: is empty (0 bytes); {_ANOTHER}")
+    is_zip = begin.startswith(b"PK")
+    if is_zip and not zipfile.is_zipfile(path):  # what ends a ZIP file is not there
+        raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
+    if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
+        raise InputError(f"{path}: is no file of torch; {_ANOTHER}")
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise InputError(
+            f"{path}: refused, it is damaged or carries code, and none of it was run; use a "
+            "checkpoint of python -m zoo, or a state_dict() saved alone"
+        ) from None
+    except Exception as error:  # bytes of any kind make the unpickler fail in any way
+        reason = type(error).__name__
+        raise InputError(
+            f"{path}: is damaged, or no file of torch ({reason}); copy it again, or {_ANOTHER}"
+        ) from None
+
+
+_ANOTHER = "name another checkpoint, such as last.ckpt beside it"
+
+
+def load_checkpoint(path: str | Path) -> Checkpoint:
+    """Return the network of a checkpoint, its view and its config; needs nothing but the path.
+
+    Args:
+        path: file, run's folder, or `latest`: see `find_checkpoint`.
+
+    Raises:
+        InputError: see `find_checkpoint` and `read_checkpoint_file`; or the weights do not fit the
+            network that its config names, or are not finite.
+    """
+    from zoo.checkpoints.checkpoint_card import check_card
+
+    path = find_checkpoint(path)
+    contents = read_checkpoint_file(path)
+    card = contents["drivezoo"]
+    check_card(card, path)
+    try:
+        view = View.from_dict(card["view"])
+        network = make_network(card["config"]["model"], view)
+    except (InputError, RuntimeError, KeyError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: cannot be made into a network ({reason})") from None
+    state = checked_state(contents["state_dict"], path)
+    state = {
+        name.removeprefix(PREFIX): one for name, one in state.items() if name.startswith(PREFIX)
+    }
+    fix = f"its config was changed after training; {_ANOTHER}"
+    check_fit(network.state_dict(), state, type(network).__name__, path, fix)
+    network.load_state_dict(state)
+    return Checkpoint(network.eval(), view, card["config"], card["data"])
+
+
+def checked_state(state: object, path: Path) -> dict[str, Tensor]:
+    """Return what a file holds, if it is a state dict.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(state, dict) or not all(
+        isinstance(name, str) and isinstance(one, Tensor) and not one.is_meta
+        for name, one in state.items()
+    ):
+        raise InputError(f"{path}: is no state dict; save the model's state_dict()")
+    return state
+
+
+def check_fit(
+    own: dict[str, Tensor], state: dict[str, Tensor], kind: str, path: Path, fix: str
+) -> None:
+    """Check that a network can take a file's tensors, and could steer with them.
+
+    Args:
+        own: network's tensors, by name.
+        state: file's tensors, by name.
+        kind: network's class.
+        path: file.
+        fix: what to do where a tensor's shape is not the network's.
+
+    Raises:
+        InputError: names the first tensor that is missing, unknown, of another shape, no plain
+            floats or not finite.
+    """
+    for name in [*own, *state]:
+        if name not in state:
+            raise InputError(f"{path}: holds no {name}, which {kind} needs; is it another model's?")
+        if name not in own:
+            raise InputError(f"{path}: holds {name}, which {kind} lacks; is it another model's?")
+        one = state[name]
+        if one.shape != own[name].shape:
+            raise InputError(
+                f"{path}: {name} is {list(one.shape)} in the file, {list(own[name].shape)} in "
+                f"{kind}; {fix}"
+            )
+        if one.layout != torch.strided or (
+            one.is_floating_point() != own[name].is_floating_point()
+        ):
+            raise InputError(f"{path}: {name} holds no plain floats; save the model's state_dict()")
+        if not torch.isfinite(one).all():
+            raise InputError(
+                f"{path}: {name} holds NaN or infinity, its training diverged; train again with a "
+                "smaller optim.lr, or name an earlier checkpoint"
+            )

@@ -1,0 +1,160 @@
+"""What an ONNX file of `python -m zoo.export` becomes for anyone who drives.
+
+The frame goes through the same `View` as in training; only the network is run by onnxruntime.
+"""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.regular_file import open_binary
+from datamodules.view import View
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+SUFFIX = ".onnx"
+MOST_BYTES = 2_000_000_000  # a file of ONNX without further files beside it holds no more
+CARD = "drivezoo"  # the key of the metadata; its value is JSON
+IMAGES, SPEED = "images", "speed"  # the graph's inputs
+INSTALL = "pip install 'drivezoo[onnx]'"
+
+
+def is_onnx(path: str | Path) -> bool:
+    """By its name: `model.onnx`."""
+    return Path(path).suffix.lower() == SUFFIX
+
+
+class OnnxPolicy:
+    """`policy(frame, speed)`, as `zoo.checkpoints.policy.Policy` is for a checkpoint.
+
+    Args:
+        path: the file.
+        threads: of onnxruntime within a network; one is fastest for a single small picture.
+
+    Attributes:
+        path: the file.
+        view: what the network must be fed.
+        config, data: the experiment's config, and the recording's `fingerprint` and `rows`.
+        name, parameters: the network's class, and how many numbers it has learnt.
+        takes_speed, outputs: as the networks of `zoo.models` have them.
+
+    Raises:
+        InputError: no such file, none of ONNX, another program's, one that steers by NaN, or
+            onnxruntime is not installed.
+    """
+
+    def __init__(self, path: str | Path, threads: int = 1) -> None:
+        self.path = Path(path)
+        self.session = open_session(self.path, threads)
+        card = _read_card(self.path, self.session)
+        self.view, self.config, self.data = card["view"], card["config"], card["data"]
+        self.name, self.parameters = card["network"], card["parameters"]
+        self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
+        self.outputs = self.session.get_outputs()[0].shape[1]
+        _check_finite(self)
+
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
+        """Frame uint8 [160, 320, 3] RGB and mph -> steering -1..1, and throttle -1..1 (negative
+        brakes) or None from a network that predicts none."""
+        out = self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist()
+        return out[0], out[1] if len(out) > 1 else None
+
+    def predict(self, pictures: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
+        """Pictures of the view, uint8 [N, H, W, C], and mph [N] -> float32 [N, outputs], -1..1."""
+        feed = {IMAGES: np.ascontiguousarray(pictures.transpose(0, 3, 1, 2))}
+        if self.takes_speed:
+            feed[SPEED] = speed_mph.astype(np.float32)
+        return self.session.run(None, feed)[0].clip(-1, 1)
+
+
+def _check_finite(policy: OnnxPolicy) -> None:
+    """Check a frame of noise: weights that are NaN make every output NaN."""
+    frame = np.random.default_rng(0).integers(0, 256, (1, *policy.view.shape), np.uint8)
+    if not np.isfinite(policy.predict(frame, np.array([20.0]))).all():
+        raise InputError(
+            f"{policy.path}: steers by NaN, its training diverged; train again with a smaller "
+            "optim.lr, and export that"
+        )
+
+
+def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
+    """onnxruntime's session of a file, on the CPU.
+
+    Raises:
+        InputError: no such file, a folder, damaged, or onnxruntime is not installed.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file of python -m zoo.export")
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; python -m zoo.export CKPT out={path} makes it")
+    try:
+        import onnxruntime
+    except ImportError:
+        raise InputError(f"{path}: driving it needs onnxruntime: {INSTALL}") from None
+    try:
+        if not os.path.getsize(path):  # noqa: PTH202
+            raise InputError(f"{path}: is empty (0 bytes); export it again")
+        open_binary(path, MOST_BYTES).close()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.log_severity_level = 4  # what is wrong is raised; it need not be on the terminal, too
+    try:
+        return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # bytes of any kind make it fail in any way
+        reason = type(error).__name__
+        raise InputError(
+            f"{path}: is no ONNX file that onnxruntime {onnxruntime.__version__} can run "
+            f"({reason}), or a damaged one; export it again"
+        ) from None
+
+
+def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
+    """What `zoo.export` wrote into the metadata, with the view as a `View`."""
+    from zoo.checkpoints.checkpoint import FORMAT  # imports torch
+    from zoo.runs.bounded_files import check_text, parse_json
+
+    text = session.get_modelmeta().custom_metadata_map.get(CARD)
+    if text is None:
+        raise InputError(
+            f"{path}: is not of drivezoo: nothing in it says what to feed it; "
+            "use one that python -m zoo.export wrote"
+        )
+    try:
+        card = check_text(parse_json(text))
+        if card["format"] != FORMAT:
+            raise InputError(f"has format {card['format']}, this version reads {FORMAT}")
+        view = View.from_dict(card["view"])
+        _check_inputs(session, view)
+        return {
+            "view": view,
+            "config": dict(card["config"]),
+            "data": dict(card["data"]),
+            "network": str(card["network"]),
+            "parameters": int(card["parameters"]),
+        }
+    except (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
+        reason = str(error) or type(error).__name__
+        raise InputError(
+            f"{path}: its {CARD} metadata cannot be used ({reason}); export it again"
+        ) from None
+
+
+def _check_inputs(session: "onnxruntime.InferenceSession", view: View) -> None:
+    height, width, channels = view.shape
+    inputs = {one.name: (one.type, list(one.shape[1:])) for one in session.get_inputs()}
+    images = inputs.pop(IMAGES, None)
+    speed = inputs.pop(SPEED, None)
+    outputs = [one.shape for one in session.get_outputs()]
+    if (
+        images != ("tensor(uint8)", [channels, height, width])
+        or speed not in (None, ("tensor(float)", []))
+        or inputs
+        or [shape[1:] for shape in outputs] not in ([[1]], [[2]])
+    ):
+        raise InputError(f"its graph does not take the {width} x {height} {view.colour} it names")

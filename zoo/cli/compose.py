@@ -1,0 +1,186 @@
+"""The border between what a person types and the code: Hydra's config, checked and explained."""
+
+import difflib
+import re
+from pathlib import Path
+
+from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+
+# Their values are places on this disk, in which nothing has a meaning but `${...}`.
+PATH_KEYS = (
+    "data.root",
+    "data.images",
+    "data.cache",
+    "data.split",
+    "data.record.out",
+    "model.weights",
+    "hydra.run.dir",
+    "hydra.sweep.dir",
+)
+NO_PATHS = ("", "null", "true", "false")
+
+# Groups in `conf` that are no part of the config: the driver's, the simulator's, Hydra's own.
+OTHER_GROUPS = ("drive", "track", "hydra")
+
+_NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
+_NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in struct")
+
+
+def conf_folder() -> Path:
+    """Where the YAML files are: in the installed package, or beside it in a checkout."""
+    package = Path(__file__).parents[1]
+    installed = package / "conf"
+    return installed if installed.is_dir() else package.parent / "conf"
+
+
+def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
+    """Quote the value of a key that names a place on this disk, so that Hydra reads none of it.
+
+    `${...}` is Hydra's, unless there is a file or folder of that very name; `\\${...}` never is.
+
+    >>> quote_paths(["data.root=a=b", "data.root=[my laps,b]", "seed=1"])
+    ["data.root='a=b'", "data.root=['my laps','b']", 'seed=1']
+
+    Args:
+        sweep: whether a comma separates what is swept over.
+    """
+    quoted = []
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if equals and key.lstrip("+") in PATH_KEYS:
+            argument = f"{key}={_quote_value(value, sweep)}"
+        elif key.startswith("+callbacks.") or (key == "callbacks" and value.startswith("{")):
+            # Added to those that are always there, or in place of them, as a choice's are.
+            argument = f"++{argument.lstrip('+')}"
+        quoted.append(argument)
+    return quoted
+
+
+def escape_interpolation(value: object) -> object:
+    """Return a value, or containers of values, that OmegaConf reads as it stands.
+
+    >>> escape_interpolation(["a${b}", 1])
+    ['a\\\\${b}', 1]
+    """
+    if isinstance(value, dict):
+        return {key: escape_interpolation(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [escape_interpolation(one) for one in value]
+    if isinstance(value, str):
+        return re.sub(r"(\\*)\$\{", r"\1\1\\${", value)
+    return value
+
+
+def quote(value: str) -> str:
+    """Return a text as Hydra's parser wants it: in quotes."""
+    escaped = re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + (m[2] and "\\'"), value)
+    return f"'{escaped}'"
+
+
+def _quote_value(value: str, sweep: bool) -> str:
+    if _exists(value):
+        return quote(escape_interpolation(value))
+    for parent in map(str, Path(value).parents):  # of what is not there yet
+        if "${" in parent and _exists(parent) and value.startswith(parent):
+            return quote(escape_interpolation(parent) + value[len(parent) :])
+    if value.lower() in NO_PATHS:
+        return value
+    if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
+        # Lightning quotes the run's folder for the processes that it starts, and escapes nothing.
+        inner = value[1:-1]
+        return quote(escape_interpolation(inner)) if _exists(inner) else value
+    if value[0] == "[" and value[-1] == "]":
+        return f"[{','.join(_quote_value(one, False) for one in _paths_in(value[1:-1]))}]"
+    if sweep and re.match(r"\w+\(", value):  # choice(...), glob(...)
+        return value
+    if sweep and "," in value:
+        return ",".join(_quote_value(one, sweep) for one in _paths_in(value))
+    return quote(value)
+
+
+def _exists(value: str) -> bool:
+    try:
+        return value != "" and Path(value).expanduser().exists()
+    except (OSError, RuntimeError, ValueError):  # too long, of an unknown user, with a null byte
+        return False
+
+
+def _paths_in(text: str) -> list[str]:
+    """Split at commas, but for those in a path that exists, in quotes or in brackets."""
+    parts = text.split(",")
+    paths = []
+    while parts:
+        for count in range(len(parts), 1, -1):
+            joined = ",".join(parts[:count]).strip()
+            inside = joined[:1] + joined[-1:] in ("''", '""', "[]")
+            if _exists(joined) or (inside and joined[0] not in ",".join(parts[1:count])[:-1]):
+                break
+        else:
+            count, joined = 1, parts[0].strip()
+        paths.append(joined)
+        parts = parts[count:]
+    return [one for one in paths if one]
+
+
+def explain(error: HydraException, arguments: list[str]) -> str:
+    """One line for what Hydra says in many: the nearest valid key or choice."""
+    text = str(error)
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file:
+        group, _, choice = str(error.missing_cfg_file).rpartition("/")
+        if group:
+            return f"{group}={choice}: no such choice; {_nearest(choice, choices(group))}"
+    found = _NO_OVERRIDE.search(text)
+    if isinstance(error, ConfigCompositionException) and not found:
+        found = _NO_KEY.search(f"{text} {error.__cause__}")
+    if found:
+        key = next(value for value in found.groupdict().values() if value)
+        return f"{key}: no such key; {_nearest(key, valid_keys())}"
+    first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
+    return f"{first} (in: {' '.join(arguments)}); python -m zoo --help lists all keys"
+
+
+def choices(group: str) -> list[str]:
+    """The names in a config group: the YAML files of its folder."""
+    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
+
+
+def valid_keys() -> list[str]:
+    """Every key that can be overridden: those of the default config and the groups, `resume`
+    and `trust`."""
+    config = compose_config([])
+    keys = ["resume", "trust"]
+
+    def walk(node: dict, prefix: str) -> None:
+        for key, value in node.items():
+            keys.append(f"{prefix}{key}")
+            if isinstance(value, dict):
+                walk(value, f"{prefix}{key}.")
+
+    walk(config, "")
+    return list(dict.fromkeys(keys + config_groups()))
+
+
+def config_groups() -> list[str]:
+    """Those whose choices make up the config."""
+    folders = sorted(path.name for path in conf_folder().iterdir() if path.is_dir())
+    return [name for name in folders if name not in OTHER_GROUPS]
+
+
+def compose_config(overrides: list[str]) -> dict:
+    """The config that `python -m zoo *overrides` would run with, as plain containers."""
+    from hydra import compose, initialize_config_dir
+    from omegaconf import OmegaConf
+
+    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+        return OmegaConf.to_container(compose("config", overrides), resolve=True)
+
+
+def _nearest(word: str, known: list[str]) -> str:
+    # The last part counts too: `ofset` is near `data.offset`.
+    by_tail = {name.rpartition(".")[2]: name for name in reversed(known)}
+    near = difflib.get_close_matches(word, known, n=2, cutoff=0.6)
+    tail = difflib.get_close_matches(word.rpartition(".")[2], list(by_tail), n=2, cutoff=0.7)
+    near += [by_tail[name] for name in tail if by_tail[name] not in near]
+    if near:
+        return f"did you mean {' or '.join(near[:2])}?"
+    return f"there are {', '.join(known)}" if len(known) < 15 else "python -m zoo --help lists all"

@@ -1,0 +1,95 @@
+"""What a terminal shows of work that takes seconds, and what a log file does."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from zoo.cli.process_ranks import is_first_process
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LINE_EVERY_S = 10.0  # where no terminal shows a bar
+DRAW_EVERY_S = 0.1
+
+
+@contextmanager
+def loading(what: str = "loading PyTorch") -> Iterator[None]:
+    """Show on a terminal's stderr that a command works, until it can show more; else nothing."""
+    if not sys.stderr.isatty() or not is_first_process():
+        yield
+        return
+    from rich.console import Console
+
+    with working(what, Console(stderr=True)):
+        yield
+
+
+@contextmanager
+def working(what: str, console: "Console") -> Iterator[None]:
+    """Show a spinner with the time that has passed, on a terminal; it leaves nothing."""
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        progress.add_task(what, total=None)
+        yield
+
+
+@contextmanager
+def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], None]]:
+    """Show how much is done: a bar on a terminal, a line every 10 s elsewhere.
+
+    Yields a function that takes the share, 0..1. It may be called at every frame of a drive: the
+    bar is drawn by a thread of its own.
+    """
+    began = time.monotonic()
+    if not console.is_terminal:
+        next_line = began + LINE_EVERY_S
+
+        def print_line(share: float) -> None:
+            nonlocal next_line
+            now = time.monotonic()
+            if now < next_line:
+                return
+            next_line = now + LINE_EVERY_S
+            left = f", {(now - began) * (1 - share) / share:.0f} s left" if share else ""
+            text = f"{what}: {share:.0%} after {now - began:.0f} s{left}"
+            console.print(text, highlight=False, markup=False)
+
+        yield print_line
+        return
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        SpinnerColumn,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(what, total=1.0)
+        next_draw = 0.0
+
+        def draw(share: float) -> None:
+            nonlocal next_draw
+            now = time.monotonic()
+            if now >= next_draw:
+                next_draw = now + DRAW_EVERY_S
+                progress.update(task, completed=share)
+
+        yield draw

@@ -1,0 +1,119 @@
+"""What every command of ours shares: overrides in, one line and an exit status out."""
+
+import os
+import re
+import sys
+import traceback
+from collections.abc import Callable
+
+from datamodules.errors import InputError
+from zoo.cli.early_interrupt import raise_again
+from zoo.cli.forgiving_output import ForgivingOutput
+from zoo.cli.stop_errors import StoppedError
+
+# Hydra takes a third of a second to import, in which Ctrl-C would print a trace.
+
+# Limits on an argument, beyond which parsers take minutes or end in a trace.
+MOST_PATH = 4096  # characters without a comma or a bracket; Linux' limit on a path
+MOST_DIGITS = 4300  # of a number; Python's limit
+MOST_LEVELS = 64  # of brackets
+MOST_LINE = 4000  # characters of an error's line
+
+# What libraries raise, each in its own class, where the system has no more memory.
+_MEMORY = re.compile(
+    "can.t allocate memory|Insufficient memory|failed to map segment|can.t start new thread"
+)
+
+
+def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
+    """Call `command(arguments)`; its user's errors become one line each and the exit status.
+
+    What cannot be printed ends no command: a line at its end names the reason.
+    """
+    os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal may not know every character
+    failure: Exception | None = None
+    before = sys.stdout
+    output = ForgivingOutput(before) if before else None  # None where it was closed: `>&-`
+    sys.stdout = output
+    try:
+        raise_again()
+        check_arguments(arguments)
+        command(arguments)
+        if output:
+            output.flush()
+    except (InputError, StoppedError) as error:
+        failure = error
+    except KeyboardInterrupt:
+        failure = StoppedError("stopped")
+    except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except Exception as error:
+        failure = explain_failure(error, arguments)
+        if failure is None:
+            traceback.print_exc()
+            print(
+                f"{name}: this is a mistake of drivezoo, not yours; please report it with the "
+                "command and the lines above",
+                file=sys.stderr,
+            )
+            return 1
+    finally:
+        sys.stdout = before
+    if failure is None and output and output.failure:
+        failure = InputError(
+            f"standard output: {output.failure.strerror}; all was done, but not all of it printed: "
+            "write it to a place with room"
+        )
+    if failure is None:
+        return 0
+    line = " ".join(str(failure).split())
+    if len(line) > MOST_LINE:
+        line = f"{line[: MOST_LINE // 2]} ... {line[-MOST_LINE // 2 :]}"
+    print(f"{name}: {line}", file=sys.stderr)
+    return 130 if isinstance(failure, StoppedError) else 1
+
+
+def check_arguments(arguments: list[str]) -> None:
+    """Raise InputError for an argument that no parser and no disk can take."""
+    for argument in arguments:
+        begin = ascii(argument[:40])
+        if "\0" in argument:
+            raise InputError(f"{begin}: holds a NUL; remove it")
+        if any("/" in part for part in re.findall(rf"[^,\[\]]{{{MOST_PATH + 1},}}", argument)):
+            raise InputError(f"{begin}...: a path has {MOST_PATH:,} characters at most; shorten it")
+        if re.search(rf"\d{{{MOST_DIGITS + 1}}}", argument):
+            raise InputError(f"{begin}...: a number has {MOST_DIGITS:,} digits at most; shorten it")
+        depth = 0
+        for bracket in re.findall(r"[\[({})\]]", argument):
+            depth += 1 if bracket in "[({" else -1
+            if depth > MOST_LEVELS:
+                raise InputError(
+                    f"{begin}...: brackets are nested {MOST_LEVELS} deep at most; use fewer"
+                )
+
+
+def explain_failure(error: Exception, arguments: list[str]) -> InputError | None:
+    """Return what a user can act on: a config's mistake, a disk, memory; None for the rest."""
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    from zoo.cli.compose import explain
+
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return InputError(explain(error, arguments))
+    if isinstance(error, MemoryError) or _MEMORY.search(str(error)):
+        return InputError(
+            "not enough memory; end other programs, or set a smaller data.batch_size, "
+            "data.workers=0 or a smaller model"
+        )
+    if isinstance(error, RecursionError):
+        return InputError("an argument or a file is nested too deep; use fewer levels")
+    if isinstance(error, ValueError) and str(error).startswith("Config group override"):
+        nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
+        return InputError(f"{nulls}: name a choice; python -m zoo --help lists all")
+    if isinstance(error, OSError) and error.strerror is not None:
+        return InputError(f"{error.filename or 'a file'}: {error.strerror}")
+    return None

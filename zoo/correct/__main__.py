@@ -1,0 +1,254 @@
+"""`python -m zoo.correct CKPT [track=mountain rounds=3]`: train on what went wrong while driving.
+
+DAgger: Ross, Gordon and Bagnell, "A Reduction of Imitation Learning and Structured Prediction to
+No-Regret Online Learning", 2011, arXiv:1011.0686.
+"""
+
+import datetime
+import shlex
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.arguments import shown_help
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+from zoo.cli.stop_errors import StoppedError
+from zoo.runs.saved_config import TRUST, split_trust
+from zoo.runs.whole_file import refuse_links_out
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from omegaconf import DictConfig
+
+    from zoo.checkpoints.checkpoint import Checkpoint
+    from zoo.correct.correct_options import CorrectOptions
+    from zoo.correct.correct_rounds import Progress, Round
+
+USAGE = "python -m zoo.correct CKPT|RUN_FOLDER|latest [key=value...]"
+
+# torch and Panda3D take seconds to import; --help and a typo need neither.
+
+
+class Correction:
+    """A checkpoint's way through the rounds.
+
+    Args:
+        path: the checkpoint's.
+        options: see `CorrectOptions`.
+        overrides: of the checkpoint's own config.
+        console: for people.
+    """
+
+    def __init__(
+        self, path: str, options: "CorrectOptions", overrides: list[str], console: Console
+    ) -> None:
+        from zoo.correct.correct_rounds import open_progress
+
+        self.path, self.options, self.console = path, options, console
+        self.checkpoint, self.config = _trainable(path, options, overrides)
+        now = datetime.datetime.now()
+        out = options.out or f"outputs/corrections/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
+        self.folder = Path(out).expanduser().absolute()
+        refuse_links_out(self.folder)
+        self.progress: Progress = open_progress(self.folder, path, options, overrides)
+        self._source = _source(options, self.folder, console)
+        self.progress.save(self.folder)
+
+    def run(self) -> "Progress":
+        """All rounds, those that are finished already left out.
+
+        Raises:
+            InputError: see `CorrectOptions`, and anything wrong with a recording.
+        """
+        rounds = self.options.rounds
+        if self.options.by_a_person:
+            from zoo.correct.person_corrections import ask_person
+
+            rounds = 1
+            ask_person(self.options, self.folder)
+        self._say_what_runs(rounds)
+        if not self.progress.rounds:
+            self._finish(0, self.path, 0)
+        while len(self.progress.rounds) <= rounds:
+            last = self.progress.rounds[-1]
+            if not self.options.by_a_person and self._is_enough(last):
+                break
+            if not self._correct(last):
+                break
+        return self.progress
+
+    def _correct(self, last: "Round") -> bool:
+        """One round; False where there was nothing to correct."""
+        from zoo.correct.correct_training import train_round, training_config
+
+        number = last.number + 1
+        place = self.folder / f"round-{number}"
+        began = time.perf_counter()
+        rows = self._collect(last, place / "recording")
+        if not rows:
+            self._say(f"round {number}: nothing went wrong in its drives, nothing to correct")
+            return False
+        own_split = self._own_split()
+        corrections = [self.folder / f"round-{one}" / "recording" for one in range(1, number + 1)]
+        config = training_config(
+            self.config,
+            self.options,
+            corrections,
+            str(Path(last.checkpoint).absolute()),
+            own_split,
+            place / "split.csv",
+        )
+        self._say(
+            f"round {number}: {rows:,} rows of corrections ({time.perf_counter() - began:.0f} s); "
+            f"training {self.options.epochs} epochs on them and {last.corrections:,} before, "
+            f"{self.options.weight:g} times as often as on other rows"
+        )
+        checkpoint = train_round(config, place / "run", Path(self.path).absolute().parent.parent)
+        self._finish(number, str(checkpoint), last.corrections + rows)
+        return True
+
+    def _collect(self, last: "Round", folder: Path) -> int:
+        """Rows of the round's recording, made unless it is there."""
+        from datamodules.driving_log import read_log
+        from datamodules.recording import LOG_NAME
+
+        if not (folder / LOG_NAME).is_file():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            return self._source(last.checkpoint, last.number + 1, self.progress.identity, folder)
+        return sum(1 for _ in read_log(folder / LOG_NAME))
+
+    def _own_split(self) -> Path:
+        from zoo.correct.correct_training import write_own_split
+
+        path = self.folder / "own_split.csv"
+        if not path.is_file():
+            part = path.with_suffix(".part")
+            beside = Path(self.path).absolute().parent.parent / "split.csv"
+            write_own_split(self.config, self.checkpoint, beside, part, self.console)
+            part.rename(path)
+        return path
+
+    def _finish(self, number: int, checkpoint: str, corrections: int) -> None:
+        """Score a round's checkpoint, and keep that it is finished."""
+        from zoo.correct.correct_rounds import Round
+        from zoo.evaluate.track_scores import how_well, score_on_tracks
+
+        drives = self.folder / f"round-{number}" / "drives"
+        shutil.rmtree(drives, ignore_errors=True)  # of before it was stopped
+        found = score_on_tracks(checkpoint, self.options.scored, drives, self.console)
+        finished = Round(number, checkpoint, corrections, found.tracks)
+        self.progress = self.progress.with_round(finished)
+        self.progress.save(self.folder)
+        for track, figures in found.tracks.items():
+            self._say(f"round {number}, {track}: {how_well(figures)}")
+
+    def _is_enough(self, last: "Round") -> bool:
+        enough = (
+            last.mean("interventions") == 0 and last.mean("cte_mean_m") <= self.options.enough_m
+        )
+        if enough:
+            self._say(
+                f"it drives without interventions, {last.mean('cte_mean_m'):.2f} m off on average: "
+                f"that is enough (enough_m={self.options.enough_m:g})"
+            )
+        return enough
+
+    def _say_what_runs(self, rounds: int) -> None:
+        from zoo.correct.correct_options import FIRST_SEED
+
+        done = len(self.progress.rounds) - 1
+        if done >= 0:
+            self._say(f"{self.folder}: goes on after round {done}")
+        source = "a person's corrections, one round"
+        if not self.options.by_a_person:
+            source = (
+                f"the expert's corrections, rounds={rounds} at most, of drives with seeds from "
+                f"{FIRST_SEED}"
+            )
+        self._say(
+            f"{self.path}: {source}; scored with seeds 0 to {self.options.seeds - 1}, which no "
+            "correction comes from"
+        )
+
+    def _say(self, text: str) -> None:
+        self.console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _trainable(
+    path: str, options: "CorrectOptions", overrides: list[str]
+) -> "tuple[Checkpoint, DictConfig]":
+    from zoo.checkpoints.checkpoint import load_checkpoint
+    from zoo.checkpoints.policy import Policy
+    from zoo.correct.correct_training import own_config
+    from zoo.evaluate.many_drives import check_throttle
+
+    if Path(path).suffix == ".onnx":
+        raise InputError(
+            f"{path}: cannot be trained on; give the checkpoint that it was exported from"
+        )
+    checkpoint = load_checkpoint(path)
+    check_throttle(Policy(checkpoint), options.throttle)
+    _, trusted = split_trust([f"{TRUST}={options.trust}"])
+    return checkpoint, own_config(checkpoint, overrides, path, trusted)
+
+
+def _source(
+    options: "CorrectOptions", out: Path, console: Console
+) -> "Callable[[str, int, str, Path], int]":
+    """What makes a round's recording: `source(checkpoint, round, identity, folder) -> rows`."""
+    if options.by_a_person:
+        from zoo.correct.person_corrections import check_person, corrections_of_a_person
+
+        check_person(options)
+        return lambda _checkpoint, _number, _identity, folder: corrections_of_a_person(
+            options, out, folder
+        )
+    from zoo.correct.collecting import collect
+
+    return lambda checkpoint, number, identity, folder: collect(
+        checkpoint, options, number, identity, folder, console
+    )
+
+
+def command(arguments: list[str]) -> None:
+    """The command: a checkpoint's path, then `key=value` options, see `CorrectOptions`."""
+    from zoo.correct import correct_options
+
+    if shown_help(arguments, USAGE, correct_options):
+        return
+    path, *rest = arguments
+    given, overrides = correct_options.read_options(rest)
+    path = str(find_checkpoint(path))
+    from zoo.correct.correct_rounds import rounds_table
+
+    console = Console(soft_wrap=True)
+    with loading():
+        correction = Correction(path, given, overrides, console)
+    try:
+        progress = correction.run()
+    except (KeyboardInterrupt, StoppedError):
+        again = [path, *(one for one in rest if not one.startswith("out="))]
+        again.append(f"out={correction.folder}")
+        raise StoppedError(
+            "stopped; finished rounds are kept; go on with: "
+            + shlex.join(["python", "-m", "zoo.correct", *again])
+        ) from None
+    console.print(rounds_table(progress.rounds))
+    best = progress.best
+    if best.number == 0:
+        console.print("no round drives better than the checkpoint as it was:", highlight=False)
+    else:
+        console.print(f"the best is of round {best.number}:", highlight=False)
+    console.print(best.checkpoint, highlight=False, markup=False)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.correct", command, sys.argv[1:]))

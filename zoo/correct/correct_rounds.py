@@ -1,0 +1,159 @@
+"""What the rounds of a correction have come to, and the file that keeps it."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
+
+from datamodules.errors import InputError
+from zoo.correct.correct_options import CorrectOptions
+from zoo.evaluate.drives_table import read_figures, with_deviation
+from zoo.runs.whole_file import write_whole
+
+NAME = "correct.json"
+MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")  # from one start to the next
+
+
+@dataclass(frozen=True)
+class Round:
+    """A checkpoint and how it drives.
+
+    Attributes:
+        number: 0 is the checkpoint that was given.
+        checkpoint: its path.
+        corrections: rows that it has been trained on, of this round and those before.
+        tracks: by name, mean and spread of each figure, as `zoo.evaluate` has them.
+    """
+
+    number: int
+    checkpoint: str
+    corrections: int
+    tracks: dict[str, dict]
+
+    def mean(self, key: str) -> float:
+        """A figure's mean over tracks."""
+        return sum(figures[key][0] for figures in self.tracks.values()) / len(self.tracks)
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Higher is better."""
+        return self.mean("autonomy"), -self.mean("cte_mean_m")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """All rounds so far.
+
+    Attributes:
+        identity: of the checkpoint that is corrected: its bytes' hash.
+        options, overrides: as they were given.
+        rounds: those that are finished.
+    """
+
+    identity: str
+    options: dict
+    overrides: list[str]
+    rounds: list[Round] = field(default_factory=list)
+
+    @property
+    def best(self) -> Round:
+        return max(self.rounds, key=lambda one: one.rank)
+
+    def with_round(self, finished: Round) -> "Progress":
+        return replace(self, rounds=[*self.rounds, finished])
+
+    def save(self, folder: Path) -> None:
+        """Make the folder if need be, and replace the file at once.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(asdict(self), indent=1, allow_nan=False)
+            write_whole(folder / NAME, f"{text}\n")
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+
+
+def open_progress(
+    folder: Path, checkpoint: str, options: CorrectOptions, overrides: list[str]
+) -> Progress:
+    """That of a folder: a new one's, or one's whose command was stopped.
+
+    Raises:
+        InputError: it holds something else, or a correction of another checkpoint or with other
+            options.
+    """
+    identity = hashlib.sha256(Path(checkpoint).read_bytes()).hexdigest()[:16]
+    given = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
+    new = Progress(identity, given, overrides)
+    if not (folder / NAME).is_file():
+        if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+            raise InputError(
+                f"{folder}: is not empty, and holds no {NAME}; name another folder with out="
+            )
+        return new
+    from zoo.correct.correct_file import read_correct_file
+
+    try:
+        before = read_correct_file(folder / NAME)
+        rounds = [_read_round(one, before["options"].get("seeds")) for one in before["rounds"]]
+        found = Progress(before["identity"], before["options"], before["overrides"], rounds)
+    except (InputError, TypeError) as error:
+        raise InputError(f"{error}; it is damaged: name another folder with out=") from None
+    if found.identity != identity:
+        raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
+    other = [key for key in given if given[key] != found.options.get(key)]
+    if other:
+        raise InputError(
+            f"{folder}: was begun with {other[0]}={found.options.get(other[0])}; give the same "
+            "options to go on, or name another folder with out="
+        )
+    if found.overrides != overrides:
+        raise InputError(
+            f"{folder}: was begun with {' '.join(found.overrides) or 'no overrides'}; give the "
+            "same to go on, or name another folder with out="
+        )
+    for one in found.rounds[1:]:
+        if not Path(one.checkpoint).is_file():
+            raise InputError(f"{one.checkpoint}: is gone; name another folder with out=")
+    return found
+
+
+def _read_round(found: dict, seeds: int | None) -> Round:
+    tracks = {name: read_figures(one, seeds) for name, one in found["tracks"].items()}
+    return Round(**found | {"tracks": tracks})
+
+
+def rounds_table(rounds: list[Round]) -> Table:
+    """A row for each round and track."""
+    count = max(
+        (one.get("drives", 1) for each in rounds for one in each.tracks.values()), default=1
+    )
+    table = Table(
+        title="before and after each round",
+        title_justify="left",
+        caption=f"±: sample standard deviation over {count} start seeds" if count > 1 else None,
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        collapse_padding=True,
+    )
+    names = ("round", "track", "rows", "autonomy", "inter-\nventions", "mean\nerror, m", "most, m")
+    for name in names:
+        table.add_column(name, justify="left" if name == "track" else "right", no_wrap=True)
+    for one in rounds:
+        for number, (track, figures) in enumerate(one.tracks.items()):
+            cells = [
+                with_deviation(figures["autonomy"], "{:.1%}"),
+                with_deviation(figures["interventions"], "{:.1f}"),
+                with_deviation(figures["cte_mean_m"], "{:.2f}"),
+                f"{figures['cte_max_m'][0]:.2f}",
+            ]
+            name, rows = (str(one.number), f"{one.corrections:,}") if not number else ("", "")
+            table.add_row("before" if name == "0" else name, Text(track), rows, *cells)
+    return table

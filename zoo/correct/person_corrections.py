@@ -1,0 +1,213 @@
+"""A person's corrections: a recording of them, or a drive in which the person took over.
+
+The simulator's telemetry is empty while a person holds W or S: no picture, no steering. A drive
+tells when that was, and keeps what the network saw and did until then; what the person did, nobody
+knows. So the person is asked, as DAgger asks its expert: `labels.csv` lists frames before each
+taking over, with what was steered, and the person writes what should have been.
+"""
+
+import csv
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.figure import Figure
+
+from datamodules.driving_log import CAMERAS
+from datamodules.errors import InputError
+from datamodules.recording import LOG_NAME, read_recordings
+from simulator.recorder import IMAGE_FOLDER, number_text
+from zoo.correct.correct_options import CorrectOptions
+from zoo.drives.drive_log import PERSON, POLICY, Drive, read_drive
+
+LABELS, PICTURES = "labels.csv", "labels.png"
+COLUMNS = ("override", "image", "seconds_before", "sent", "steering")
+ASKED_EVERY_S = 0.5  # between them the person's steering is interpolated
+
+
+@dataclass(frozen=True)
+class Override:
+    """A taking over: rows of the drive, int64 [N], that the network drove just before."""
+
+    number: int
+    began_s: float
+    rows: np.ndarray
+
+
+def check_person(options: CorrectOptions) -> None:
+    """Say what is wrong with the person's corrections before anything is written or driven.
+
+    Raises:
+        InputError: no such recording or drive, one without pictures or overrides.
+    """
+    if options.recording is not None:
+        read_recordings(options.recording)
+        return
+    found = overrides(read_drive(options.drive), options.before_s)
+    if not found:
+        raise InputError(f"{options.drive}: nobody took over in this drive, nothing to correct")
+    if not any(len(one.rows) for one in found):
+        raise InputError(
+            f"{options.drive}: its pictures were not kept; drive again with drive.record=FOLDER"
+        )
+
+
+def ask_person(options: CorrectOptions, folder: Path) -> None:
+    """Leave the labels that are to be filled in, where a drive's are not there yet.
+
+    Raises:
+        InputError: to say that they wait to be filled in; or one is no steering.
+    """
+    if options.drive is None:
+        return
+    if not (folder / LABELS).is_file():
+        drive = read_drive(options.drive)
+        _ask(drive, overrides(drive, options.before_s), folder)
+        raise InputError(
+            f"{folder / LABELS}: write what should have been steered, -1..1, in the last column "
+            f"({PICTURES} shows the pictures; what is left empty is left out), then give the same "
+            f"command with out={folder}"
+        )
+    read_labels(folder / LABELS)
+
+
+def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) -> int:
+    """Leave the person's corrections in `folder` as a recording; returns its rows.
+
+    Its pictures get names of their own: other recordings of the same simulator have the same.
+    """
+    rows = _recorded(options.recording) if options.recording else _labelled(options, out)
+    whole = folder.with_name(f"{folder.name}.part")
+    shutil.rmtree(whole, ignore_errors=True)
+    (whole / IMAGE_FOLDER).mkdir(parents=True)
+    with (whole / LOG_NAME).open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for images, numbers in rows:
+            names = []
+            for camera, image in zip(CAMERAS, images, strict=True):
+                name = image and f"{camera}_person_{Path(image).name.removeprefix(f'{camera}_')}"
+                names.append(f"{IMAGE_FOLDER}/{name}" if name else "")
+                if name:
+                    _link(Path(image), whole / IMAGE_FOLDER / name)
+            writer.writerow([*names, *map(number_text, numbers)])
+    whole.rename(folder)
+    return len(rows)
+
+
+def overrides(drive: Drive, before_s: float) -> list[Override]:
+    """Each time that a person took over, and the rows with a picture so long before it."""
+    found = []
+    for number, began in enumerate(np.flatnonzero(drive.intervention & (drive.driver == PERSON))):
+        since_s = drive.time_s[began] - drive.time_s
+        mine = (drive.client == drive.client[began]) & (drive.driver == POLICY)
+        near = mine & (drive.frame != "") & (since_s >= 0) & (since_s <= before_s)
+        # Not those before the last override: the car was elsewhere then.
+        near[: found[-1][1] if found else 0] = False
+        rows = np.flatnonzero(near)
+        _, first = np.unique(drive.frame[rows], return_index=True)  # the old client sends twice
+        found.append((number + 1, began, rows[np.sort(first)]))
+    return [Override(number, drive.time_s[began], rows) for number, began, rows in found]
+
+
+def read_labels(path: Path) -> dict[str, float]:
+    """The steering by image that a person filled in.
+
+    Raises:
+        InputError: none is, or one is no steering.
+    """
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = list(csv.DictReader(file))
+    labels = {}
+    for line, row in enumerate(rows, 2):
+        text = (row.get("steering") or "").strip()
+        if not text:
+            continue
+        try:
+            value = float(text.replace(",", "."))
+        except ValueError:
+            value = np.nan
+        if not -1 <= value <= 1 or not row.get("image"):
+            raise InputError(f"{path}, row {line}: steering is {text!r}, not a number in -1..1")
+        labels[row["image"]] = value
+    if not labels:
+        raise InputError(f"{path}: its steering column is empty; fill in what you can, -1..1")
+    return labels
+
+
+def _ask(drive: Drive, found: list[Override], folder: Path) -> None:
+    asked = [(one, _sparse(drive, one.rows)) for one in found if len(one.rows)]
+    columns = max(len(rows) for _, rows in asked)
+    figure = Figure(figsize=(2.4 * columns, 1.6 * len(asked)), layout="constrained")
+    axes = figure.subplots(len(asked), columns, squeeze=False)
+    for axis in axes.ravel():
+        axis.axis("off")
+    lines = []
+    for line, (one, rows) in enumerate(asked):
+        for column, row in enumerate(rows):
+            before_s = one.began_s - drive.time_s[row]
+            sent = drive.steering[row]
+            lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
+            picture = cv2.imread(str(drive.folder / drive.frame[row]))
+            if picture is None:
+                raise InputError(f"{drive.folder / drive.frame[row]}: no such picture")
+            axes[line, column].imshow(picture[:, :, ::-1])
+            axes[line, column].set_title(
+                f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}", fontsize=6
+            )
+    figure.savefig(folder / PICTURES, dpi=150)
+    part = folder / f"{LABELS}.part"
+    with part.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *lines])
+    part.replace(folder / LABELS)
+
+
+def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:
+    """The last row, and one every half a second before it."""
+    chosen = [int(rows[-1])]
+    for row in rows[::-1]:
+        if drive.time_s[chosen[-1]] - drive.time_s[row] >= ASKED_EVERY_S - 0.01:
+            chosen.append(int(row))
+    return chosen[::-1]
+
+
+def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
+    """Rows between an override's first and last label."""
+    drive, labels = read_drive(options.drive), read_labels(out / LABELS)
+    rows = []
+    for one in overrides(drive, options.before_s):
+        known = [row for row in one.rows if drive.frame[row] in labels]
+        if not known:
+            continue
+        values = [labels[drive.frame[row]] for row in known]
+        for row in one.rows[(one.rows >= known[0]) & (one.rows <= known[-1])]:
+            steering = float(np.interp(drive.time_s[row], drive.time_s[known], values))
+            throttle = drive.throttle[row]
+            pedals = max(throttle, 0.0), max(-throttle, 0.0)
+            image = str(drive.folder / drive.frame[row])
+            rows.append(((image, None, None), (steering, *pedals, drive.speed_mph[row])))
+    if not rows:
+        raise InputError(f"{out / LABELS}: names no picture of {options.drive}; delete it")
+    return rows
+
+
+def _recorded(folder: str) -> list[tuple]:
+    recording = read_recordings(folder)
+    numbers = zip(
+        recording.steering,
+        recording.throttle,
+        recording.brake,
+        recording.speed_mph,
+        strict=True,
+    )
+    return list(zip(recording.images.tolist(), numbers, strict=True))
+
+
+def _link(source: Path, target: Path) -> None:
+    """The same file twice, where the disk can."""
+    try:
+        os.link(source.resolve(), target)
+    except OSError:
+        shutil.copyfile(source, target)

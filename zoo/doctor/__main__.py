@@ -1,0 +1,137 @@
+"""`python -m zoo.doctor [CKPT] [RECORDING] [port=4567]`: what is wrong here, and the fix for it.
+
+Exit status 0 where nothing is at fault, warnings or not; 1 otherwise.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
+from zoo.cli.early_interrupt import raise_again
+from zoo.doctor import inputs, installation, machine, renderer, round_trip
+from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
+
+USAGE = "usage: python -m zoo.doctor [CKPT] [RECORDING] [port=4567]"
+HELP = f"""{USAGE}
+
+Says what is installed and works here, which renderer opens and who holds the port, and makes a
+round trip with the original simulator's protocol; each fault with its fix.
+
+  CKPT        what this checkpoint expects, and whether it can be read: a file, a run's folder, or
+              latest
+  RECORDING   a recording's folder: is it whole?
+  port=4567   the one to try"""
+COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
+NAME_WIDTH, STATE_WIDTH = 12, 9
+
+
+def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
+    """All findings, as they are found; nothing is raised."""
+    yield from careful("Python", installation.check_python)
+    if sys.version_info < installation.OLDEST:
+        return  # all else would fail for that one reason
+    renderers = renderer.start_renderers()  # goes on while torch is imported
+    yield from careful("packages", installation.check_packages)
+    yield from careful("device", machine.check_device)
+    yield from careful("renderer", renderers)
+    yield from careful("port", partial(machine.check_port, port))
+    yield from careful("locale", machine.check_locale)
+    yield from careful("disk", machine.check_disk)
+    if recording is not None:
+        yield from careful("recording", partial(inputs.check_recording, recording))
+    if checkpoint is None:
+        return
+    usable = True
+    for finding in careful("checkpoint", partial(inputs.check_checkpoint, checkpoint, recording)):
+        usable = usable and finding.state != FAULT
+        yield finding
+    if usable:
+        yield from careful("round trip", partial(round_trip.check_round_trip, checkpoint))
+
+
+def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
+    """Checkpoint, recording and port, in whatever order they were given.
+
+    Raises:
+        ValueError: two of a kind, or a port that is none.
+        InputError: a run's folder without a checkpoint.
+    """
+    paths: dict[str, str] = {}
+    port = 4567
+    for argument in arguments:
+        path = Path(argument).expanduser()
+        if argument.startswith("port=") and not path.exists():
+            text = argument.partition("=")[2]
+            if not (text.isdecimal() and 0 < int(text) < 65536):
+                raise ValueError(f"{argument}: must be in 1..65535")
+            port = int(text)
+            continue
+        is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
+        if is_run or (argument == LATEST and not path.exists()):
+            argument, kind = str(find_checkpoint(argument)), "CKPT"
+        else:
+            is_recording = path.is_dir() or path.suffix == ".csv"
+            kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
+        if kind in paths:
+            raise ValueError(f"{argument}: {paths[kind]} is the {kind} already; {USAGE}")
+        paths[kind] = argument
+    return paths.get("CKPT"), paths.get("RECORDING"), port
+
+
+def print_finding(finding: Finding) -> None:
+    """A row: state, thing, what was found; and the fix below."""
+    indent = " " * (STATE_WIDTH + NAME_WIDTH)
+    width = max(shutil.get_terminal_size((100, 24)).columns, 60)
+    state = f"{finding.state:<{STATE_WIDTH}}"
+    if sys.stdout.isatty() and "NO_COLOR" not in os.environ:
+        state = f"\033[{COLOURS[finding.state]}m{state}\033[0m"
+    texts = [finding.found] + ([f"fix: {finding.fix}"] if finding.fix else [])
+    lines = []
+    for text in texts:
+        # A path or a command that is longer than the window stays whole, to be copied.
+        lines += textwrap.wrap(
+            text, width - len(indent), break_long_words=False, break_on_hyphens=False
+        )
+    first, *rest = lines or [""]
+    print(f"{state}{finding.what:<{NAME_WIDTH}}{first}")
+    for line in rest:
+        print(indent + line)
+    sys.stdout.flush()
+
+
+def main(arguments: list[str]) -> int:
+    """The command."""
+    raise_again()
+    if {"-h", "--help"} & set(arguments):
+        print(HELP)
+        return 0
+    if hasattr(sys.stdout, "reconfigure"):  # a path may hold what the terminal cannot show
+        sys.stdout.reconfigure(errors="replace")
+    counts = {OK: 0, WARNING: 0, FAULT: 0}
+    try:
+        for finding in diagnose(*sort_arguments(arguments)):
+            counts[finding.state] += 1
+            print_finding(finding)
+    except (ValueError, InputError) as error:
+        print(f"zoo.doctor: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("zoo.doctor: stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    print(f"{counts[FAULT]} at fault, {counts[WARNING]} to be warned of, {counts[OK]} ok")
+    return 1 if counts[FAULT] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

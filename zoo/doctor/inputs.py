@@ -1,0 +1,109 @@
+"""A checkpoint and a recording: can they be used?"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterator
+
+from zoo.doctor.finding import OK, WARNING, Finding, from_error
+
+SLOW_MS = 1000 / 60  # the original simulator sends up to 60 pictures a second
+TRIALS, PICTURES = 15, 50
+
+
+def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Finding]:
+    """Whether it loads, what it expects, and how long a frame takes."""
+    import numpy as np
+
+    from datamodules.errors import InputError
+    from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+    from zoo.checkpoints.policy import load_policy
+
+    what = "checkpoint"
+    try:
+        policy = load_policy(path)
+    except InputError as error:
+        yield from_error(what, error, "take one that python -m zoo wrote, or train again")
+        return
+    view = policy.view
+    name = policy.config.get("model", {}).get("name") or policy.name
+    yield Finding(OK, what, f"{path}: {name}, {policy.parameters:,} parameters")
+    height, width, _ = view.shape
+    speed = " and the speed" if policy.takes_speed else ""
+    answers = "steering and throttle" if policy.outputs > 1 else "steering"
+    crop = f"{view.crop[0]} rows off the top, {view.crop[1]} off the bottom"
+    found = f"{width} x {height} {view.colour}{speed}; {crop}; answers with {answers}"
+    yield Finding(OK, "it expects", found)
+    yield _trained_on(policy, recording)
+
+    frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
+    times_ms = []
+    for _ in range(TRIALS):
+        began = time.perf_counter()
+        policy(frame, 9.0)
+        times_ms.append(1000 * (time.perf_counter() - began))
+    took_ms = statistics.median(times_ms)
+    found = f"{took_ms:.1f} ms a frame, {1000 / took_ms:.0f} a second"
+    if took_ms > SLOW_MS:
+        fix = "drive with more threads (drive.threads=4), or a smaller model"
+        yield Finding(WARNING, "it takes", f"{found}; a simulator sends up to 60", fix)
+    else:
+        yield Finding(OK, "it takes", found)
+
+
+def _trained_on(policy: object, recording: str | None) -> Finding:
+    from datamodules.errors import InputError
+    from datamodules.recording import read_recordings
+
+    data = policy.data
+    root = policy.config.get("data", {}).get("root")
+    found = f"{root}, {data.get('rows', 0):,} rows, fingerprint {data.get('fingerprint')}"
+    if recording is not None:
+        try:
+            same = read_recordings(recording).fingerprint() == data.get("fingerprint")
+        except InputError:
+            return Finding(OK, "trained on", found)
+        found += "; that is this recording" if same else "; not this recording"
+    return Finding(OK, "trained on", found)
+
+
+def check_recording(folder: str) -> Iterator[Finding]:
+    """Whether its log can be read, and a few of its pictures, spread over it."""
+
+    import numpy as np
+
+    from datamodules.errors import InputError
+    from datamodules.image import read_image
+    from datamodules.recording import read_recordings
+
+    what = "recording"
+    try:
+        recording = read_recordings(folder, on_bad_image="skip")
+    except InputError as error:
+        yield from_error(what, error, "record or copy it again")
+        return
+    yield Finding(OK, what, f"{folder}: {len(recording):,} rows, {_cameras(recording)}")
+    bad = list(recording.bad_images)
+    rows = np.unique(np.linspace(0, len(recording) - 1, PICTURES).astype(int))
+    for row in rows:
+        try:
+            read_image(recording.images[row, 0])
+        except (OSError, ValueError) as error:
+            bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
+    if bad:
+        found = f"{len(bad):,} bad pictures or more: {bad[0]}"
+        fix = f"see them all: python -m datamodules.check {folder}; train with "
+        yield Finding(WARNING, "pictures", found, f"{fix}data.on_bad_image=skip")
+    else:
+        yield Finding(OK, "pictures", f"{len(rows)} of them, spread over it, can be read")
+
+
+def _cameras(recording: object) -> str:
+    names = ("centre", "left", "right")
+    there = [
+        name
+        for name, paths in zip(names, recording.images.T)  # noqa: B905
+        if any(path is not None for path in paths)
+    ]
+    return f"{', '.join(there)} camera{'s' if len(there) > 1 else ''}"

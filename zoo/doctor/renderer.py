@@ -1,0 +1,114 @@
+"""Does the embedded simulator's renderer open here, and draw?
+
+Each is tried in a process of its own: a graphics driver that crashes takes only that along.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from zoo.doctor.finding import FAULT, OK, WARNING, Finding
+
+PATIENCE_S = 20.0
+GROUND, CARD = (0.2, 0.6, 0.4), (0.8, 0.4, 0.2)
+
+
+def start_renderers() -> Callable[[], Iterator[Finding]]:
+    """Begin to try them, in the background; call the result for what was found."""
+    started = {name: _start(name) for name in ("software", "opengl")}
+    return lambda: _findings(started)
+
+
+def _findings(started: dict[str, subprocess.Popen]) -> Iterator[Finding]:
+    drawn = {}
+    for name, process in started.items():
+        try:
+            process.wait(PATIENCE_S)
+            # What graphics libraries print on their way does not count.
+            lines = (process.stdout.read().strip() or "no answer").splitlines()
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            lines = ["no answer"]
+        drawn[name] = "" if process.returncode == 0 else lines[-1]
+        if process.returncode < 0 and drawn[name] == "no answer":
+            drawn[name] = f"it crashed with signal {-process.returncode}"
+        process.stdout.close()
+    if not drawn["software"]:
+        yield Finding(OK, "renderer", "software opens and draws, as in every recording of ours")
+    else:
+        fix = "pip install -e . (panda3d 1.10.15 or newer)"
+        if sys.platform == "linux" and not _loads("libX11.so.6"):
+            fix = "apt install libx11-6 (the software renderer loads it, though no display is used)"
+        state = WARNING if not drawn["opengl"] else FAULT
+        yield Finding(state, "renderer", f"software does not draw: {drawn['software']}", fix)
+    if not drawn["opengl"]:
+        yield Finding(OK, "OpenGL", "opens and draws: renderer=opengl")
+    else:
+        yield Finding(OK, "OpenGL", f"not here, and not needed ({drawn['opengl']})")
+
+
+def _start(name: str) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "zoo.doctor.renderer", name],
+        # Where `zoo` was found, this process need not have been started in.
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        errors="replace",
+    )
+
+
+def draw(name: str) -> str:
+    """Draw a card before a ground with a renderer; what went wrong, or nothing."""
+    from panda3d import core
+
+    from simulator.errors import SimulatorError
+    from simulator.pictures import open_buffer
+
+    try:
+        engine, buffer, _ = open_buffer(name, 32, 16)
+    except SimulatorError as error:
+        return str(error).partition("; ")[0]
+    texture = core.Texture()
+    buffer.addRenderTexture(texture, core.GraphicsOutput.RTMCopyRam)
+    buffer.setClearColor((*GROUND, 1))
+    root = core.NodePath("root")
+    card = core.CardMaker("card")
+    card.setFrame(0, 1, -1, 1)  # the right half
+    card.setColor(*CARD, 1)
+    root.attachNewNode(card.generate()).setTwoSided(True)
+    camera = core.Camera("camera", core.OrthographicLens())
+    camera.getLens().setFilmSize(2, 2)
+    view = root.attachNewNode(camera)
+    view.setY(-5)
+    buffer.makeDisplayRegion().setCamera(view)
+    engine.renderFrame()
+    pixels = bytes(texture.getRamImageAs("RGB"))
+    middle = pixels[8 * 32 * 3 : 9 * 32 * 3]
+    for seen, colour in ((middle[:3], GROUND), (middle[-3:], CARD)):
+        if any(abs(one / 255 - wanted) > 0.03 for one, wanted in zip(seen, colour)):  # noqa: B905
+            return f"it drew {tuple(seen)} where {tuple(round(255 * one) for one in colour)} is"
+    return ""
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+if __name__ == "__main__":
+    try:
+        wrong = draw(sys.argv[1])
+    except Exception as error:  # what a damaged installation raises, in one line
+        wrong = f"{type(error).__name__}: {error}".splitlines()[0]
+    print(wrong)
+    sys.exit(1 if wrong else 0)

@@ -1,0 +1,116 @@
+"""A round trip: a driver on a free port, and a client that speaks the original's protocol."""
+
+from __future__ import annotations
+
+import queue
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from zoo.doctor.finding import FAULT, OK, Finding
+
+PATIENCE_S = 30.0
+FRAMES = 20
+
+
+def check_round_trip(checkpoint: str) -> Iterator[Finding]:
+    """Drive a checkpoint as `python -m zoo.drive` does, for a second, with grey pictures."""
+    what = "round trip"
+    fix = f"try it by hand: python -m zoo.drive {checkpoint}"
+    with tempfile.TemporaryDirectory() as folder:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "zoo.drive", str(Path(checkpoint).absolute()), "drive.port=0"]
+            + [f"drive.record={folder}/drive"],
+            cwd=Path(__file__).parents[2],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+        )
+        try:
+            url, said = _wait_for_url(process)
+            if url is None:
+                last = said[-1] if said else "nothing"
+                yield Finding(FAULT, what, f"the driver did not start, it said: {last}", fix)
+                return
+            times_ms, steer = _drive(url)
+            found = f"{FRAMES} pictures as the original sends them, each answered"
+            took = f"{statistics.median(times_ms):.1f} ms"
+            yield Finding(OK, what, f"{found} in {took} (median), steering {steer:+.3f}")
+        except (OSError, ValueError, TimeoutError) as error:
+            yield Finding(FAULT, what, f"the driver does not answer: {error}", fix)
+        finally:
+            _end(process)
+
+
+def _drive(url: str) -> tuple[list[float], float]:
+    """Milliseconds from each telemetry to its reply, and the last steering.
+
+    Raises TimeoutError without a reply, ValueError for one that the original would not take.
+    """
+    import numpy as np
+
+    from simulator.legacy_socket import LegacySocket
+    from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
+    from simulator.telemetry import make_telemetry, read_steer
+
+    frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
+    client = LegacySocket(url)
+    times_ms, steering = [], 0.0
+    try:
+        for _ in range(FRAMES):
+            began = time.perf_counter()
+            client.emit("telemetry", make_telemetry(frame, 0.0, 0.0, 9.0, decimal_comma=False))
+            steering, _ = read_steer(_next_steer(client), decimal_comma=False)
+            times_ms.append(1000 * (time.perf_counter() - began))
+    finally:
+        client.close()
+    return times_ms, steering
+
+
+def _next_steer(client: object) -> object:
+    end_s = time.monotonic() + PATIENCE_S / 3
+    while time.monotonic() < end_s:
+        for name, argument in client.events(0.2):
+            if name == "steer":
+                return argument
+    raise TimeoutError("no steer event came")
+
+
+def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, list[str]]:
+    """Where the driver listens, once it says so, and all that it said."""
+    lines: queue.Queue[str] = queue.Queue()
+
+    def read() -> None:
+        for line in process.stdout:
+            lines.put(line.strip())
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    said, end_s = [], time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s and (reader.is_alive() or not lines.empty()):
+        try:
+            said.append(lines.get(timeout=0.1))
+        except queue.Empty:
+            continue
+        found = re.search(r"listening on (http://\S+?)[;\s]", said[-1] + " ")
+        if found:
+            return found[1], said
+    return None, [line for line in said if line]
+
+
+def _end(process: subprocess.Popen) -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(5)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,179 @@
+"""`python -m zoo.drive CKPT [overrides]`: drive whatever simulator connects with a checkpoint."""
+
+import errno
+import functools
+import secrets
+import signal
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from datamodules.errors import InputError
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+
+if TYPE_CHECKING:
+    from eventlet.greenio import GreenSocket
+
+    from zoo.checkpoints.onnx_policy import OnnxPolicy
+    from zoo.checkpoints.policy import Policy
+    from zoo.drive.drive_settings import DriveSettings
+
+USAGE = """usage: python -m zoo.drive CKPT [key=value...]
+
+Serves a checkpoint, or an ONNX file of zoo.export, on port 4567 to the simulator that connects: the
+original one (start it and choose autonomous mode), or the embedded one (drive.sim=lake). Ctrl-C
+ends the drive. CKPT is a file, a run's folder, or `latest`.
+
+  python -m zoo.drive latest drive.speed.set_mph=15
+  python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.record=FOLDER drive.sim=lake
+"""
+
+
+def drive(arguments: list[str]) -> None:
+    """The command; the first argument is a path, whatever characters are in it."""
+    if not arguments or arguments[0] in ("--help", "-h"):
+        print(USAGE + help_text())
+        return
+    checkpoint, *overrides = arguments
+    if checkpoint.startswith("drive.") and not Path(checkpoint).exists():
+        raise InputError(f"the checkpoint comes first: python -m zoo.drive CKPT {checkpoint} ...")
+    from zoo.drive.drive_settings import read_settings
+
+    settings = read_settings(overrides)
+    serve(str(find_checkpoint(checkpoint)), settings)
+
+
+def serve(checkpoint: str, settings: "DriveSettings") -> None:
+    """Serve until Ctrl-C, or until the embedded simulator ends; then say what it came to."""
+    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.driver import Driver
+    from zoo.drive.embedded_client import EmbeddedClient
+    from zoo.drive.notices import Notices
+    from zoo.drive.server import DriveServer
+
+    began, notices, stop = datetime.now(), Notices(), StopOnSignal()
+    folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
+    scribe = Scribe(folder, notices)
+    # Loading torch takes seconds: only once the port is ours. Simulators wait in the meantime.
+    listener = open_port(settings.host, settings.port)
+    load = functools.partial(load_warm_policy, threads=settings.threads)
+    with loading():
+        policy = load(Path(checkpoint))
+        from zoo.drive.live_page import LivePage  # imports torch
+
+    if settings.record is not None:
+        scribe.prepare()
+    driver = Driver(
+        policy,
+        settings.speed,
+        settings.steering,
+        scribe,
+        notices,
+        record=settings.record is not None,
+        checkpoint=checkpoint,
+        load=load,
+        margin_m=settings.margin,
+    )
+    token = secrets.token_urlsafe(16) if settings.expose else None
+    server = DriveServer(driver, listener, LivePage(driver, token=token), settings.expose)
+    url = f"http://{local_name(settings.host)}:{server.port}"
+    client = EmbeddedClient(settings.sim, url, settings.laps, settings.put_back)
+
+    def listening() -> None:
+        if token:
+            notices.tell(
+                f"warning: every machine that reaches {url} can connect a simulator, and watch; "
+                "only the address with the token below works the page's buttons"
+            )
+        notices.tell(f"{checkpoint}: {view_line(policy)}")
+        waits = "a simulator; Ctrl-C ends the drive"
+        notices.tell(f"listening on {url} for {settings.sim or waits}")
+        page = f"{url}/?token={token}" if token else url
+        notices.tell(f"open {page} in a browser to watch{' and command' * bool(token)}")
+        client.start()
+
+    try:
+        server.serve(listening, lambda: stop.asked or client.ended)
+    finally:
+        status = client.stop()
+        server.close()
+        driver.end(began)
+    if status:
+        raise InputError(f"the embedded simulator failed, with exit status {status}; see above")
+
+
+class StopOnSignal:
+    """Ctrl-C and SIGTERM set `asked`; a second Ctrl-C interrupts whatever hangs."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, number: int, frame: object) -> None:
+        if self.asked and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+def open_port(host: str, port: int) -> "GreenSocket":
+    """A listening socket; InputError names who holds the port."""
+    from zoo.drive.port_holder import port_holder
+    from zoo.drive.server import listen
+
+    try:
+        return listen(host, port)
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            holder = port_holder(port)
+            by = f"held by {holder}: end it" if holder else "taken: end what holds it"
+            reason = f"port {port} is {by}, or add drive.port=0 for a free one"
+        else:
+            reason = f"drive.host={host} drive.port={port}: {error.strerror}; try another"
+        raise InputError(reason) from None
+
+
+def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
+    """A checkpoint's policy that has been asked already: the first time takes longest."""
+    import numpy as np
+    import torch
+
+    from zoo.checkpoints.policy import load_policy
+
+    # In each thread that loads: torch keeps the number by thread. Its own choice, one for each
+    # core, took 128 ms a frame in place of 1.9 on four cores that were shared.
+    torch.set_num_threads(threads)
+    policy = load_policy(path, threads)
+    for _ in range(3):
+        policy(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+    return policy
+
+
+def view_line(policy: "Policy | OnnxPolicy") -> str:
+    """What the policy is, in one line."""
+    height, width, _ = policy.view.shape
+    what = f"{policy.name} of {policy.parameters:,} parameters"
+    return f"{what}, sees {width} x {height} {policy.view.colour}"
+
+
+def local_name(host: str) -> str:
+    """The name under which a client on this machine reaches a server bound to `host`."""
+    name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"[{name}]" if ":" in name else name
+
+
+def help_text() -> str:
+    """The options, as `conf/drive.yaml` has and explains them."""
+    from zoo.cli.compose import choices, conf_folder
+
+    lines = (conf_folder() / "drive.yaml").read_text().splitlines()
+    options = "\n".join(lines[lines.index("drive:") :])
+    return f"{options}\n  speed: one of {', '.join(choices('drive/speed'))}, with its own keys"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.drive", drive, sys.argv[1:]))

@@ -1,0 +1,124 @@
+"""The open connections: how many there may be, and which are closed to make room."""
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+
+from eventlet.greenio import GreenSocket
+from eventlet.greenthread import GreenThread, getcurrent
+
+from zoo.drive.fast_socket import ENVIRON_KEY
+from zoo.drive.notices import Notices
+
+MOST_CONNECTIONS = 1024
+MOST_PER_ADDRESS = 512  # below it, so that another address always finds a place
+HEAD_S = 5.0  # for a request's head, from the first byte to the last
+REQUEST_S = 60.0  # for a request; one of long polling waits for 45 s
+QUIET_S = 20.0  # for the first telemetry of a session
+
+
+@dataclass(eq=False)
+class Connection:
+    """An open connection.
+
+    Attributes:
+        task: serves it.
+        socket: to the client.
+        host: address of the client.
+        since_s: when it was accepted.
+        environ: of its request; None until the request's head is there.
+        drives: telemetry came.
+    """
+
+    task: GreenThread
+    socket: GreenSocket
+    host: str
+    since_s: float
+    environ: dict | None = None
+    drives: bool = False
+
+    def overdue(self, now_s: float) -> bool:
+        """Whether the client took too long for what the connection waits for."""
+        if self.environ is None:
+            patience_s = HEAD_S
+        else:
+            patience_s = QUIET_S if ENVIRON_KEY in self.environ else REQUEST_S
+        return not self.drives and now_s - self.since_s > patience_s
+
+    def close(self) -> None:
+        """Close it now, whatever the client does."""
+        websocket = (self.environ or {}).get(ENVIRON_KEY)
+        if websocket is not None:  # its reader ends, which also ends the session
+            websocket.hang_up()
+            return
+        self.task.kill()
+        self.socket.close()  # the task closes it, but for one that had not begun
+
+
+class Connections:
+    """All connections, the oldest first.
+
+    A simulator that drives is never closed for a new connection. Of all others, half-open ones and
+    WebSockets without telemetry included, the oldest goes first: a new simulator finds a place
+    whatever another client holds open.
+
+    Args:
+        most: connections at a time.
+        notices: told which are closed.
+    """
+
+    def __init__(self, most: int, notices: Notices) -> None:
+        self.most, self.most_per_host = most, min(MOST_PER_ADDRESS, max(most // 2, 1))
+        self._notices = notices
+        self._open: dict[GreenThread, Connection] = {}
+        self._hosts: Counter[str] = Counter()
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def make_room(self, host: str) -> bool:
+        """Close what exceeds the limits with one more; False where only driving ones are left."""
+        while (crowded := self._hosts[host] >= self.most_per_host) or len(self) >= self.most:
+            idle = (one for one in self._open.values() if not one.drives)
+            oldest = next((one for one in idle if not crowded or one.host == host), None)
+            if oldest is None:
+                self._notices.say("too many simulators drive, a connection was refused", host)
+                return False
+            self._notices.say("too many connections, the oldest idle one was closed", oldest.host)
+            self._close(oldest)
+        return True
+
+    def add(self, task: GreenThread, socket: GreenSocket, host: str) -> None:
+        """Keep a connection that a task, which has not begun, will serve."""
+        self._open[task] = Connection(task, socket, host, time.monotonic())
+        self._hosts[host] += 1
+
+    def remove(self, task: GreenThread) -> None:
+        """Forget a connection, if it was not forgotten before."""
+        connection = self._open.pop(task, None)
+        if connection is not None:
+            self._hosts[connection.host] -= 1
+            if not self._hosts[connection.host]:
+                del self._hosts[connection.host]
+
+    def head_came(self, environ: dict) -> None:
+        """Note the request of the connection that the current task serves."""
+        self._open[getcurrent()].environ = environ
+
+    def telemetry_came(self) -> None:
+        """Note that the connection that the current task serves drives."""
+        connection = self._open.get(getcurrent())
+        if connection is not None:
+            connection.drives = True
+
+    def close_overdue(self) -> None:
+        """Close the connections whose client took too long."""
+        now_s = time.monotonic()
+        for connection in [one for one in self._open.values() if one.overdue(now_s)]:
+            kind = "telemetry" if ENVIRON_KEY in (connection.environ or ()) else "whole request"
+            self._notices.say(f"a connection without a {kind} was closed", connection.host)
+            self._close(connection)
+
+    def _close(self, connection: Connection) -> None:
+        self.remove(connection.task)
+        connection.close()

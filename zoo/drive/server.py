@@ -1,0 +1,252 @@
+"""The socket side of the driver: sessions, replies, and who may come in."""
+
+import logging
+import resource
+import socket
+import time
+from collections.abc import Callable, Iterable
+from http import HTTPStatus
+
+import engineio
+import eventlet
+import socketio
+from eventlet import wsgi
+from eventlet.greenio import GreenSocket
+from eventlet.greenthread import GreenThread
+
+from zoo.drive.connections import MOST_CONNECTIONS, Connections
+from zoo.drive.driver import Driver
+from zoo.drive.fast_socket import ENVIRON_KEY
+from zoo.drive.notices import Notices
+from zoo.drive.origin import OriginGuard
+from zoo.drive.socketio_server import SimulatorServer
+
+BACKLOG = 1024
+CLOSING = 64  # connections that may be on their way out while new ones come
+OTHER_FILES = 128 + CLOSING  # that the process may have open
+TEND_EVERY_S = 1.0
+# A client that sends no more telemetry and no PONG is dropped after this.
+PATIENCE_S = 20.0
+MOST_UNSENT = 64  # replies that a client has not read; the original waits for one or two
+
+WsgiApp = Callable[[dict, Callable], Iterable[bytes]]
+
+
+class DriveServer:
+    """Serves a driver to simulators on a listening socket.
+
+    Nothing is monkeypatched: torch and the scribe's thread see the real `threading` and `socket`.
+    The policy runs in the one thread that serves the sockets, frame after frame; 2 ms of it are
+    less than what handing frames to another thread and back adds at its worst.
+
+    Args:
+        driver: answers.
+        listener: what `listen` made; closed by `close`.
+        page: answers HTTP requests for other paths than `/socket.io/`.
+        exposed: reachable from other machines, under any name.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        listener: GreenSocket,
+        page: WsgiApp | None = None,
+        exposed: bool = False,
+    ) -> None:
+        self.driver, self.listener = driver, listener
+        guard = OriginGuard(exposed, driver.notices)
+        self.sio = SimulatorServer(_logger(driver.notices), guard.allows)
+        self.sio.on("connect", self._connect)
+        self.sio.on("disconnect", self._disconnect)
+        self.sio.on("telemetry", self._telemetry)
+        # What is not kept alive frees its place at once: the old client leaks each connection that
+        # is answered by an error, a thousand of them in 2 s.
+        self._http = wsgi.Server(
+            listener,
+            listener.getsockname(),
+            self._note_head(guard(socketio.WSGIApp(self.sio, page))),
+            log_output=False,
+            protocol=_protocol(driver.notices),
+            keepalive=False,
+            debug=False,
+            socket_timeout=PATIENCE_S,
+        )
+        most = _connection_limit()
+        self._connections = Connections(most, driver.notices)
+        self._pool = eventlet.GreenPool(most + CLOSING)
+        self._tasks: list[GreenThread] = []
+
+    @property
+    def port(self) -> int:
+        return self.listener.getsockname()[1]
+
+    def serve(
+        self, listening: Callable[[], None], until: Callable[[], bool], tick_s: float = 0.1
+    ) -> None:
+        """Call `listening` once connections are answered, and serve until `until` says to stop.
+
+        It is asked ten times a second: an exception that a signal raises could land in any
+        session's task, and be swallowed there.
+        """
+        self._tasks = [eventlet.spawn(self._accept), eventlet.spawn(self._tend)]
+        eventlet.sleep(0)
+        listening()
+        while not until():
+            eventlet.sleep(tick_s)
+
+    def close(self) -> None:
+        """Take no more connections, and hang up on those there are."""
+        for task in self._tasks:
+            task.kill()
+        self.listener.close()
+        for environ in list(self.sio.environ.values()):
+            if ENVIRON_KEY in environ:
+                environ[ENVIRON_KEY].hang_up()
+        eventlet.sleep(0)
+
+    def _accept(self) -> None:
+        # eventlet's own loop ends at the first connection that fails while it is taken.
+        while True:
+            try:
+                connection, address = self.listener.accept()
+            except OSError as error:
+                self.driver.notices.say("a connection could not be taken", str(error))
+                eventlet.sleep(0.05)
+                continue
+            host = str(address[0])
+            if not self._connections.make_room(host):
+                connection.close()
+                continue
+            task = self._pool.spawn(self._serve, connection, address)
+            self._connections.add(task, connection, host)
+            eventlet.sleep(0)  # a flood of connections must not keep the others waiting
+
+    def _tend(self) -> None:
+        while True:
+            eventlet.sleep(TEND_EVERY_S)
+            try:
+                self._connections.close_overdue()
+                self.sio.tend()
+            except Exception as error:
+                self.driver.notices.say("tending failed", f"{type(error).__name__}: {error}")
+
+    def _note_head(self, app: WsgiApp) -> WsgiApp:
+        def noted(environ: dict, start_response: Callable) -> Iterable[bytes]:
+            self._connections.head_came(environ)
+            return app(environ, start_response)
+
+        return noted
+
+    def _serve(self, connection: GreenSocket, address: object) -> None:
+        try:
+            connection.settimeout(PATIENCE_S)
+            self._http.process_request([address, connection, wsgi.STATE_IDLE])
+        except (OSError, EOFError):  # it has gone
+            pass
+        except Exception as error:
+            self.driver.notices.say("a request failed", f"{type(error).__name__}: {error}")
+        finally:
+            self._connections.remove(eventlet.getcurrent())
+            connection.close()
+
+    def _connect(self, sid: str, environ: dict, auth: object = None) -> None:
+        self.driver.connect(sid)
+
+    def _disconnect(self, sid: str, reason: str) -> None:
+        self.driver.disconnect(sid)
+
+    def _telemetry(self, sid: str, *arguments: object) -> None:
+        began_s = time.perf_counter()
+        session = self.driver.sessions.get(sid)
+        if session is None or self._hung_up(sid):
+            return
+        self._connections.telemetry_came()
+        self.sio.heard(self.sio.manager.eio_sid_from_sid(sid, "/"))
+        websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
+        if websocket is not None:
+            began_s = websocket.received_s
+        # One argument is what the original sends; a null, or none at all, is a person driving.
+        reply = self.driver.answer(session, arguments[0] if arguments else None)
+        at_once = websocket is not None and not self._unsent(sid)
+        if not (at_once and websocket.send_event(reply.event, reply.values)):
+            self.sio.emit(reply.event, reply.values, to=sid)
+            # It goes out in a task of its own, which must run before the next frame is read.
+            eventlet.sleep(0)
+        sent_s = websocket.sent_s if websocket is not None else 0.0
+        sent_s = sent_s if sent_s > began_s else time.perf_counter()
+        self.driver.sent(reply, 1000 * (sent_s - began_s))
+        if at_once:
+            eventlet.sleep(0)  # other simulators, and the page, have their turn
+
+    def _hung_up(self, sid: str) -> bool:
+        """Whether this client reads no replies; then there is no point in making more."""
+        if self._unsent(sid) < MOST_UNSENT:
+            return False
+        self.driver.notices.say("a simulator reads no replies and was sent away")
+        websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
+        if websocket is not None:
+            websocket.hang_up()
+        else:
+            self._engine(sid).close(wait=False, abort=True)
+        return True
+
+    def _unsent(self, sid: str) -> int:
+        """How many replies wait for this client to read those before them."""
+        engine = self._engine(sid)
+        return 0 if engine is None else engine.queue.qsize()
+
+    def _engine(self, sid: str) -> engineio.socket.Socket | None:
+        return self.sio.eio.sockets.get(self.sio.manager.eio_sid_from_sid(sid, "/"))
+
+
+def listen(host: str, port: int) -> GreenSocket:
+    """A socket that takes connections from now on, though nobody answers them yet: the original
+    client, which tries thousands of times a second where the port is closed, then waits.
+
+    Raises:
+        OSError: the port is taken, or there is no such host.
+    """
+    family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+    # With reuse_port, eventlet's default, two drivers would share the port and the simulators.
+    return eventlet.listen((host, port), family, backlog=BACKLOG, reuse_port=False)
+
+
+def _connection_limit() -> int:
+    """As many connections as there are file descriptors for; the limit is raised where it can."""
+    infinite, wanted = resource.RLIM_INFINITY, MOST_CONNECTIONS + OTHER_FILES
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == infinite or soft >= wanted:
+        return MOST_CONNECTIONS
+    if hard == infinite or hard >= wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+        return MOST_CONNECTIONS
+    return max(soft - OTHER_FILES, 1)
+
+
+def _protocol(notices: Notices) -> type[wsgi.HttpProtocol]:
+    """Return eventlet's reader of requests, which counts the bad ones by their status."""
+
+    class Counted(wsgi.HttpProtocol):
+        def log_message(self, text: str, *values: object) -> None:
+            pass  # two lines on the terminal for each bad request
+
+        def log_error(self, text: str, *values: object) -> None:
+            # "code %d, message %s", or the time that a client took too long.
+            status = int(values[0]) if text.startswith("code") else HTTPStatus.REQUEST_TIMEOUT
+            notices.say(f"a bad HTTP request was refused ({status:d})", text % values)
+
+    return Counted
+
+
+def _logger(notices: Notices) -> logging.Logger:
+    """What socketio and engineio complain of, counted by what they say."""
+
+    class Counted(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            error = record.exc_info[1] if record.exc_info else None
+            detail = f"{type(error).__name__}: {error}" if error else record.getMessage()
+            notices.say("a client sent what Socket.IO does not know", detail)
+
+    logger = logging.Logger("zoo.drive", logging.WARNING)
+    logger.addHandler(Counted())
+    return logger

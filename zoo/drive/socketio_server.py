@@ -1,0 +1,113 @@
+"""Socket.IO of today that also serves the original simulator's client, which is of 2016.
+
+That client says `EIO=4` and speaks Engine.IO 3: it never asks to be connected to a namespace, so
+that today's server drops its telemetry in silence and the car never moves. Engine.IO's part of the
+cure, PINGs that come from the client, is in `fast_socket`.
+"""
+
+import logging
+import re
+
+import socketio
+
+from zoo.drive.fast_engine import FastEngine
+from zoo.drive.fast_socket import MAX_MESSAGE
+from zoo.drive.polling_sessions import PollingSessions
+
+# An event in the default namespace, as Socket.IO writes it: perhaps with attachments and an id.
+_EVENT = re.compile(r"(?:2|5\d+-)\d*\s*\[")
+_TELEMETRY = re.compile(_EVENT.pattern + r'\s*"telemetry"')
+_UNREADABLE = '2["telemetry","unreadable"]'
+MOST_ATTACHMENTS = 4  # of a telemetry; it has one image
+
+
+class SimulatorServer(socketio.Server):
+    """Serves clients of 2016 and of today; events run in order, and within their session's task.
+
+    Args:
+        logger: told of what clients do wrong.
+        origin_allowed: engineio's `cors_allowed_origins`, asked of requests with an Origin.
+    """
+
+    def __init__(self, logger: logging.Logger, origin_allowed: object) -> None:
+        super().__init__(
+            logger=logger,
+            engineio_logger=logger,
+            async_mode="eventlet",
+            async_handlers=False,
+            cors_allowed_origins=origin_allowed,
+            max_http_buffer_size=MAX_MESSAGE,
+        )
+        self._undecided: set[str] = set()  # Engine.IO sessions that neither connected nor left yet
+        self._polling = PollingSessions(self.eio.drop)
+
+    def heard(self, eio_sid: str) -> None:
+        """Note that telemetry came in an Engine.IO session."""
+        self._polling.heard(eio_sid)
+
+    def tend(self) -> None:
+        """Close the sessions without telemetry, and send PINGs; to be called each second."""
+        self._polling.close_overdue()
+        self.eio.send_pings()
+
+    def _engineio_server_class(self) -> type[FastEngine]:
+        return FastEngine
+
+    def _handle_eio_connect(self, eio_sid: str, environ: dict) -> None:
+        self._undecided.add(eio_sid)
+        super()._handle_eio_connect(eio_sid, environ)
+        if environ.get("HTTP_UPGRADE", "").lower() != "websocket":
+            self._polling.opened(eio_sid)
+
+    def _handle_eio_disconnect(self, eio_sid: str, reason: str) -> None:
+        self._undecided.discard(eio_sid)
+        self._polling.closed(eio_sid)
+        self._binary_packet.pop(eio_sid, None)
+        super()._handle_eio_disconnect(eio_sid, reason)
+
+    def _handle_connect(self, eio_sid: str, namespace: str | None, data: object) -> None:
+        if namespace in (None, "/"):
+            self._undecided.discard(eio_sid)
+        super()._handle_connect(eio_sid, namespace, data)
+
+    def _handle_disconnect(self, eio_sid: str, namespace: str | None, *reason: str) -> None:
+        # A client that was sent away, or left, must stay away.
+        self._undecided.discard(eio_sid)
+        super()._handle_disconnect(eio_sid, namespace, *reason)
+
+    def _handle_eio_message(self, eio_sid: str, data: str | bytes) -> None:
+        """Dispatch a message. A telemetry that cannot be read is answered as any rubbish is: the
+        client waits for its reply for ever."""
+        text = data if isinstance(data, str) else ""
+        if text and self._binary_packet.get(eio_sid) is not None:
+            self._give_up_attachments(eio_sid)
+        if eio_sid in self._undecided and _EVENT.match(text):
+            self._handle_connect(eio_sid, "/", None)
+        try:
+            super()._handle_eio_message(eio_sid, data)
+            self._limit_attachments(eio_sid)
+        except Exception as error:
+            if eio_sid in self._binary_packet:
+                self._give_up_attachments(eio_sid)
+            elif not isinstance(error, ValueError | RecursionError):
+                raise
+            elif _TELEMETRY.match(text):  # no JSON, or JSON that overflows the stack
+                super()._handle_eio_message(eio_sid, _UNREADABLE)
+            elif text.startswith("0") and eio_sid in self._undecided:
+                self._handle_connect(eio_sid, "/", None)  # with an `auth` that is no JSON
+            else:
+                raise
+
+    def _limit_attachments(self, eio_sid: str) -> None:
+        packet = self._binary_packet.get(eio_sid)
+        if packet is None:
+            return
+        size = sum(map(len, packet.attachments))
+        if not 0 < packet.attachment_count <= MOST_ATTACHMENTS or size > MAX_MESSAGE:
+            self._give_up_attachments(eio_sid)
+
+    def _give_up_attachments(self, eio_sid: str) -> None:
+        """Forget an event whose attachments cannot be had, and answer it if it is telemetry."""
+        data = self._binary_packet.pop(eio_sid).data
+        if isinstance(data, list) and data[:1] == ["telemetry"]:
+            super()._handle_eio_message(eio_sid, _UNREADABLE)

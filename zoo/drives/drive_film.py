@@ -1,0 +1,159 @@
+"""What is kept of a drive while it is scored: pictures of its worst moments, and a film."""
+
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+import numpy as np
+
+from datamodules.errors import InputError
+from zoo.drives.drive_log import DriveRow
+from zoo.drives.drive_metrics import autonomy
+from zoo.drives.film_overlay import draw_overlay
+
+FILM_NAME = "film.mp4"
+FILM_SIZE = (640, 320)  # twice the camera's; in 960 x 480 a lap takes twice the bytes
+MOMENTS, APART_S = 10, 2.0
+
+
+class KeptFrames(AbstractContextManager):
+    """Watches a drive (as `show` of `drive_closed_loop`) and leaves pictures of it in its folder.
+
+    Args:
+        folder: of the drive; None keeps nothing.
+        frame_rate: frames per second of simulated time.
+        film_speed: leave a film that plays so many times as fast as driven; 0 for none.
+
+    Raises:
+        InputError: the film cannot be written.
+    """
+
+    def __init__(self, folder: Path | None, frame_rate: float, film_speed: float = 0.0) -> None:
+        self.folder, self.moments = folder, WorstMoments()
+        self.film = DriveFilm(folder, frame_rate, film_speed) if folder and film_speed else None
+
+    def __enter__(self) -> "KeptFrames":
+        if self.film:
+            self.film.__enter__()
+        return self
+
+    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
+        if self.folder:
+            self.moments(frame, row)
+        if self.film:
+            self.film(frame, row)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.film:
+            self.film.__exit__(kind, error, trace)
+
+    def write(self, rows: list[DriveRow]) -> None:
+        """Write the worst moments' frames and name them in the drive's rows, in place."""
+        if self.folder:
+            for number, name in self.moments.write(self.folder).items():
+                rows[number] = replace(rows[number], frame=name)
+
+
+class WorstMoments:
+    """The frames of a drive's worst moments, some seconds apart, without keeping all of it.
+
+    Interventions are worst, then what is furthest from the centreline.
+
+    Args:
+        count: how many to keep.
+        apart_s: of two moments nearer than this only the worse one is kept.
+    """
+
+    def __init__(self, count: int = MOMENTS, apart_s: float = APART_S) -> None:
+        self.count, self.apart_s = count, apart_s
+        self.moments: list[tuple[int, DriveRow, np.ndarray]] = []  # in the order of time
+        self._number = -1
+
+    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
+        """Take the next frame, uint8 [H, W, 3] RGB, and its row."""
+        self._number += 1
+        if self.moments and row.time_s - self.moments[-1][1].time_s < self.apart_s:
+            if badness(row) <= badness(self.moments[-1][1]):
+                return
+            self.moments.pop()
+        elif len(self.moments) >= self.count:
+            least = min(self.moments, key=lambda one: badness(one[1]))
+            if badness(least[1]) >= badness(row):
+                return
+            self.moments.remove(least)
+        self.moments.append((self._number, row, frame.copy()))
+
+    def write(self, folder: Path) -> dict[int, str]:
+        """Write the frames as JPEG; their paths within the folder by the row's number."""
+        names = {}
+        (folder / "frames").mkdir(parents=True, exist_ok=True)
+        for number, _, frame in self.moments:
+            names[number] = f"frames/{number:06d}.jpg"
+            cv2.imwrite(str(folder / names[number]), frame[..., ::-1])
+        return names
+
+
+def badness(row: DriveRow) -> tuple[bool, float]:
+    """Sorts moments of a drive, the worst last."""
+    return row.intervention, abs(row.cross_track_m)
+
+
+class DriveFilm(AbstractContextManager):
+    """`film.mp4` of a drive while it is driven, with steering, speed and autonomy drawn in.
+
+    Args:
+        folder: of the drive.
+        frame_rate: frames per second of simulated time.
+        speed: times as fast as driven that it plays; at 3 two frames of three are left out.
+
+    Raises:
+        InputError: the film cannot be written.
+    """
+
+    def __init__(self, folder: Path, frame_rate: float, speed: float = 1.0) -> None:
+        from simulator.film import Film
+
+        self.every = max(1, round(speed))
+        self.number = self.interventions = 0
+        self._film = Film(folder / FILM_NAME, frame_rate * speed / self.every)
+
+    def __enter__(self) -> "DriveFilm":
+        self._film.__enter__()
+        return self
+
+    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
+        """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
+        from simulator.errors import SimulatorError
+
+        self.interventions += row.intervention
+        self.number += 1
+        if (self.number - 1) % self.every:
+            return
+        share = autonomy(self.interventions, row.time_s)
+        picture = draw_overlay(
+            frame, row.steering, row.throttle, row.speed_mph, share, row.cross_track_m
+        )
+        try:
+            self._film.add(cv2.resize(picture, FILM_SIZE, interpolation=cv2.INTER_AREA))
+        except SimulatorError as error:
+            raise InputError(str(error)) from None
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        from simulator.errors import SimulatorError
+
+        try:
+            self._film.__exit__(kind, error, trace)
+        except SimulatorError as failure:
+            raise InputError(str(failure)) from None

@@ -1,0 +1,154 @@
+"""The figures of a drive: NVIDIA's autonomy, interventions, latency, telemetry a second."""
+
+import itertools
+import math
+from collections import Counter
+
+from zoo.drives.interventions import INTERVENTION_S, OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
+
+# What `drive.json` calls the number of interventions of a kind.
+KEYS = {OFF_ROAD: "off_road", STANDSTILL: "standstills", TAKEOVER: "takeovers"}
+LONGEST_STEP_S = 1.0  # a longer one is a pause between two drives, and counts for neither
+
+_BIN_MS = 0.05
+_BINS = 20_000  # up to a second
+
+
+def autonomy(interventions: int, driven_s: float) -> float:
+    """NVIDIA's share of the time that the car drove itself, 0..1; NaN where it never drove.
+
+    >>> round(autonomy(10, 600.0), 3), autonomy(0, 30.0), autonomy(9, 30.0)
+    (0.9, 1.0, 0.0)
+    """
+    if driven_s <= 0:
+        return math.nan
+    return max(0.0, 1 - INTERVENTION_S * interventions / driven_s)
+
+
+class LatencyHistogram:
+    """Percentiles of any number of latencies in the memory of 20,000 counts, to 0.05 ms."""
+
+    def __init__(self) -> None:
+        self._counts = [0] * (_BINS + 1)
+        self.total = 0
+
+    def add(self, latency_ms: float) -> None:
+        self._counts[min(int(latency_ms / _BIN_MS), _BINS)] += 1
+        self.total += 1
+
+    def percentile(self, percent: float) -> float:
+        """In ms; NaN where there is none, and 1000 for any above.
+
+        >>> histogram = LatencyHistogram()
+        >>> for latency_ms in (1.0, 2.0, 3.0): histogram.add(latency_ms)
+        >>> histogram.percentile(50)
+        2.05
+        """
+        if not self.total:
+            return math.nan
+        seen = itertools.accumulate(self._counts)
+        wanted = max(1, math.ceil(percent / 100 * self.total))
+        bins = 1 + next(index for index, one in enumerate(seen) if one >= wanted)
+        return round(bins * _BIN_MS, 2)
+
+
+class Tally:
+    """Counts that grow while driving, from which the summary is made."""
+
+    def __init__(self) -> None:
+        self.telemetry = self.fallbacks = 0
+        self.counts: Counter[str] = Counter()  # interventions by kind
+        self.driven_s = self.served_s = self.speed_s = self.unjudged_s = 0.0
+        self.latency = LatencyHistogram()
+
+    @property
+    def interventions(self) -> int:
+        """Return the number of interventions of all kinds."""
+        return self.counts.total()
+
+    @property
+    def autonomy(self) -> float:
+        """NVIDIA's autonomy, 0..1; NaN where it is not measured.
+
+        A simulator that sends no cross-track error hides when the car leaves the road. Then only a
+        person who takes over shows that anybody watched.
+        """
+        if self.unjudged_s and not self.counts[TAKEOVER]:
+            return math.nan
+        return autonomy(self.interventions, self.driven_s)
+
+    def step(
+        self, elapsed_s: float, served_s: float, speed_mph: float, judged: bool = True
+    ) -> None:
+        """Count a client's telemetry.
+
+        Args:
+            elapsed_s: since its last one, by the simulator's clock.
+            served_s: since its last one, by the wall clock.
+            speed_mph: of the car.
+            judged: the client sends its cross-track error.
+        """
+        self.telemetry += 1
+        if served_s <= LONGEST_STEP_S:
+            self.served_s += served_s
+        if elapsed_s <= LONGEST_STEP_S:
+            self.driven_s += elapsed_s
+            self.unjudged_s += 0.0 if judged else elapsed_s
+            self.speed_s += elapsed_s * speed_mph
+
+    def figures(self) -> dict:
+        """For `drive.json`, plain."""
+        driven = self.driven_s
+        return {
+            "driven_s": driven,
+            "telemetry": self.telemetry,
+            "telemetry_per_s": self.telemetry / self.served_s if self.served_s else math.nan,
+            "latency_ms": {f"p{p}": self.latency.percentile(p) for p in (50, 95, 99)},
+            "mean_speed_mph": self.speed_s / driven if driven else math.nan,
+            "interventions": self.interventions,
+            **{key: self.counts[kind] for kind, key in KEYS.items()},
+            "autonomy": self.autonomy,
+            "fallbacks": self.fallbacks,
+        }
+
+
+def summary_lines(figures: dict) -> list[str]:
+    """The figures of a drive for a person to read."""
+    if not figures["telemetry"]:
+        return ["no simulator has driven"]
+    served = [
+        f"{figures['telemetry']:,} telemetry in {figures['driven_s']:.1f} s of driving",
+        *_known("{:.0f} a second served", figures["telemetry_per_s"]),
+        *_known("{:.1f} mph on average", figures["mean_speed_mph"]),
+    ]
+    latency = [
+        text
+        for name, value in figures["latency_ms"].items()
+        for text in _known(f"{name} {{:.1f}} ms", value)
+    ]
+    return [
+        ", ".join(served),
+        *([f"latency {', '.join(latency)}"] if latency else []),
+        autonomy_line(figures),
+    ]
+
+
+def autonomy_line(figures: dict) -> str:
+    """Autonomy with the interventions by kind, or why it is not measured."""
+    count = figures["interventions"]
+    parts = [f"{figures[key]} {WORDS[kind]}" for kind, key in KEYS.items() if figures[key]]
+    counted = f"{count} intervention{'' if count == 1 else 's'}"
+    counted += f" ({', '.join(parts)})" if parts else ""
+    if math.isfinite(figures["autonomy"]):
+        return f"autonomy {figures['autonomy']:.1%}: {counted}"
+    reason = (
+        "no cross-track error from this simulator, and nobody took over"
+        if figures["driven_s"]
+        else "the drive ended with its first telemetry"
+    )
+    return f"autonomy: not measured ({reason}){f'; {counted}' if count else ''}"
+
+
+def _known(form: str, value: float) -> list[str]:
+    """The value in its form; nothing where it is not known."""
+    return [form.format(value)] if math.isfinite(value) else []

@@ -1,0 +1,133 @@
+"""`python -m zoo.evaluate CKPT [track=lake,mountain seeds=3]`: score a checkpoint by driving.
+
+Drives it in the embedded world, several drives in parallel, without a simulator or a display.
+"""
+
+import datetime
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.arguments import shown_help
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+from zoo.runs.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from zoo.evaluate.evaluate_options import EvaluateOptions
+    from zoo.evaluate.many_drives import Setup
+
+USAGE = "python -m zoo.evaluate CKPT|RUN_FOLDER|latest [key=value...]"
+
+# torch and Panda3D take seconds to import; --help and a typo need neither.
+
+
+def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> dict:
+    """Drive as `EvaluateOptions` say, print the table, and write `metrics.json`, drives and plots;
+    returns the metrics.
+
+    Raises:
+        InputError: no such checkpoint or track, an option that cannot be; or, when all is written,
+            a network that steered NaN.
+    """
+    checkpoint = str(find_checkpoint(checkpoint))  # a wrong path is said before torch is imported
+    with loading():
+        from zoo.checkpoints.policy import load_policy
+        from zoo.evaluate.drives_table import drives_table, nan_line
+        from zoo.evaluate.evaluate_options import check_options
+        from zoo.evaluate.many_drives import Setup, check_throttle
+        from zoo.evaluate.robustness import perturbations_named, sweeps
+        from zoo.evaluate.track_scores import score_on_tracks
+        from zoo.verdict.evidence import read_evidence
+        from zoo.verdict.judgement import judge, print_verdict
+
+        # What is wrong with it is said before processes start.
+        policy = load_policy(checkpoint)
+        check_options(options)
+        check_throttle(policy, options.throttle)
+    names = perturbations_named(options.perturb, options.throttle)
+    usual = Setup.of(options, options.tracks[0], 0)
+    swept = sweeps(names, usual)
+    folder = _new_folder(options.out)
+    more = [one for by_value in swept.values() for one in by_value.values()]
+    scores = score_on_tracks(checkpoint, options, folder, console, more)
+    metrics = {"checkpoint": str(checkpoint), "drives": scores.drives, "tracks": scores.tracks}
+    console.print(drives_table(scores.tracks))
+    if names:
+        results = {
+            name: {value: scores.by_setup[one] for value, one in by_value.items()}
+            for name, by_value in swept.items()
+        }
+        metrics["perturbed"] = {
+            name: [{"value": value, **one} for value, one in by_value.items()]
+            for name, by_value in results.items()
+        }
+        _show_sweeps(results, usual, folder, console)
+    verdict = judge(scores.drives, read_evidence(checkpoint, policy.config))
+    metrics["verdict"] = verdict.plain()
+    text = json.dumps(metrics, indent=1, allow_nan=False)
+    write_whole(folder / "metrics.json", f"{text}\n")
+    console.print(str(folder), highlight=False, markup=False, soft_wrap=True)
+    if nan := nan_line(list(scores.by_setup.values())):
+        raise InputError(f"{checkpoint}: {nan}")
+    print_verdict(verdict, console)
+    return metrics
+
+
+def _show_sweeps(results: dict, usual: "Setup", folder: Path, console: Console) -> None:
+    from zoo.evaluate.drive_plots import degradation_curves
+    from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
+    from zoo.runs.plots import save_figure
+
+    console.print(sweep_table(results, usual))
+    figure = degradation_curves(
+        {PERTURBATIONS[name].label: by_value for name, by_value in results.items()},
+        {PERTURBATIONS[name].label: PERTURBATIONS[name].usual(usual) for name in results},
+        f"{Path(usual.track).stem}, {_how(usual)}; dotted: usual",
+    )
+    save_figure(figure, folder / "robustness.png")
+
+
+def _how(usual: "Setup") -> str:
+    laps = f"{usual.laps:g} lap{'' if usual.laps == 1 else 's'}"
+    if usual.throttle == "network":
+        return f"{laps} with its own throttle"
+    return f"{laps} at {usual.speed_mph:g} mph"
+
+
+def _new_folder(out: str | None) -> Path:
+    now = datetime.datetime.now()
+    folder = Path(out or f"outputs/evaluations/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: is not empty; name another folder with out=")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+    return folder
+
+
+def command(arguments: list[str]) -> None:
+    """The command: a checkpoint's path, then `key=value` options, see `EvaluateOptions`."""
+    from zoo.evaluate import evaluate_options
+
+    if shown_help(arguments, USAGE, evaluate_options):
+        return
+    checkpoint, *rest = arguments
+    recordings = [one.partition("=")[2] for one in rest if one.startswith("replay=")]
+    if recordings:
+        from zoo.evaluate import replay_score
+
+        others = [one for one in rest if not one.startswith("replay=")]
+        replay_score.command([checkpoint, *recordings, *others])
+        return
+    evaluate(checkpoint, evaluate_options.options_from(rest), Console(emoji=False))
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.evaluate", command, sys.argv[1:]))

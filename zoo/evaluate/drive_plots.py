@@ -1,0 +1,101 @@
+"""Where a drive went, and how far off the middle."""
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from simulator.track import Track
+from zoo.evaluate.embedded_drive import ScoredDrive
+from zoo.runs.plots import BLUE, GREY, ORANGE
+
+
+def birds_eye(track: Track, drive: ScoredDrive, title: str) -> Figure:
+    """The car's way on the track, coloured by its cross-track error, interventions marked."""
+    closed = np.vstack([track.xyz, track.xyz[:1]])
+    extent = np.ptp(closed[:, :2], axis=0)
+    width, height = extent * min(5.2 / extent)  # inches; beside it the colour bar, above the title
+    figure = Figure(figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained")
+    axis = figure.subplots()
+    axis.plot(closed[:, 0], closed[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
+    way = np.array(drive.xy)
+    error = np.abs([row.cross_track_m for row in drive.rows])
+    lines = LineCollection(
+        np.stack([way[:-1], way[1:]], 1), array=error[1:], cmap="viridis", lw=2.2
+    )
+    lines.set_clim(0, max(1.0, drive.lane_m / 2))
+    axis.add_collection(lines)
+    figure.colorbar(lines, ax=axis, label="cross-track error (m)", shrink=0.7, extend="max")
+    lost = np.array([row.intervention for row in drive.rows])
+    if lost.any():
+        axis.scatter(*way[lost].T, marker="x", s=70, color=ORANGE, lw=2.5, zorder=3)
+    axis.plot(*way[0], marker="o", color="black", ms=6, zorder=3)
+    axis.annotate("start", way[0], xytext=(6, 6), textcoords="offset points")
+    axis.set(aspect="equal", xlabel="m", ylabel="m", title=title)
+    axis.autoscale_view()
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    return figure
+
+
+def error_over_distance(drive: ScoredDrive, title: str) -> Figure:
+    """Cross-track error along the drive, right positive, with the lane's limits."""
+    figure = Figure(figsize=(8, 3), layout="constrained")
+    axis = figure.subplots()
+    step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
+    step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
+    driven = np.cumsum(np.abs(step))
+    error = np.array([row.cross_track_m for row in drive.rows])
+    lost = np.array([row.intervention for row in drive.rows])
+    axis.axhspan(-drive.lane_m, drive.lane_m, color=GREY, alpha=0.12, lw=0)
+    axis.axhline(0, color=GREY, lw=0.8)
+    axis.plot(driven, np.where(np.roll(lost, 1), np.nan, error), color=BLUE, lw=1.2)
+    axis.scatter(driven[lost], error[lost], marker="x", color=ORANGE, lw=2, label="intervention")
+    if lost.any():
+        axis.legend(frameon=False)
+    axis.set(xlabel="driven (m)", ylabel="right of the middle (m)", title=title)
+    axis.margins(x=0)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    return figure
+
+
+def degradation_curves(
+    curves: dict[str, dict[float, dict]], usual: dict[str, float], title: str
+) -> Figure:
+    """Autonomy and mean cross-track error over each perturbation's values, a panel each.
+
+    Args:
+        curves: by the panel's label and by value, the figures of a drive.
+        usual: by label, the value of an unperturbed drive, marked by a line.
+        title: above all.
+    """
+    columns = min(4, len(curves))
+    rows = -(-len(curves) // columns)
+    figure = Figure(figsize=(max(4.5, 3.4 * columns), 2.7 * rows + 0.6), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
+    worst = max(one["cte_mean_m"] for by_value in curves.values() for one in by_value.values())
+    for axis in axes[len(curves) :]:
+        axis.axis("off")
+    for number, (axis, (label, by_value)) in enumerate(zip(axes, curves.items(), strict=False)):
+        values = list(by_value)
+        share = [100 * one["autonomy"] for one in by_value.values()]
+        error = [one["cte_mean_m"] for one in by_value.values()]
+        axis.axvline(usual[label], color=GREY, ls=":", lw=1)
+        other = axis.twinx()
+        other.plot(values, error, color=ORANGE, marker=".", lw=1.2)
+        other.set_ylim(0, max(1.0, 1.1 * worst))
+        axis.plot(values, share, color=BLUE, marker="o", lw=2)
+        axis.set(xlabel=label, ylim=(-4, 104))
+        axis.set_zorder(other.get_zorder() + 1)  # autonomy is in front
+        axis.patch.set_visible(False)
+        first, last = number % columns == 0, number % columns == columns - 1
+        if first:
+            axis.set_ylabel("autonomy (%)", color=BLUE)
+        if last or number == len(curves) - 1:
+            other.set_ylabel("mean error (m)", color=ORANGE)
+        else:
+            other.tick_params(right=False, labelright=False)
+        for each in (axis, other):
+            each.spines["top"].set_visible(False)
+    figure.suptitle(title)
+    return figure

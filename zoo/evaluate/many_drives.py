@@ -1,0 +1,229 @@
+"""Many drives of a checkpoint, several at once, each in a process of its own."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from datamodules.errors import InputError
+from simulator.errors import SimulatorError
+from simulator.expert import Expert
+from simulator.weather import CLEAR, Weather, read_weather
+from simulator.world import World, open_world
+from zoo.cli.console_progress import progress_bar
+from zoo.drives.drive_film import KeptFrames
+from zoo.drives.drive_log import DriveRow, DriveWriter, write_summary
+from zoo.drives.speed_controller import PI, Network, SpeedController
+from zoo.evaluate.drive_plots import birds_eye, error_over_distance
+from zoo.evaluate.embedded_drive import Policy, ScoredDrive, drive_closed_loop, score, start_of
+from zoo.evaluate.evaluate_options import EvaluateOptions
+from zoo.evaluate.process_pool import drive_in_processes
+from zoo.runs.plots import save_figure
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that a drive's figures depend on, beside the policy.
+
+    Attributes:
+        track, seed, laps, speed_mph, margin_m, direction, frame_rate, delay_s, quality, throttle:
+            as in `EvaluateOptions`.
+        weather: or `random`, for one that the seed draws.
+        offset_m, heading_deg: added to the seed's start, to the right.
+        film_speed: leave a film that plays so many times as fast as driven; 0 for none. The figures
+            do not depend on it.
+    """
+
+    track: str
+    seed: int = 0
+    laps: float = 1.0
+    speed_mph: float = 15.0
+    margin_m: float | None = None
+    weather: Weather | str = CLEAR
+    direction: int = 1
+    frame_rate: float = 15.0
+    delay_s: float = 0.0
+    quality: str = "full"
+    offset_m: float = 0.0
+    heading_deg: float = 0.0
+    throttle: str = "hold"
+    film_speed: float = 0.0
+
+    @property
+    def start_mph(self) -> float:
+        """A network with a throttle of its own starts from a standstill."""
+        return 0.0 if self.throttle == "network" else self.speed_mph
+
+    @classmethod
+    def of(cls, options: EvaluateOptions, track: str, seed: int) -> "Setup":
+        """The drive that the options ask for, on one of their tracks."""
+        return cls(
+            track,
+            seed,
+            options.laps,
+            options.speed,
+            options.margin,
+            read_weather(options.weather),
+            options.direction,
+            options.frame_rate,
+            options.delay_s,
+            options.quality,
+            throttle=options.throttle,
+            film_speed=options.film_speed if options.film else 0.0,
+        )
+
+
+def speed_controller(speed_mph: float) -> PI:
+    """The course's, which every scored drive holds its speed by."""
+    return PI(speed_mph, kp=0.1, ki=0.002)
+
+
+def check_throttle(policy: Policy, throttle: str) -> None:
+    """Raises InputError where a network is to drive with its own throttle and gives none."""
+    if throttle == "network" and policy(np.zeros((160, 320, 3), np.uint8), 0.0)[1] is None:
+        raise InputError(
+            "throttle=network: this network gives no throttle; train model=nvidia_speed, or leave "
+            "throttle=hold"
+        )
+
+
+def drive_all(
+    checkpoint: str | Sequence[str],
+    setups: Sequence[Setup],
+    folders: Sequence[Path | None],
+    workers: int,
+    console: Console,
+) -> list[dict]:
+    """Return the figures of each drive, in the order of the setups, whatever the number of workers.
+
+    Args:
+        checkpoint: one for all drives, or a list with one for each.
+
+    Raises:
+        InputError: the processes were killed, as where memory ran out.
+    """
+    drivers = [checkpoint] * len(setups) if isinstance(checkpoint, str) else checkpoint
+    jobs = list(zip(drivers, setups, folders, strict=True))
+    laps = f"{setups[0].laps:g} lap{'' if setups[0].laps == 1 else 's'}"
+    with progress_bar(f"driving {len(setups)} x {laps}", console) as show:
+        found = dict(drive_in_processes(drive_once, jobs, workers, show))
+    return [found[number] for number in range(len(setups))]
+
+
+def drive_once(
+    checkpoint: str,
+    setup: Setup,
+    folder: Path | None,
+    report: Callable[[float], None] | None = None,
+) -> dict[str, float | str | None]:
+    """Drive once in this process, and return the figures, None for one that is not finite.
+
+    The drive, its plots and the frames of its worst moments are left in `folder`. `nan_frames` is
+    among the figures only where the policy steered NaN.
+
+    Args:
+        checkpoint: file.
+        setup: what to drive.
+        folder: place for the drive; None leaves nothing.
+        report: called at every frame with the share that is driven, 0..1.
+    """
+    import torch
+
+    from zoo.checkpoints.policy import load_policy
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # a single picture is too little for two
+    world = open_setup(setup, "auto")
+    try:
+        policy = load_policy(checkpoint)
+        check_throttle(policy, setup.throttle)
+        with KeptFrames(folder, setup.frame_rate, setup.film_speed) as kept:
+            drive = drive_setup(policy, world, setup, kept, report)
+        kept.write(drive.rows)
+    finally:
+        torch.set_num_threads(threads)
+    figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
+    if drive.nan_frames:
+        figures["nan_frames"] = drive.nan_frames
+    if folder is not None:
+        _leave(folder, world, drive, figures)
+    world.pictures.close()
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in figures.items()
+    }
+
+
+def open_setup(setup: Setup, renderer: str) -> World:
+    """Open the world that a setup is driven in.
+
+    Raises:
+        InputError: it cannot be opened, as without a renderer.
+    """
+    place = (setup.quality, setup.frame_rate, setup.delay_s, setup.direction)
+    try:
+        return open_world(setup.track, renderer, *place)
+    except SimulatorError as error:
+        raise InputError(str(error)) from None
+
+
+def drive_setup(
+    policy: Policy,
+    world: World,
+    setup: Setup,
+    show: Callable[[np.ndarray, DriveRow], None] | None = None,
+    report: Callable[[float], None] | None = None,
+) -> ScoredDrive:
+    """Drive a policy as a setup says, in a world that was opened for it; `show` and `report` as in
+    `drive_closed_loop`."""
+    speed: SpeedController = speed_controller(setup.speed_mph)
+    if setup.throttle == "network":
+        speed = Network()
+    start = start_of(world, setup.seed, setup.start_mph)
+    start = replace(
+        start,
+        cte=start.cte + setup.offset_m,
+        heading_deg=start.heading_deg + setup.heading_deg,
+    )
+    return drive_closed_loop(
+        policy,
+        world,
+        speed,
+        setup.seed,
+        setup.laps,
+        setup.weather,
+        setup.margin_m,
+        start,
+        show,
+        report,
+    )
+
+
+def expert_steering_per_s(setup: Setup) -> float:
+    """How much the expert's steering changes in a second, on a lap at the setup's speed."""
+    return _expert_steering_per_s(replace(setup, seed=0, laps=1.0, weather=CLEAR, margin_m=None))
+
+
+@lru_cache
+def _expert_steering_per_s(setup: Setup) -> float:
+    world = open_setup(setup, "none")
+    expert = Expert(world.track)
+    drive = drive_setup(lambda _, mph: expert(world), world, setup)
+    return score(drive)["steering_per_s"]
+
+
+def _leave(folder: Path, world: World, drive: ScoredDrive, figures: dict) -> None:
+    writer = DriveWriter(folder)
+    writer.add(drive.rows)
+    writer.close()
+    write_summary(folder, figures)
+    title = (
+        f"{world.track.name}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
+        f"{figures['interventions']} interventions"
+    )
+    save_figure(birds_eye(world.track, drive, title), folder / "track.png")
+    save_figure(error_over_distance(drive, title), folder / "error.png")

@@ -1,0 +1,148 @@
+"""`python -m zoo.replay CKPT RECORDING [margin=1 out=FOLDER]`: a score on any recording.
+
+No simulator takes part: see `zoo.evaluate.recording_replay`.
+"""
+
+import datetime
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from datamodules.errors import InputError
+from datamodules.recording import Recording, read_recordings
+from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.arguments import read_arguments
+from zoo.cli.console_progress import loading
+from zoo.drives.drive_log import DriveRow, DriveWriter, write_summary
+from zoo.runs.whole_file import write_whole
+
+USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"
+FRAMES = "frames"
+
+
+@dataclass
+class ReplayOptions:
+    """Scores a checkpoint on a recording, without a simulator: the recorded frames are warped to
+    where the network steers the car.
+
+    Args:
+        margin: metres off the recorded path that count as an intervention, up to 2.
+        frame_rate: rows a second, for image names without a time; null reads the names.
+        frames: keep what the network saw, for `python -m zoo.film`.
+        out: the folder for figures and plot; null names one by date and time.
+    """
+
+    margin: float = 1.0
+    frame_rate: float | None = None
+    frames: bool = False
+    out: str | None = None
+
+
+def replay_recording(
+    checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
+) -> dict:
+    """Replay, print the table, and write `metrics.json`, the drive and its plot; returns figures.
+
+    Raises:
+        InputError: no such checkpoint or recording, one that cannot be replayed, a wrong option;
+            or, when all is written, a network that steered NaN.
+    """
+    checkpoint = str(find_checkpoint(checkpoint))  # a wrong path is said before torch is imported
+    with loading():
+        import torch
+
+        from zoo.checkpoints.policy import load_policy
+        from zoo.evaluate.drive_plots import error_over_distance
+        from zoo.evaluate.drives_table import REPLAY_ROWS, drives_table, mean_and_spread, nan_line
+        from zoo.evaluate.recording_replay import replay, score_replay
+        from zoo.runs.plots import save_figure
+
+        policy = load_policy(checkpoint)
+        recording = read_recordings(recording_folder)
+    torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other
+    with _Shown(recording, options, console) as shown:
+        drive = replay(policy, recording, options.margin, options.frame_rate, shown)
+    figures = score_replay(drive, recording)
+    figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
+    writer = DriveWriter(shown.folder)
+    writer.add(shown.rows)
+    writer.close()
+    about = {"checkpoint": str(checkpoint), "recording": list(recording.names)}
+    write_summary(shown.folder, about | figures)
+    metrics = about | {"margin_m": options.margin, "replay": figures}
+    write_whole(shown.folder / "metrics.json", json.dumps(metrics, indent=1) + "\n")
+    title = (
+        f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
+        f"{figures['interventions']} interventions"
+    )
+    save_figure(error_over_distance(drive, title), shown.folder / "error.png")
+    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAY_ROWS))
+    for line in keyboard_lines(recording):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)
+    replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
+    if nan := nan_line([replayed]):
+        raise InputError(f"{checkpoint}: {nan}")
+    return figures
+
+
+def keyboard_lines(recording: Recording) -> list[str]:
+    """Return a line for each recording whose path is no lane centre: a keyboard's."""
+    return [
+        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as a keyboard leaves it; "
+        "its path is no lane centre, so these figures say little about the network; score it on a "
+        "track instead: python -m zoo.evaluate CKPT track=lake"
+        for one in report_recordings(recording)
+        if one.zero_share > KEYBOARD_SHARE
+    ]
+
+
+class _Shown:
+    """What is seen and left of a replay: a bar, the rows, and the frames if they are asked for."""
+
+    def __init__(self, recording: Recording, options: ReplayOptions, console: Console) -> None:
+        now = datetime.datetime.now()
+        out = options.out or f"outputs/replays/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
+        self.folder, self.keep = Path(out).expanduser(), options.frames
+        self.rows: list[DriveRow] = []
+        if self.folder.exists() and not (self.folder.is_dir() and not any(self.folder.iterdir())):
+            raise InputError(f"{self.folder}: is not empty; name another folder with out=")
+        self.progress = Progress(console=console, transient=True, disable=not console.is_terminal)
+        self.task = self.progress.add_task("replaying", total=len(recording))
+
+    def __enter__(self) -> "_Shown":
+        self.progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.progress.stop()
+
+    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
+        if not self.rows:  # only now: a recording that cannot be replayed leaves no folder
+            self._make_folder()
+        if self.keep:
+            name = f"{FRAMES}/{len(self.rows):06d}.jpg"
+            cv2.imwrite(str(self.folder / name), frame[..., ::-1])
+            row = replace(row, frame=name)
+        self.rows.append(row)
+        self.progress.update(self.task, advance=1)
+
+    def _make_folder(self) -> None:
+        try:
+            (self.folder / FRAMES if self.keep else self.folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self.folder}: cannot be written to ({error.strerror})") from None
+
+
+def command(arguments: list[str]) -> None:
+    """The command: a checkpoint's path, a recording's, then `key=value` options."""
+    paths = ["CKPT", "RECORDING"]
+    (checkpoint, recording), options = read_arguments(ReplayOptions, paths, arguments, USAGE)
+    replay_recording(checkpoint, recording, options, Console(emoji=False))

@@ -1,0 +1,131 @@
+"""What a policy stands: one thing about the drive is changed at a time, step by step."""
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from rich.table import Table
+
+from datamodules.errors import InputError
+from simulator.rig import CameraOffset
+from simulator.weather import Weather, random_weather
+from zoo.evaluate.many_drives import Setup
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One thing to change.
+
+    Attributes:
+        label: with its unit, for the figure.
+        values: in rising order.
+        apply: a setup, and a value -> the changed setup.
+        usual: a setup -> the value that it has already, which is swept, too.
+    """
+
+    label: str
+    values: tuple[float, ...]
+    apply: Callable[[Setup, float], Setup]
+    usual: Callable[[Setup], float]
+
+
+def _of_setup(label: str, name: str, *values: float) -> Perturbation:
+    return Perturbation(
+        label,
+        values,
+        lambda setup, value: replace(setup, **{name: value}),
+        lambda setup: float(getattr(setup, name)),
+    )
+
+
+def _of_weather(label: str, name: str, *values: float) -> Perturbation:
+    return Perturbation(
+        label,
+        values,
+        lambda setup, value: replace(setup, weather=replace(_weather(setup), **{name: value})),
+        lambda setup: float(getattr(_weather(setup), name)),
+    )
+
+
+def _of_camera(label: str, name: str, *values: float) -> Perturbation:
+    def move(setup: Setup, value: float) -> Setup:
+        weather = _weather(setup)
+        camera: CameraOffset = replace(weather.camera, **{name: value})
+        return replace(setup, weather=replace(weather, camera=camera))
+
+    return Perturbation(
+        label, values, move, lambda setup: float(getattr(_weather(setup).camera, name))
+    )
+
+
+def _weather(setup: Setup) -> Weather:
+    """The setup's; a random one is drawn here as the world would draw it."""
+    if isinstance(setup.weather, Weather):
+        return setup.weather
+    return random_weather(np.random.default_rng(setup.seed))
+
+
+PERTURBATIONS = {
+    "brightness": _of_weather("brightness, factor", "brightness", 0.3, 0.6, 1.0, 1.5, 2.0),
+    "fog": _of_weather("fog, 0..1", "fog", 0.0, 0.25, 0.5, 0.75, 1.0),
+    "blur": _of_weather("blur, sigma in pixels", "blur", 0.0, 1.0, 2.0, 4.0, 8.0),
+    "noise": _of_weather("noise, sigma of 255", "noise", 0.0, 5.0, 10.0, 20.0, 40.0),
+    "shadow": _of_weather(
+        "sun's elevation, deg (low: long shadows)", "sun_elevation_deg", 8.0, 15.0, 25.0, 42.0, 80.0
+    ),
+    "shift": _of_camera("camera to the right, m", "right_m", -0.6, -0.3, 0.0, 0.3, 0.6),
+    "tilt": _of_camera("camera tilted up, deg", "pitch_deg", -4.0, -2.0, 0.0, 2.0, 4.0),
+    "latency": _of_setup("added latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
+    "frame_rate": _of_setup("frames per second", "frame_rate", 5.0, 10.0, 15.0, 20.0, 30.0),
+    "speed": _of_setup("speed, mph", "speed_mph", 10.0, 15.0, 20.0, 25.0, 30.0),
+    "offset": _of_setup("start to the right, m", "offset_m", -2.0, -1.0, 0.0, 1.0, 2.0),
+    "heading": _of_setup("start pointing right, deg", "heading_deg", -20.0, -10.0, 0.0, 10.0, 20.0),
+}
+
+
+def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
+    """Of `brightness,fog` or `all`, which leaves out what the throttle makes no difference to.
+
+    Raises:
+        InputError: there is none of that name, or it would change nothing.
+    """
+    if text == "all":
+        return [name for name in PERTURBATIONS if name != "speed" or throttle == "hold"]
+    names = list(dict.fromkeys(text.split(","))) if text else []
+    for name in names:
+        if name not in PERTURBATIONS:
+            near = difflib.get_close_matches(name, PERTURBATIONS, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(PERTURBATIONS)}"
+            raise InputError(f"perturb={name}: {hint}")
+        if name == "speed" and throttle != "hold":
+            raise InputError(
+                "perturb=speed: with its own throttle it holds none; try throttle=hold"
+            )
+    return names
+
+
+def sweeps(names: list[str], usual: Setup) -> dict[str, dict[float, Setup]]:
+    """The drives of each perturbation, by value in rising order; what is usual among them."""
+    found = {}
+    for name in names:
+        one = PERTURBATIONS[name]
+        values = sorted({*one.values, one.usual(usual)})
+        found[name] = {value: one.apply(usual, value) for value in values}
+    return found
+
+
+def sweep_table(results: dict[str, dict[float, dict]], usual: Setup) -> Table:
+    """A row for each perturbation: its values, and under each how it was driven."""
+    table = Table("perturbed", title="one thing changed at a time; * is usual")
+    for _ in range(max(map(len, results.values()))):
+        table.add_column(justify="right")
+    for name, by_value in results.items():
+        own = PERTURBATIONS[name].usual(usual)
+        cells = [
+            f"{value:g}{'*' if value == own else ''}\n"
+            f"{figures['autonomy']:.0%}\n{figures['cte_mean_m']:.2f}"
+            for value, figures in by_value.items()
+        ]
+        table.add_row(f"{name}\n  autonomy\n  mean error, m", *cells)
+    return table

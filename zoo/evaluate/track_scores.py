@@ -1,0 +1,153 @@
+"""A checkpoint's drives on some tracks, and what they come to: for `zoo.evaluate` and for runs."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.cli.console_progress import working
+from zoo.drives.intervals import count_with_interval
+from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
+from zoo.evaluate.evaluate_options import EvaluateOptions, check_options
+from zoo.evaluate.many_drives import Setup, drive_all, expert_steering_per_s
+
+
+@dataclass(frozen=True)
+class TrackScores:
+    """What the drives came to.
+
+    Attributes:
+        drives: the figures of each drive, track by track, seed by seed.
+        tracks: mean and spread of every figure over a track's drives, see `mean_and_spread`.
+        by_setup: the figures of each drive, those of the further setups among them.
+    """
+
+    drives: list[dict]
+    tracks: dict[str, dict]
+    by_setup: dict[Setup, dict]
+
+
+def score_on_tracks(
+    checkpoint: str,
+    options: EvaluateOptions,
+    folder: Path,
+    console: Console,
+    more: Sequence[Setup] = (),
+) -> TrackScores:
+    """Drive a checkpoint on every track with every seed, leaving each drive in
+    `folder/<track>-<seed>`; and the further setups, of which only the figures are kept.
+
+    Raises:
+        InputError: the simulator cannot be opened, or a process was ended from outside.
+    """
+    jobs = [(track, seed) for track in options.tracks for seed in range(options.seeds)]
+    setups = [Setup.of(options, *job) for job in jobs]
+    # A drive that is asked for twice, as the usual one by several sweeps, is driven once.
+    more = [one for one in dict.fromkeys(more) if one not in setups]
+    places = [folder / f"{Path(track).stem}-{seed}" for track, seed in jobs]
+    found = drive_all(
+        checkpoint, setups + more, places + [None] * len(more), options.workers, console
+    )
+    by_setup = dict(zip(setups + more, found, strict=True))
+    if warning := nan_line(found):
+        console.print(f"warning: {warning}", style="red", highlight=False, markup=False)
+    tracks = {}
+    for track in options.tracks:
+        own = [one for one in setups if one.track == track]
+        with working("driving the expert, to compare with", console):
+            expert = expert_steering_per_s(own[0])
+        tracks[by_setup[own[0]]["track"]] = mean_and_spread([by_setup[one] for one in own]) | {
+            "expert_steering_per_s": (expert, None)
+        }
+    return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
+
+
+@dataclass(frozen=True)
+class RunScore(EvaluateOptions):
+    """The options of a run's `score`: those of an evaluation, and the choice before it.
+
+    Args:
+        candidate_laps: laps that each candidate for `best.ckpt` is driven; 0 drives none.
+    """
+
+    candidate_laps: float = 1.0
+
+
+def run_options(score: DictConfig | None) -> RunScore | None:
+    """Read the options of a run's `score`, checked before it trains; None for `score=none`.
+
+    Raises:
+        InputError: a key that is none, or an option that cannot be.
+    """
+    settings = OmegaConf.to_container(score, resolve=True) if score else {}
+    if not settings:
+        return None
+    known = {field.name for field in fields(RunScore)} - {"out", "perturb"}
+    unknown = sorted(set(settings) - known)
+    if unknown:
+        raise InputError(f"score.{unknown[0]}: no such key; there are {', '.join(sorted(known))}")
+    if not isinstance(settings.get("track", ""), str):
+        settings["track"] = ",".join(settings["track"])
+    options = RunScore(**settings)
+    try:
+        check_options(options)
+        if not 0 <= options.candidate_laps <= 1000:
+            raise InputError(f"candidate_laps={options.candidate_laps:g}: must be in 0..1000")
+    except TypeError:
+        raise InputError("score: a number is not one; look at conf/score/lake.yaml") from None
+    except InputError as error:
+        raise InputError(f"score: {error}") from None
+    return options
+
+
+def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -> dict | None:
+    """For a run's `metrics.json`: how its best checkpoint drives, or its last; drives are left in
+    `folder/drives`. None where it is not to be driven, or cannot be, which is said."""
+    if options is None:
+        return None
+    best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
+    drives = folder / "drives"
+    shutil.rmtree(drives, ignore_errors=True)  # of before the run was resumed
+    try:
+        found = score_on_tracks(str(best if best.is_file() else last), options, drives, console)
+    except InputError as error:  # a training of hours is not lost for a library that is missing
+        console.print(f"not driven: {error}", highlight=False, markup=False)
+        return None
+    for track, figures in found.tracks.items():
+        console.print(
+            f"drove {figures['laps'][0]:.2f} laps of the {track} {_at(options, figures)}: "
+            f"{how_well(figures)}",
+            highlight=False,
+            markup=False,
+        )
+    return {
+        "speed_mph": None if options.throttle == "network" else options.speed,
+        "throttle": options.throttle,
+        "laps": options.laps,
+        "seeds": options.seeds,
+        "tracks": found.tracks,
+        "drives": found.drives,
+    }
+
+
+def how_well(figures: dict) -> str:
+    """Return the figures of a track's drives in words, from `mean_and_spread`."""
+    count = figures["drives"]
+    autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
+    lost = with_deviation(figures["interventions"], "{:.3g}", count)
+    kept = count_with_interval(figures["drives_without_intervention"], count)
+    return (
+        f"autonomy {autonomy}, {lost} interventions, drives without intervention {kept}, "
+        f"cross-track error {with_deviation(figures['cte_mean_m'], '{:.2f}', count)} m on average, "
+        f"{figures['cte_max_m'][0]:.2f} m at most"
+    )
+
+
+def _at(options: EvaluateOptions, figures: dict) -> str:
+    if options.throttle == "network":
+        return f"with its own throttle, at {figures['speed_mph'][0]:.1f} mph"
+    return f"at {options.speed:g} mph"

@@ -1,0 +1,209 @@
+"""`python -m zoo.export CKPT [out=model.onnx] [frames=RECORDING]`: a checkpoint as an ONNX file.
+
+It carries what it must be fed in its metadata, and drives wherever a checkpoint does.
+"""
+
+import importlib.util
+import io
+import json
+import math
+import sys
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.onnx_policy import CARD, IMAGES, INSTALL, SPEED, SUFFIX, OnnxPolicy, is_onnx
+from zoo.cli.arguments import read_arguments
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+
+# torch takes seconds to import; --help and a typo do not need it.
+if TYPE_CHECKING:
+    import torch
+
+    from zoo.checkpoints.checkpoint import Checkpoint
+    from zoo.export.parity import Parity
+
+USAGE = "python -m zoo.export CKPT [out=model.onnx] [frames=RECORDING]"
+# Every PyTorch from 2.4 writes it, and every onnxruntime from 1.14 runs it.
+OPSET = 17
+CONTROLS = "controls"
+# Of steering and throttle, -1..1: the last digit that the driver sends to a simulator.
+TOLERANCE = 1e-4
+
+
+@dataclass
+class ExportOptions:
+    """Writes a checkpoint's network as ONNX, with its view, config and recording's fingerprint in
+    the metadata, and drives both over frames: where they differ by more than 0.0001 of -1..1,
+    nothing is left.
+
+    Args:
+        out: the file; what was there stays until the new one is found to be right.
+        frames: a recording to compare on; null takes the one that it was trained on, or the
+            embedded lake's, or else renders frames of the embedded lake.
+    """
+
+    out: str = "model.onnx"
+    frames: str | None = None
+
+
+def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Path:
+    """Write the file, compare, and say what came of it; returns the file's path.
+
+    Raises:
+        InputError: no such checkpoint or recording, a package that is not installed, a file that
+            cannot be written, or one that steers otherwise than the checkpoint.
+    """
+    path = find_checkpoint(checkpoint_path)
+    out = _checked_out(path, options.out)
+    with loading():
+        from zoo.checkpoints.checkpoint import load_checkpoint
+        from zoo.checkpoints.policy import Policy
+        from zoo.export.parity import compare, take_frames
+
+        checkpoint = load_checkpoint(path)
+        frames = take_frames(options.frames, checkpoint.config)
+        contents = onnx_bytes(checkpoint)
+    part = out.with_name(f"{out.name}.part")
+    try:
+        try:
+            part.write_bytes(contents)
+            exported = OnnxPolicy(part)
+            parity = compare(Policy(checkpoint), exported, frames)
+            _check_parity(path, parity)
+            part.replace(out)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"out={out}: {error.strerror}; name another file") from None
+    height, width, _ = checkpoint.view.shape
+    lines = [
+        f"{out}: {exported.name} of {exported.parameters:,} parameters, sees {width} x {height} "
+        f"{checkpoint.view.colour}, {len(contents) / 1e3:,.0f} kB, opset {OPSET}",
+        f"largest difference from the checkpoint {parity.difference:.1e} ({TOLERANCE:g} allowed), "
+        f"over {len(frames.frames)} frames {frames.source}",
+        f"a frame takes {parity.checkpoint_ms:.2f} ms with PyTorch, {parity.onnx_ms:.2f} ms with "
+        "onnxruntime, on one thread (median)",
+        f"drive it: python -m zoo.drive {out}",
+    ]
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return out
+
+
+def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
+    """A checkpoint's network and card as the bytes of an ONNX file; the batch may be of any size.
+
+    Raises:
+        InputError: the network has an operation that ONNX has not.
+    """
+    import onnx  # optional, see INSTALL
+    import torch
+
+    from zoo.checkpoints.checkpoint import make_card
+
+    network, view = checkpoint.network, checkpoint.view
+    height, width, channels = view.shape
+    # Two of each: a batch of one is where a size that varies is taken for a constant.
+    inputs = {IMAGES: torch.zeros((2, channels, height, width), dtype=torch.uint8)}
+    if network.takes_speed:
+        inputs[SPEED] = torch.zeros(2)
+    model = onnx.load_from_string(_graph_bytes(network, inputs))
+    parameters = sum(one.numel() for one in network.parameters())
+    card = make_card(checkpoint.config, view, checkpoint.data) | {
+        "network": type(network).__name__,
+        "parameters": parameters,
+    }
+    onnx.helper.set_model_props(model, {CARD: json.dumps(card)})
+    model.doc_string = _how_to_feed(checkpoint)
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
+
+
+def _how_to_feed(checkpoint: "Checkpoint") -> str:
+    """For those who run the file with a program of their own."""
+    network, view = checkpoint.network, checkpoint.view
+    height, width, channels = view.shape
+    size = " resized by area," if view.size else ""
+    speed = f", and {SPEED}: mph, float32 [batch]" if network.takes_speed else ""
+    throttle = " and throttle" if network.outputs > 1 else ""
+    return (
+        f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], a frame of 320 x 160 less "
+        f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom,{size} in {view.colour}"
+        f"{speed} -> {CONTROLS}: steering{throttle}, float32, to be clipped to -1..1"
+    )
+
+
+def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") -> bytes:
+    import torch
+    from torch.onnx.errors import OnnxExporterError
+
+    buffer = io.BytesIO()
+    try:
+        with warnings.catch_warnings():
+            # That this exporter is deprecated, and that sizes computed in Python become constants,
+            # which they are. It is in every PyTorch from 2.4 to 2.14; the new one is not before
+            # 2.5, wants onnxscript, and takes 4 s where this one takes 0.1 s.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            warnings.simplefilter("ignore", torch.jit.TracerWarning)
+            torch.onnx.export(
+                network,
+                tuple(inputs.values()),
+                buffer,
+                input_names=list(inputs),
+                output_names=[CONTROLS],
+                dynamic_axes={name: {0: "batch"} for name in (*inputs, CONTROLS)},
+                opset_version=OPSET,
+                dynamo=False,
+            )
+    except OnnxExporterError as error:
+        reason = str(error).splitlines()[0]
+        name = type(network).__name__
+        raise InputError(f"{name} cannot be written as ONNX ({reason})") from None
+    return buffer.getvalue()
+
+
+def _checked_out(path: Path, name: str) -> Path:
+    """Where to write; what can be wrong with the arguments is said before torch is imported."""
+    out = Path(name).expanduser()
+    if is_onnx(path):
+        raise InputError(f"{path}: is ONNX already; name the checkpoint")
+    if not is_onnx(out):
+        raise InputError(f"out={out}: must end in {SUFFIX}, as the driver knows it by")
+    if out.is_dir() or not out.parent.is_dir():
+        reason = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
+        raise InputError(f"out={out}: {reason}; name another file")
+    missing = [one for one in ("onnx", "onnxruntime") if importlib.util.find_spec(one) is None]
+    if missing:
+        raise InputError(f"exporting needs {' and '.join(missing)}: {INSTALL}")
+    return out
+
+
+def _check_parity(path: Path, parity: "Parity") -> None:
+    if not math.isfinite(parity.difference):
+        raise InputError(
+            f"{path}: steers by NaN, its training diverged; nothing was written, "
+            "train again with a smaller optim.lr"
+        )
+    if parity.difference > TOLERANCE:
+        raise InputError(
+            f"{path}: exported, it differs by {parity.difference:.2g} from the "
+            f"checkpoint, more than {TOLERANCE:g}; nothing was written: try another version of "
+            "onnxruntime"
+        )
+
+
+def command(arguments: list[str]) -> None:
+    """The command: a checkpoint's path, then options."""
+    (checkpoint,), options = read_arguments(ExportOptions, ["CKPT"], arguments, USAGE)
+    export(checkpoint, options, Console())
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.export", command, sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""The ranking of all runs, in the terminal and on a page: `python -m zoo.leaderboard`."""

@@ -1,0 +1,72 @@
+"""`python -m zoo.leaderboard [FOLDER...]`: all runs under `outputs/`, the best driver first."""
+
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from datamodules.errors import InputError
+from zoo.cli.arguments import is_help
+from zoo.cli.run_command import run_command
+
+USAGE = "usage: python -m zoo.leaderboard [FOLDER...]; without, outputs"
+OUTPUTS = Path("outputs")
+PAGE = "leaderboard.html"
+HELP = f"""{USAGE}
+
+Ranks every run below the folders, the best driver first, in the terminal and as a page,
+{PAGE} in the first of them.
+
+  FOLDER=outputs   of runs, sweeps, or of many of these; any number of them"""
+# No run is in there, and a recording has many files.
+SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
+
+
+def show_leaderboard(arguments: list[str]) -> None:
+    """Rank every run below the folders, by autonomy, then cross-track error; print the table and
+    write it as a page into the first folder.
+
+    Raises:
+        InputError: a folder that is none, or no run below them.
+    """
+    if is_help(arguments):
+        print(HELP)
+        return
+    if any(one.startswith("-") for one in arguments):
+        raise InputError(USAGE)
+    from zoo.leaderboard.ranking_page import write_page
+    from zoo.leaderboard.ranking_table import print_ranking, wide_console
+
+    roots = [Path(one) for one in arguments] or [OUTPUTS]
+    for root in roots:
+        if not root.is_dir():
+            raise InputError(f"{root}: no such folder; {USAGE}")
+    folders = sorted(set(run_folders(roots)))
+    if not folders:
+        raise InputError(f"{', '.join(map(str, roots))}: no run in there; python -m zoo makes one")
+    console = wide_console()
+    title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
+    entries, unranked = print_ranking(folders, title, roots[0], console, PAGE)
+    try:
+        page = write_page(roots[0] / PAGE, "Leaderboard", entries, unranked, roots[0])
+    except OSError as error:
+        raise InputError(f"{roots[0] / PAGE}: cannot write the page ({error.strerror})") from None
+    console.print(str(page), highlight=False, markup=False)
+
+
+def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
+    """Every folder below that a run wrote: with `status.json`, or `metrics.json` and `.hydra`."""
+    for root in roots:
+        if (root / "status.json").is_file() or (
+            (root / "metrics.json").is_file() and (root / ".hydra").is_dir()
+        ):
+            yield root
+            continue
+        yield from run_folders(
+            path
+            for path in root.iterdir()
+            if path.is_dir() and path.name not in SKIPPED and not path.name.startswith(".")
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.leaderboard", show_leaderboard, sys.argv[1:]))

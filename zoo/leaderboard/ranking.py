@@ -1,0 +1,296 @@
+"""Runs side by side, the best driver first: reading, grouping by training seed, ranking.
+
+Sweeps and the leaderboard share it. A run that was not driven comes after all that were.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from datamodules.errors import InputError
+from zoo.evaluate.drives_table import Spread, mean_and_deviation, read_figures
+from zoo.runs.status import is_alive, read_status
+from zoo.runs.trained_recordings import TrainedOn, read_trained_on
+
+if TYPE_CHECKING:
+    from zoo.runs.config_files import Runtime
+
+# Not what a run is: its seed, where things are kept, and what a search adds.
+APART = ("seed",)
+LAST = float("inf")
+CURVES = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
+
+
+@dataclass(frozen=True)
+class Count:
+    """Drives without an intervention, of all drives."""
+
+    kept: int
+    drives: int
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run, as its folder tells it.
+
+    Attributes:
+        name: of its experiment, or its model.
+        overrides: what was typed, key by key, launcher and folders apart.
+        settings: the config and the recordings as text, the training seed left out: equal for
+            repeats of a run.
+        seed: the training seed.
+        trained_on: its recordings.
+        autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
+        tracks: by track, its `autonomy`, `cte_mean_m`, `interventions` and `driven_s`, means over
+            its drives.
+        counts: by track, its drives without an intervention; none where that is not known.
+        mph: the speed that was held; None where it drove with its own throttle, or was not driven.
+        curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
+    """
+
+    folder: Path
+    name: str
+    overrides: dict[str, str]
+    settings: str
+    seed: int | None
+    trained_on: TrainedOn
+    parameters: int | None
+    autonomy: float | None
+    cte_m: float | None
+    tracks: dict[str, dict[str, float]]
+    counts: dict[str, Count]
+    mph: float | None
+    val_mse: float | None
+    test_mse: float | None
+    wall_s: float
+    curves: dict[str, dict[int, float]] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the ranking: a run, or several that differ in their training seed alone.
+
+    Attributes:
+        figures: mean and sample deviation over the training seeds, by `autonomy`, `cte_m`,
+            `val_mse`, ...; by `TRACK/drives`, the `Count` of all their drives. None where a run has
+            none.
+    """
+
+    runs: tuple[Run, ...]
+    figures: dict[str, Spread | Count | None]
+
+    @property
+    def first(self) -> Run:
+        return self.runs[0]
+
+
+@dataclass(frozen=True)
+class Unranked:
+    """A run without figures: `why` is `running`, `stopped`, `failed`, `pruned`, `older` or
+    `damaged`, with more words in `reason`."""
+
+    folder: Path
+    why: str
+    reason: str = ""
+
+
+def read_run(folder: Path) -> Run | None:
+    """Return a finished run; None where its figures are not those of this version, or damaged."""
+    try:
+        return load_run(folder)
+    except InputError:
+        return None
+
+
+def load_run(folder: Path) -> Run | None:
+    """Return a finished run; None where its figures are not those of this version.
+
+    Raises:
+        InputError: a file of it is missing, or cannot be read.
+    """
+    from zoo.runs.curves_files import read_curves
+    from zoo.runs.metrics_file import read_metrics_file
+
+    metrics = read_metrics_file(folder)
+    open_loop = metrics.get("open_loop")
+    if open_loop is None:
+        return None
+    tracks, mph = _driven(metrics.get("drive"))
+    shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
+    config, overrides, runtime = _configs(folder)
+    trained_on = read_trained_on(config, runtime.cwd, metrics)
+    return Run(
+        folder=folder,
+        name=runtime.choices.experiment or metrics.get("model") or "?",
+        overrides=overrides,
+        settings=_settings(config, trained_on),
+        seed=metrics.get("seed"),
+        trained_on=trained_on,
+        parameters=metrics.get("parameters"),
+        autonomy=_mean(tracks, "autonomy"),
+        cte_m=_mean(tracks, "cte_mean_m"),
+        tracks={
+            name: {key: float(one[key][0]) for key in shown if one.get(key)}
+            for name, one in tracks.items()
+        },
+        counts={
+            name: Count(one["drives_without_intervention"], one["drives"])
+            for name, one in tracks.items()
+            if one.get("drives_without_intervention") is not None
+        },
+        mph=mph,
+        val_mse=open_loop.get("val", {}).get("mse"),
+        test_mse=open_loop.get("test", {}).get("mse"),
+        wall_s=float(metrics.get("wall_s") or 0),
+        curves=read_curves(folder, CURVES),
+    )
+
+
+def why_unranked(folder: Path) -> Unranked:
+    """What has become of a run that has no figures to rank."""
+    status = read_status(folder)
+    said, reason = status.get("status"), str(status.get("reason", ""))
+    if said == "running":
+        return Unranked(folder, "running" if is_alive(folder) else "stopped")
+    if said in ("failed", "pruned"):
+        return Unranked(folder, said, reason)
+    return Unranked(folder, "older")
+
+
+def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
+    """Return each folder as a run that can be ranked, or why it can't."""
+    from zoo.runs.status_file import read_status_file
+
+    runs, unranked = [], []
+    for folder in folders:
+        try:
+            status = read_status_file(folder)
+            # Of a finished run that was resumed, the figures of what was finished stand.
+            has_figures = status.get("status") == "finished" or "finished_epochs" in status
+            run = load_run(folder) if has_figures else None
+        except InputError as error:
+            unranked.append(Unranked(folder, "damaged", _below(str(error), folder)))
+            continue
+        if run is None:
+            unranked.append(why_unranked(folder))
+        else:
+            runs.append(run)
+    return runs, unranked
+
+
+def _below(reason: str, folder: Path) -> str:
+    """Return a reason without the folder, which stands before it."""
+    return reason.removeprefix(f"{folder}/")
+
+
+def rank(runs: Sequence[Run]) -> list[Entry]:
+    """By autonomy, then cross-track error, then validation MSE.
+
+    Repeats with other training seeds are one entry.
+    Where the runs were driven on different tracks, those that all share decide.
+    """
+    groups: dict[str, list[Run]] = {}
+    for run in runs:
+        groups.setdefault(run.settings, []).append(run)
+    shared = shared_tracks(runs)
+    entries = [_entry(group, shared) for group in groups.values()]
+    return sorted(entries, key=_order)
+
+
+def shared_tracks(runs: Sequence[Run]) -> list[str]:
+    """Those that every run that was driven was driven on."""
+    driven = [run.tracks for run in runs if run.tracks]
+    return [name for name in (driven[0] if driven else {}) if all(name in one for one in driven)]
+
+
+def protocols(runs: Sequence[Run]) -> list[str]:
+    """How the runs were driven, in words, where that is not the same for all."""
+    said = {
+        f"{', '.join(run.tracks)} {f'at {run.mph:g} mph' if run.mph else 'with its own throttle'}"
+        for run in runs
+        if run.tracks
+    }
+    return sorted(said) if len(said) > 1 else []
+
+
+def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
+    """Return figures by track and the speed; none where the run was scored in another way."""
+    if not drive or not drive.get("tracks"):
+        return {}, None
+    seeds = drive.get("seeds")
+    tracks = {name: read_figures(one, seeds) for name, one in drive["tracks"].items() if one}
+    return tracks, drive.get("speed_mph")
+
+
+def _mean(tracks: dict[str, dict], key: str) -> float | None:
+    values = [float(one[key][0]) for one in tracks.values() if one.get(key)]
+    return float(np.mean(values)) if values else None
+
+
+def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
+    runs = sorted(runs, key=lambda run: (run.seed is None, run.seed))
+    figures = {
+        key: _spread([getattr(run, key) for run in runs])
+        for key in ("val_mse", "test_mse", "wall_s")
+    }
+    for key, track_key in (("autonomy", "autonomy"), ("cte_m", "cte_mean_m")):
+        values = [_over_tracks(run, shared, track_key) for run in runs]
+        figures[key] = _spread(values)
+    for track in dict.fromkeys(name for run in runs for name in run.tracks):
+        for key in ("autonomy", "cte_mean_m", "interventions"):
+            values = [run.tracks.get(track, {}).get(key) for run in runs]
+            figures[f"{track}/{key}"] = _spread(values)
+        counts = [run.counts.get(track) for run in runs]
+        figures[f"{track}/drives"] = None
+        if all(counts):
+            kept, drives = (sum(column) for column in zip(*map(astuple, counts), strict=True))
+            figures[f"{track}/drives"] = Count(kept, drives)
+    return Entry(tuple(runs), figures)
+
+
+def _over_tracks(run: Run, shared: Sequence[str], key: str) -> float | None:
+    values = [one[key] for name, one in run.tracks.items() if not shared or name in shared]
+    return float(np.mean(values)) if values else None
+
+
+def _spread(values: Sequence[float | None]) -> Spread | None:
+    if not values or any(value is None for value in values):
+        return None
+    return mean_and_deviation(values)
+
+
+def _order(entry: Entry) -> tuple:
+    autonomy, cte, mse = (entry.figures[key] for key in ("autonomy", "cte_m", "val_mse"))
+    return (
+        -autonomy[0] if autonomy else LAST,
+        cte[0] if cte else LAST,
+        mse[0] if mse else LAST,
+        str(entry.first.folder),
+    )
+
+
+def _settings(config: dict, trained_on: TrainedOn) -> str:
+    """Return what repeats of a run share: the same recording may be named in several ways."""
+    data = config.get("data")
+    if isinstance(data, dict):
+        config = config | {"data": {key: data[key] for key in data if key != "root"}}
+    return json.dumps([config, *astuple(trained_on)], sort_keys=True)
+
+
+def _configs(folder: Path) -> tuple[dict, dict[str, str], "Runtime"]:
+    """Return the config without the seed, the overrides by key, and what Hydra kept."""
+    from zoo.runs.config_files import read_config_file, read_hydra_file, read_overrides_file
+
+    config, overrides = read_config_file(folder), read_overrides_file(folder)
+    for key in APART:
+        config.pop(key, None)
+    # A search's own callback tells its trials apart, not what is trained.
+    if isinstance(config.get("callbacks"), dict):
+        config["callbacks"].pop("pruning", None)
+    pairs = [one.lstrip("+~").partition("=") for one in overrides]
+    typed = {key: value for key, _, value in pairs if not key.startswith(("hydra", "callbacks.pr"))}
+    return config, typed, read_hydra_file(folder)

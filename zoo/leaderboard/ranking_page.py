@@ -1,0 +1,160 @@
+"""The ranking as one page that fetches nothing: table, parallel coordinates, curves."""
+
+import math
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from zoo.drives.intervals import count_with_interval
+from zoo.evaluate.drives_table import with_deviation
+from zoo.leaderboard.ranking import Count, Entry, Unranked
+from zoo.leaderboard.ranking_table import (
+    Column,
+    below,
+    columns,
+    named_columns,
+    run_name,
+    said,
+    setting_columns,
+    shown_setting,
+    training_seeds,
+    unranked_lines,
+    value_of,
+)
+from zoo.report.report_page import hash_source
+from zoo.runs.whole_file import write_whole
+
+# Of these less is better: their axes stand upside down, so that up is good everywhere.
+LESS_IS_BETTER = ("cte", "interventions", "mse", "wall_s")
+CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
+
+
+def write_page(
+    path: Path, title: str, entries: Sequence[Entry], unranked: Sequence[Unranked], under: Path
+) -> Path:
+    """Write the page; raises OSError where that can't be.
+
+    Args:
+        title: its heading.
+        entries: ranked, the best first.
+        unranked: what could not be, named below the table.
+        under: folders are said below it.
+    """
+    figures, settings = columns(entries), setting_columns(entries)
+    # A count's interval is wider than what an axis could show of it.
+    axes = [one for one in figures if one.form]
+    data = {
+        "axes": [*map(_setting_axis, settings), *map(_figure_axis, axes)],
+        "entries": [_plain(entry, settings, figures, under) for entry in entries],
+        "curves": [
+            name for name in CURVES if any(name in r.curves for e in entries for r in e.runs)
+        ],
+    }
+    parts = Path(__file__).parent / "static"
+    environment = Environment(
+        loader=FileSystemLoader(parts), autoescape=True, undefined=StrictUndefined
+    )
+    style, script = ((parts / name).read_text() for name in ("style.css", "page.js"))
+    page = environment.get_template("page.html").render(
+        policy=f"default-src 'none'; style-src {hash_source(style)}; "
+        f"script-src {hash_source(script)}; "
+        "base-uri 'none'; form-action 'none'",
+        title=title,
+        when=f"{datetime.now():%Y-%m-%d %H:%M}",
+        where=str(under.resolve()),
+        lead=_lead(entries),
+        **_table(entries, settings, figures, under),
+        unranked=unranked_lines(unranked, under),
+        style=style,
+        script=script,
+        data=data,
+    )
+    return write_whole(path, page)
+
+
+def _kept(entry: Entry) -> str:
+    """Return how many of an entry's drives needed no intervention, by track, in words."""
+    counts = {key: one for key, one in entry.figures.items() if isinstance(one, Count)}
+    said_counts = [
+        f"{count_with_interval(one.kept, one.drives)} on {Path(key).parent.stem}"
+        for key, one in counts.items()
+    ]
+    return f"; drives without intervention: {', '.join(said_counts)}" if counts else ""
+
+
+def _lead(entries: Sequence[Entry]) -> str:
+    """What the best came to, in a sentence."""
+    if not entries:
+        return "No run has finished."
+    best, count = entries[0], sum(len(entry.runs) for entry in entries)
+    what = f"{count} runs" if count > 1 else "1 run"
+    if len(entries) < count:
+        what += f", {len(entries)} settings with repeats by training seed"
+    for column in (
+        Column("autonomy", "autonomy", "{:.1%}"),
+        Column("validation MSE", "val_mse", "{:.4f}"),
+    ):
+        if best.figures.get(column.key):
+            figure = with_deviation(best.figures[column.key], column.form, len(best.runs))
+            return f"{what}. The best, {best.first.name}: {column.heading} {figure}{_kept(best)}."
+    return f"{what}."
+
+
+def _table(
+    entries: Sequence[Entry], settings: Sequence[str], figures: Sequence[Column], under: Path
+) -> dict:
+    """The columns' headings, each with whether it holds words, and the rows: cells of text with a
+    number to sort by, or None."""
+    names = named_columns(entries, under)
+    words = [*(one.heading for one in names), *settings, "training seeds"]
+    heads = [(one, True) for one in words] + [(one.heading, False) for one in figures]
+    rows = []
+    for place, entry in enumerate(entries):
+        texts = [one.cells[place] for one in names]
+        texts += [shown_setting(entry.first.overrides.get(key)) for key in settings]
+        texts.append(training_seeds(entry))
+        row = [(text, None) for text in texts]
+        row += [(said(entry.figures, one), value_of(entry, one)) for one in figures]
+        rows.append(row)
+    return {"heads": heads, "rows": rows}
+
+
+def _setting_axis(key: str) -> dict:
+    return {"key": key, "heading": key, "kind": "setting"}
+
+
+def _figure_axis(column: Column) -> dict:
+    less = any(word in column.key for word in LESS_IS_BETTER)
+    share = "%" in column.form
+    return {
+        "key": column.key,
+        "heading": column.heading,
+        "kind": "figure",
+        "less": less,
+        "share": share,
+    }
+
+
+def _plain(entry: Entry, settings: Sequence[str], figures: Sequence[Column], under: Path) -> dict:
+    """An entry as the page's script reads it."""
+    values = {key: entry.first.overrides.get(key) for key in settings}
+    values |= {one.key: value_of(entry, one) for one in figures if value_of(entry, one) is not None}
+    own = " ".join(f"{key}={shown_setting(values[key])}" for key in settings)
+    return {
+        "name": f"{run_name(entry, under)}: {own or entry.first.name}",
+        "values": values,
+        "runs": [
+            {
+                "folder": below(run.folder, under),
+                "seed": run.seed,
+                "curves": {
+                    name: sorted(pair for pair in curve.items() if math.isfinite(pair[1]))
+                    for name, curve in run.curves.items()
+                    if name in CURVES
+                },
+            }
+            for run in entry.runs
+        ],
+    }

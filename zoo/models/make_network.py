@@ -1,0 +1,32 @@
+"""Construct the network that a config names."""
+
+from torch import nn
+
+from datamodules.errors import InputError
+from datamodules.view import View
+from zoo.runs.saved_config import ALLOWED, own_class
+
+VIEW_KEYS = ("colour", "size")
+# Of a model's config, not for its constructor.
+BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
+
+
+def make_network(model: dict, view: View) -> nn.Module:
+    """Return the network that a model's config names, for a view.
+
+    Its `_target_` must be in `zoo.models`: a config can come from a stranger's checkpoint, and must
+    not name any callable there is.
+
+    Raises:
+        InputError: a target that is no network of the zoo, or settings that it refuses.
+    """
+    target = model.get("_target_")
+    network_class = own_class(target, ALLOWED["model",].own)
+    if network_class is None or not issubclass(network_class, nn.Module):
+        raise InputError(f"model._target_={target!s:.200} is no network of zoo.models")
+    settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
+    height, width, channels = view.shape
+    try:
+        return network_class((channels, height, width), **settings)
+    except (TypeError, ValueError) as error:
+        raise InputError(str(error)) from None

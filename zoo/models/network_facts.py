@@ -1,0 +1,21 @@
+"""What the zoo's table and a report print of a network."""
+
+import inspect
+import sys
+
+import torch
+from torch.utils.flop_counter import FlopCounterMode
+
+
+def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
+    """Multiply-adds of one forward pass of convolutions and dense layers."""
+    images, speed = torch.zeros(1, *shape), torch.zeros(1)
+    network.eval()
+    with torch.no_grad(), FlopCounterMode(display=False) as counter:
+        network(images, speed) if network.takes_speed else network(images)
+    return counter.get_total_flops() // 2
+
+
+def paper(network: torch.nn.Module) -> str:
+    """The first line of the network's module, which names its source."""
+    return inspect.getdoc(sys.modules[type(network).__module__]).splitlines()[0].rstrip(".")

@@ -1,0 +1,104 @@
+"""The first words of a write-up: what this is, and how well it drives."""
+
+from zoo.drives.intervals import count_with_interval
+from zoo.evaluate.drives_table import with_deviation
+from zoo.report.blocks import Block, Box, Missing, MissingError, Text, Tile, Tiles
+from zoo.report.reported_run import Run
+from zoo.verdict.evidence import evidence_of_run
+from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
+
+KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
+
+
+def title(run: Run) -> str:
+    """The experiment's name, or the model's."""
+    name = run.choices.get("experiment") or run.config["model"]["name"]
+    return f"{name}, quick" if run.config.get("quick") else str(name)
+
+
+def headline_blocks(run: Run) -> list[Block]:
+    """What it is in a sentence, and the figures: autonomy, cross-track error, open-loop."""
+    blocks: list[Block] = [*_verdict(run), Text(_what(run))]
+    if run.ended_early:
+        blocks.append(Missing(run.ended_early))
+    tiles = [*_driving(run), *_open_loop(run)]
+    return blocks + ([Tiles(tiles)] if tiles else [])
+
+
+def _verdict(run: Run) -> list[Block]:
+    """The verdict as a box; nothing for a run that has not finished."""
+    if not run.metrics or run.ended_early:
+        return []
+    evidence = evidence_of_run(run.folder, run.config, run.metrics)
+    verdict = judge([one.summary for one in run.drives], evidence)
+    lines = [*verdict.tracks, verdict.certainty]
+    lines += ["Likely causes:"] if verdict.causes else []
+    return [
+        Box(
+            KINDS[verdict.level],
+            verdict.headline,
+            lines,
+            list(verdict.causes),
+            list(verdict.commands),
+        )
+    ]
+
+
+def _what(run: Run) -> str:
+    metrics, root = run.metrics, run.config["data"].get("root")
+    size = f" of {metrics['parameters']:,} parameters" if metrics else ""
+    said = (
+        f"A network that steers a car from a camera's picture: {run.config['model']['name']}{size}"
+    )
+    try:
+        root = root or list(run.recording.names)
+    except MissingError:
+        root = "a recording that is not known"
+    said += ", trained on " if metrics else ", to be trained on "
+    said += f"{root if isinstance(root, str) else ', '.join(root)}"
+    if metrics:
+        said += (
+            f" ({metrics['data']['split']['train']:,} training rows, {metrics['epochs']} epochs)"
+        )
+    return f"{said}."
+
+
+def _driving(run: Run) -> list[Tile]:
+    scored = run.metrics.get("drive") or {}
+    speed = f" at {scored['speed_mph']:g} mph" if scored.get("speed_mph") else ""
+    first, second = [], []
+    for track, figures in run.tracks.items():
+        count = figures.get("drives")
+        lost, laps = figures["interventions"][0], figures["laps"][0]
+        note = f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
+        note += ", on average" if (count or 1) > 1 else ""
+        if figures.get("drives_without_intervention") is not None:
+            kept = count_with_interval(figures["drives_without_intervention"], count)
+            note += f"; drives without intervention: {kept}"
+        autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
+        first.append(Tile(f"Autonomy, {track}", autonomy, note))
+        second.append(
+            Tile(
+                f"Off centre, {track}",
+                f"{figures['cte_mean_m'][0]:.2f} m",
+                f"on average; {run.farthest_m(track):.2f} m at most",
+            )
+        )
+    return first + second
+
+
+def _open_loop(run: Run) -> list[Tile]:
+    found = run.metrics.get("open_loop") or {}
+    part = next((one for one in ("test", "val") if one in found), None)
+    if part is None:
+        return []
+    zero = run.metrics["baselines"][part]["always zero"]
+    name = {"test": "Test", "val": "Validation"}[part]
+    return [
+        Tile(f"{name} MSE", f"{found[part]['mse']:.4f}", f"always zero: {zero['mse']:.4f}"),
+        Tile(
+            f"{name} MAE, balanced",
+            f"{found[part]['balanced_mae']:.3f}",
+            f"always zero: {zero['balanced_mae']:.3f}",
+        ),
+    ]

@@ -1,0 +1,102 @@
+"""`.hydra/*.yaml`: the config that a run was started with, what was typed, and Hydra's own."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from datamodules.errors import InputError
+from zoo.runs.bounded_files import check_text, read_yaml, read_yaml_text
+from zoo.runs.record_fields import Fields, Texts, Whole, check_fields, plain
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+FOLDER = ".hydra"
+
+
+class Recorded(Fields):
+    """Where `data=lake` records."""
+
+    out: str | None = None
+
+
+class Data(Fields):
+    """The recordings that a config names."""
+
+    root: Texts | None = None
+    images: str | None = None
+    record: Recorded | None = None
+
+
+class Config(Fields):
+    """A run's config; networks and trainers check what is theirs."""
+
+    seed: Whole | None = None
+    data: Data | None = None
+
+
+class Choices(Fields):
+    """By config group, what was chosen."""
+
+    experiment: str | None = None
+
+
+class Runtime(Fields):
+    """What Hydra kept of the command."""
+
+    choices: Choices = Choices()
+    cwd: str | None = None
+
+
+class Hydra(Fields):
+    """Hydra's own settings."""
+
+    runtime: Runtime = Runtime()
+
+
+class HydraFile(Fields):
+    """What `hydra.yaml` holds."""
+
+    hydra: Hydra
+
+
+def read_config_file(folder: Path) -> dict:
+    """Return a run's config as plain containers; raises InputError."""
+    path = folder / FOLDER / "config.yaml"
+    return plain(check_fields(Config, read_yaml(path), path))
+
+
+def read_hydra_file(folder: Path) -> Runtime:
+    """Return what Hydra kept of a run's command; raises InputError."""
+    path = folder / FOLDER / "hydra.yaml"
+    return check_fields(HydraFile, read_yaml(path), path).hydra.runtime
+
+
+def read_overrides_file(folder: Path) -> list[str]:
+    """Return what was typed after `python -m zoo`; raises InputError."""
+    path = folder / FOLDER / "overrides.yaml"
+    found = read_yaml(path)
+    if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
+        raise InputError(f"{path}: should be a list of texts")
+    return found
+
+
+def load_config(folder: Path) -> "DictConfig":
+    """Return a run's config as OmegaConf reads it, whose numbers are not quite YAML's.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
+
+    path = folder / FOLDER / "config.yaml"
+    try:
+        config = OmegaConf.create(read_yaml_text(path))
+        # What interpolates Hydra's own settings can't be resolved outside of it, and need not be.
+        found = check_text(OmegaConf.to_container(config, resolve=False))
+    except (OmegaConfBaseException, YAMLError, ValueError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: is no config that can be read ({reason})") from None
+    check_fields(Config, found, path)
+    return config

@@ -1,0 +1,299 @@
+"""Configs that were read from a file: what they may name, and what only a person may.
+
+Hydra calls whatever a `_target_` names. A config that a person typed, or that the package ships,
+may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each
+of its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist
+is no boundary, as its source says.) It still decides which recording and weights are read, where
+decoded views are cached (`data.cache`), and how much time, memory and how many processes it takes.
+"""
+
+import importlib
+import inspect
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+import yaml
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from datamodules.errors import InputError
+
+TRUST = "trust"  # the key by which a person allows more
+RECIPE = "recipe.json"  # of a recording that the embedded simulator made for a config
+MAX_BYTES = 1_000_000  # of a config's file; a run's own has some 4,000
+
+Keys = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """The classes that a section may name.
+
+    Attributes:
+        own: modules of ours; a class counts where it is defined.
+        names: full names of other packages' classes.
+    """
+
+    own: tuple[str, ...] = ()
+    names: frozenset[str] = frozenset()
+
+
+def _of(module: str, names: str) -> frozenset[str]:
+    return frozenset(f"{module}.{name}" for name in names.split())
+
+
+# By the place of a `_target_`; * stands for any name.
+ALLOWED = {
+    ("model",): Allowed(own=("zoo.models.*",)),
+    ("loss",): Allowed(
+        own=("zoo.losses",), names=_of("torch.nn", "HuberLoss L1Loss MSELoss SmoothL1Loss")
+    ),
+    ("optim",): Allowed(
+        names=_of("torch.optim", "Adadelta Adagrad Adam Adamax AdamW NAdam RAdam RMSprop SGD")
+    ),
+    ("schedule",): Allowed(
+        names=_of(
+            "torch.optim.lr_scheduler",
+            "ConstantLR CosineAnnealingLR CosineAnnealingWarmRestarts ExponentialLR LinearLR "
+            "MultiStepLR OneCycleLR PolynomialLR ReduceLROnPlateau StepLR",
+        )
+    ),
+    ("trainer",): Allowed(names=_of("lightning", "Trainer pytorch.Trainer")),
+    ("data",): Allowed(own=("datamodules.driving",)),
+    # Transforms of an image that read no file and call no function.
+    ("data", "augment", "*"): Allowed(
+        own=("datamodules.augment", "datamodules.bend"),
+        names=_of(
+            "albumentations",
+            "AdvancedBlur Blur ChannelDropout ChannelShuffle CLAHE CoarseDropout ColorJitter "
+            "Defocus Downscale Emboss Equalize GaussianBlur GaussNoise HueSaturationValue "
+            "ImageCompression ISONoise MedianBlur MotionBlur MultiplicativeNoise PlanckianJitter "
+            "Posterize RandomBrightnessContrast RandomFog RandomGamma RandomRain RandomShadow "
+            "RandomSnow RandomSunFlare RGBShift SaltAndPepper Sharpen ShotNoise Solarize ToGray "
+            "ToSepia ZoomBlur",
+        ),
+    ),
+    ("callbacks", "*"): Allowed(
+        own=(
+            "zoo.callbacks.closed_loop",
+            "zoo.callbacks.training_images",
+            "zoo.callbacks.progress",
+            "zoo.sweep.pruning",
+        ),
+        names=_of(
+            "lightning.pytorch.callbacks",
+            "DeviceStatsMonitor EarlyStopping LearningRateMonitor ModelCheckpoint ModelSummary "
+            "RichModelSummary RichProgressBar StochasticWeightAveraging Timer TQDMProgressBar",
+        ),
+    ),
+    # Not those of MLflow and Weights & Biases: they send figures to a server that they name.
+    ("logger", "*"): Allowed(names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")),
+}
+# They write files, whose names stay within the run's folder.
+WRITERS = ("callbacks", "logger")
+READ_KEYS = ("track",)  # of theirs: files that are only read
+FOLDER_KEYS = ("save_dir", "root_dir")  # of loggers; a run's go into its own folder
+# Of the trainer: they write elsewhere, or replace what a run sets.
+TRAINER_KEYS = ("callbacks", "default_root_dir", "logger", "plugins", "profiler")
+STRATEGIES = re.compile(r"auto|single_device|ddp\w*|fsdp\w*")
+RECORDINGS = "outputs"  # a saved config's data.record.out is a new folder below it
+_INTERPOLATION = re.compile(r"(?<!\\)(?:\\\\)*(\$\{)")
+_PLAIN = re.compile(r"\$\{[\w.\[\]]+\}")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A value that a saved config must not have.
+
+    Attributes:
+        key: where it stands, with dots.
+        value: what was found.
+        reason: why it is refused.
+        trust: what a person adds to `trust=` to allow it.
+    """
+
+    key: str
+    value: object
+    reason: str
+    trust: str
+
+
+def split_trust(arguments: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Return the arguments without `trust=...`, and what it names.
+
+    >>> split_trust(["seed=2", "trust=my.Loss,trainer.profiler"])
+    (['seed=2'], ('my.Loss', 'trainer.profiler'))
+    """
+    given = [one for one in arguments if one.startswith(f"{TRUST}=")]
+    names = [name.strip() for one in given for name in one.partition("=")[2].split(",")]
+    return [one for one in arguments if one not in given], tuple(filter(None, names))
+
+
+def check_saved_config(
+    config: DictConfig | Mapping,
+    source: object,
+    trusted: Collection[str] = (),
+    typed: Collection[Keys] = (),
+) -> None:
+    """Refuse a config that could run or write what no run of ours would.
+
+    Args:
+        config: the whole config, as it will be used.
+        source: where it was read, for the message.
+        trusted: names of classes and keys that the person allows.
+        typed: keys whose values the person typed; they may be anything.
+
+    Raises:
+        InputError: see `find_refusals`; or an interpolation that leads nowhere.
+    """
+    for one in find_refusals(config, source, trusted, typed):
+        raise InputError(
+            f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; if you know "
+            f"it and trust it, add {TRUST}={one.trust:.200}"
+        )
+
+
+def find_refusals(
+    config: DictConfig | Mapping,
+    source: object = "the config",
+    trusted: Collection[str] = (),
+    typed: Collection[Keys] = (),
+) -> Iterator[Refusal]:
+    """Yield what a saved config must not have, see `ALLOWED` and the constants after it.
+
+    A `_target_` is written out, of a section's list; an interpolation names another key; paths of
+    callbacks and loggers stay in the run's folder; the trainer writes nowhere else; what is
+    recorded on first use goes below `outputs`.
+    """
+    if not isinstance(config, DictConfig):
+        config = OmegaConf.create(config)
+    refused = False
+    for keys, value in _walk(OmegaConf.to_container(config, resolve=False)):
+        key = ".".join(keys)
+        if keys in typed or key in trusted or not isinstance(value, str):
+            continue
+        if keys[-1:] == ("_target_",) and _INTERPOLATION.search(value):
+            refused = True
+            yield Refusal(key, value, "is not written out", key)
+        elif _calls_resolver(value):
+            refused = True
+            yield Refusal(key, value, "reads or computes something when it is resolved", key)
+    if refused:  # resolving would do it
+        return
+    try:
+        plain = OmegaConf.to_container(config, resolve=True)
+    except (OmegaConfBaseException, RecursionError) as error:
+        raise InputError(f"{source}: cannot be resolved ({_line(error)}); restore it") from None
+    for keys, value in _walk(plain):
+        reason, name = _refused(keys, value, plain)
+        if reason and keys not in typed and not {name, ".".join(keys)} & set(trusted):
+            yield Refusal(".".join(keys), value, reason, name)
+
+
+def leaf_keys(value: object, keys: Keys = ()) -> set[Keys]:
+    """Return the keys of all values within a value."""
+    if OmegaConf.is_config(value):
+        value = OmegaConf.to_container(value, resolve=False)
+    return {leaf for leaf, _ in _walk(value, keys)}
+
+
+def own_class(target: object, modules: Sequence[str]) -> type | None:
+    """Return the class that a name names, if one of our modules defines it.
+
+    Args:
+        modules: full names; `zoo.models.*` stands for every module of the package.
+    """
+    if not isinstance(target, str):
+        return None
+    module, _, name = target.rpartition(".")
+    packages = tuple(one[:-1] for one in modules if one.endswith(".*"))
+    if module not in modules and not (packages and module.startswith(packages)):
+        return None
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except (ImportError, ValueError):
+        return None
+    # `zoo.models.layers.nn.Sequential` would be torch's: a class counts where it is defined.
+    return found if inspect.isclass(found) and found.__module__ == module else None
+
+
+def _refused(keys: Keys, value: object, config: Mapping) -> tuple[str | None, str]:
+    """Return why a value is refused, None if it is not; and what `trust=` would name."""
+    key, section = ".".join(keys), keys[0] if keys else ""
+    if keys[-1:] == ("_target_",):
+        is_known = _is_allowed(keys[:-1], value) or _is_shipped(keys[:-1], config)
+        return None if is_known else "is no class that a saved config may name here", str(value)
+    if section in WRITERS and not _is_shipped(keys[:2], config):
+        if section == "logger" and keys[-1] in FOLDER_KEYS and value is not None:
+            return "lets a logger write outside of the run's folder", key
+        is_text = isinstance(value, str | bytes | os.PathLike) and keys[-1] not in READ_KEYS
+        if is_text and _leads_out(os.fsdecode(value)):
+            return "leads out of the run's folder", key
+    if section == "trainer":
+        if len(keys) > 1 and keys[1] in TRAINER_KEYS and value not in (None, False):
+            return "lets the trainer write elsewhere than a run does", key
+        if keys == ("trainer", "strategy") and not STRATEGIES.fullmatch(str(value)):
+            return "is no strategy that a saved config may name", key
+    if keys == ("data", "record", "out") and config["data"].get("root") is None:
+        path = PurePath(str(value))
+        below = not _leads_out(str(value)) and path.parts[:1] == (RECORDINGS,)
+        if not below and not (Path(path) / RECIPE).is_file():
+            return f"would record outside of {RECORDINGS}/", key
+    return None, key
+
+
+def _walk(node: object, keys: Keys = ()) -> Iterator[tuple[Keys, object]]:
+    """Yield every value of plain containers that holds no others, with its keys."""
+    if isinstance(node, Mapping):
+        pairs = node.items()
+    elif isinstance(node, list | tuple):
+        pairs = enumerate(node)
+    else:
+        yield keys, node
+        return
+    for name, value in pairs:
+        yield from _walk(value, (*keys, str(name)))
+
+
+def _is_allowed(place: Keys, target: object) -> bool:
+    for pattern, allowed in ALLOWED.items():
+        if len(pattern) == len(place) and all(
+            one in ("*", name) for one, name in zip(pattern, place, strict=True)
+        ):
+            return target in allowed.names or own_class(target, allowed.own) is not None
+    return False
+
+
+def _is_shipped(place: Keys, config: Mapping) -> bool:
+    """Whether a logger's section is word for word one of the package's YAML files."""
+    if len(place) != 2 or place[0] != "logger":
+        return False
+    from zoo.cli.compose import choices, conf_folder
+
+    name = place[1]
+    if name not in choices("logger"):
+        return False
+    shipped = yaml.safe_load((conf_folder() / "logger" / f"{name}.yaml").read_text())
+    return shipped.get(name) == config["logger"][name]
+
+
+def _calls_resolver(text: str) -> bool:
+    """Return whether a text has an interpolation that is more than the name of another key.
+
+    >>> [_calls_resolver(one) for one in ("${trainer.max_epochs}", "${oc.env:HOME}", r"\\${a:b}")]
+    [False, True, False]
+    """
+    return any(not _PLAIN.match(text, one.start(1)) for one in _INTERPOLATION.finditer(text))
+
+
+def _leads_out(value: str) -> bool:
+    path = PurePath(value.replace("\\", "/"))
+    drive = re.match(r"[A-Za-z]:", value)
+    return path.is_absolute() or ".." in path.parts or ":/" in value or drive is not None
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__

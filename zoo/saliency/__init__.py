@@ -1,0 +1,1 @@
+"""What a network looks at; `python -m zoo.saliency` draws it."""

@@ -1,0 +1,81 @@
+"""`python -m zoo.saliency CKPT IMAGE_OR_RECORDING [out=saliency.png]`: what a network looks at."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.image import read_image
+from datamodules.recording import read_recordings
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.arguments import read_arguments
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+
+USAGE = "python -m zoo.saliency CKPT IMAGE_OR_RECORDING [out=saliency.png] [published=true]"
+SHOWN = 12  # frames of a recording that are drawn
+
+# torch takes seconds to import; --help and a typo do not need it.
+
+
+@dataclass
+class SaliencyOptions:
+    """Draws a picture beside what the checkpoint's network looks at in it, or twelve of a
+    recording.
+
+    Args:
+        out: the PNG file.
+        published: VisualBackProp to the letter, not weighted by what moves the steering.
+    """
+
+    out: str = "saliency.png"
+    published: bool = False
+
+
+def draw_saliency(arguments: list[str]) -> None:
+    """Write a PNG: each frame, and beside it what the checkpoint's network looks at."""
+    paths = ["CKPT", "IMAGE_OR_RECORDING"]
+    (checkpoint, source), options = read_arguments(SaliencyOptions, paths, arguments, USAGE)
+    checkpoint = find_checkpoint(checkpoint)
+    with loading():
+        from zoo.checkpoints.policy import load_policy
+        from zoo.saliency.visual_backprop import Saliency, overlay
+
+        saliency = Saliency(load_policy(checkpoint), options.published)
+        pairs = [
+            np.hstack([frame, overlay(frame, saliency(frame, speed))])
+            for frame, speed in _frames(Path(source).expanduser())
+        ]
+    columns = 1 if len(pairs) < 3 else 2
+    pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % columns)
+    rows = [np.hstack(pairs[start : start + columns]) for start in range(0, len(pairs), columns)]
+    out = Path(options.out).expanduser()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_bytes(cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
+    except OSError as error:
+        raise InputError(f"out={out}: {error.strerror}; name another file") from None
+    print(out)
+
+
+def _frames(source: Path) -> list[tuple[np.ndarray, float]]:
+    """Frames with their speed in mph: of a recording, `SHOWN` spread over it; or one picture."""
+    if source.is_file() and source.suffix != ".csv":
+        return [(_read_frame(source), 0.0)]
+    recording = read_recordings(str(source), on_bad_image="skip")
+    rows = np.unique(np.linspace(0, len(recording) - 1, SHOWN).round().astype(int))
+    return [(_read_frame(Path(recording.images[r, 0])), recording.speed_mph[r]) for r in rows]
+
+
+def _read_frame(path: Path) -> np.ndarray:
+    try:
+        return read_image(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: {error}; name a JPEG or PNG, or a recording's folder") from None
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.saliency", draw_saliency, sys.argv[1:]))

@@ -1,1 +1,0 @@
-"""Scores by driving: a drive in the embedded world, its figures and its pictures."""

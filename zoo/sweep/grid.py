@@ -1,0 +1,82 @@
+"""All combinations of a sweep's values, each a job with a folder of its own."""
+
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.plugins.launcher import Launcher
+from hydra.types import HydraContext
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.leaderboard.ranking_table import below
+from zoo.sweep.job_watch import watched
+from zoo.sweep.launch_rounds import Job, launch_all
+from zoo.sweep.saved_sweep import check_job
+from zoo.sweep.sweep_job import SERIAL
+from zoo.sweep.sweep_record import add_to_record, log_digest
+
+
+def sweep_grid(
+    arguments: list[str], config: DictConfig, context: HydraContext, launcher: Launcher
+) -> None:
+    """Run every combination that is not done yet.
+
+    Raises:
+        HydraException, OmegaConfBaseException: a job whose config can't be; none has run then.
+        InputError: the launcher can't start any.
+    """
+    folder = Path(config.hydra.sweep.dir)
+    parsed = OverridesParser.create(config_loader=context.config_loader).parse_overrides(arguments)
+    for override in parsed:
+        if override.is_sweep_override() and not override.is_discrete_sweep():
+            raise InputError(
+                f"{override.get_key_element()}: an interval has no end of values; list some, or "
+                "let Optuna choose: hydra/sweeper=optuna"
+            )
+    (combinations,) = BasicSweeper.split_arguments(parsed, None)
+    jobs = [
+        Job(number, tuple(overrides), folder / str(number))
+        for number, overrides in enumerate(combinations)
+    ]
+    data = recordings_of([job.overrides for job in jobs], config, context)
+    add_to_record(folder, jobs=[list(job.overrides) for job in jobs], data=data)
+    console = Console(soft_wrap=True)
+    console.print(f"sweep: {below(folder, Path.cwd())}", highlight=False, markup=False)
+    serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
+    # One by one they print enough themselves.
+    with contextlib.nullcontext() if serial else watched(jobs, console):
+        launch_all(lambda some: launch_jobs(launcher, some), jobs, console)
+
+
+def launch_jobs(launcher: Launcher, jobs: Sequence[Job]) -> None:
+    """Hand jobs to one of Hydra's launchers; each keeps the folder of its number."""
+    overrides = [[*job.overrides, f"hydra.sweep.subdir='{job.number}'"] for job in jobs]
+    launcher.launch(overrides, initial_job_idx=jobs[0].number)
+
+
+def recordings_of(
+    jobs: Sequence[Sequence[str]],
+    config: DictConfig,
+    context: HydraContext,
+    added: Sequence[str] = (),
+) -> dict[str, str | None]:
+    """Compose every job, so that a mistake shows before the first has begun; the digest of each
+    recording that they name.
+
+    Args:
+        added: overrides that a search has added itself, see `check_job`.
+    """
+    roots: list[str] = []
+    for overrides in jobs:
+        job = context.config_loader.load_sweep_config(config, list(overrides))
+        check_job(overrides, job, added)
+        root = job.data.get("root")
+        if root is None:
+            root = OmegaConf.select(job, "data.record.out")
+        found = list(root) if OmegaConf.is_list(root) else [root]
+        roots += [str(one) for one in found if one is not None]
+    return {root: log_digest(root) for root in dict.fromkeys(roots)}

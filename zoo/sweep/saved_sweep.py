@@ -1,0 +1,126 @@
+"""Sweeps that were read from a file: what a recorded `sweep.json` may ask Hydra for.
+
+A sweep that a person types may ask for anything. One that is resumed from its folder may be a
+stranger's: its overrides name the package's own choices, and each job's config is checked as a
+saved run's is.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Override
+from omegaconf import DictConfig, OmegaConf
+
+from datamodules.errors import InputError
+from zoo.cli.compose import choices, config_groups, quote_paths
+from zoo.runs.saved_config import TRUST, check_saved_config
+
+LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")
+SWEEPERS = ("basic", "grid", "optuna")
+# Of `hydra.*`: numbers and names, none of which names a class, a command or a place.
+HYDRA_KEYS = (
+    *(f"hydra.launcher.{one}" for one in ("n_jobs", "batch_size", "verbose")),
+    *(f"hydra.launcher.{one}" for one in ("timeout_min", "nodes", "cpus_per_task", "mem_gb")),
+    *(f"hydra.launcher.{one}" for one in ("gpus_per_node", "partition", "array_parallelism")),
+    *(f"hydra.launcher.task.{one}" for one in ("num_cpus", "num_gpus")),
+    *(f"hydra.sweeper.{one}" for one in ("n_trials", "at_once", "monitor", "study", "sampler")),
+    *(f"hydra.sweeper.{one}" for one in ("seed", "pruner", "startup_trials", "warmup_epochs")),
+    "hydra.sweep.subdir",  # set for each job
+    "hydra.verbose",
+)
+PRUNING = "callbacks.pruning"  # a search adds it to its jobs
+
+
+@dataclass(frozen=True)
+class SavedSweep:
+    """A sweep that is resumed from its folder.
+
+    Attributes:
+        source: the file that its overrides were read from.
+        trusted: names of classes and keys that the person allows.
+    """
+
+    source: Path
+    trusted: tuple[str, ...]
+
+
+_resumed: ContextVar[SavedSweep | None] = ContextVar("resumed", default=None)
+
+
+@contextmanager
+def resumed_from(sweep: SavedSweep) -> Iterator[None]:
+    """Check each job that is composed within, see `check_job`."""
+    token = _resumed.set(sweep)
+    try:
+        yield
+    finally:
+        _resumed.reset(token)
+
+
+def check_job(overrides: Sequence[str], config: DictConfig, added: Sequence[str] = ()) -> None:
+    """Refuse a job of a resumed sweep that asks for what a saved config must not.
+
+    Args:
+        overrides: the job's.
+        config: what they compose.
+        added: those of the overrides that a search has added itself.
+
+    Raises:
+        InputError: see `check_overrides` and `check_saved_config`.
+    """
+    sweep = _resumed.get()
+    if sweep is None:
+        return
+    check_overrides([one for one in overrides if one not in added], sweep)
+    own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
+    # The study's address is checked as `hydra.sweeper.storage`.
+    trusted = [*sweep.trusted, *([f"{PRUNING}.storage"] if added else [])]
+    check_saved_config(own, sweep.source, trusted)
+
+
+def check_overrides(overrides: Sequence[str], sweep: SavedSweep) -> None:
+    """Refuse overrides that change Hydra itself, or choose what the package does not ship.
+
+    Raises:
+        InputError: names the override, and what to add to `trust=`.
+    """
+    for flag in overrides:
+        if flag.startswith("-"):
+            _refuse(flag, flag.partition("=")[0], sweep)
+    given = [one for one in overrides if not one.startswith("-")]
+    for one in OverridesParser.create().parse_overrides(quote_paths(given, sweep=True)):
+        key = one.get_key_element().lstrip("+~")
+        if key not in sweep.trusted and not _is_allowed(one, key):
+            _refuse(one.input_line, key, sweep)
+
+
+def _is_allowed(one: Override, key: str) -> bool:
+    groups = {name: choices(name) for name in config_groups()}
+    groups |= {"hydra/launcher": LAUNCHERS, "hydra/sweeper": SWEEPERS}
+    if key in groups:
+        return one.is_delete() or set(_chosen(one)) <= {*groups[key], "None"}
+    if "/" in key or "@" in key or key == "hydra":
+        return False
+    if key.startswith("hydra."):
+        return key in HYDRA_KEYS
+    return not key.startswith(PRUNING)
+
+
+def _chosen(one: Override) -> Iterator[str]:
+    """Yield every choice of a group, swept over or listed."""
+    values = one.sweep_iterator() if one.is_sweep_override() else [one.value()]
+    for value in values:
+        yield from map(str, value if isinstance(value, list) else [value])
+
+
+def _refuse(text: str, name: str, sweep: SavedSweep) -> None:
+    if name in sweep.trusted:
+        return
+    raise InputError(
+        f"{sweep.source}: {text!r:.200} is nothing that a saved sweep may ask for, so nothing was "
+        f"run; if you know it and trust it, add {TRUST}={name:.200}"
+    )

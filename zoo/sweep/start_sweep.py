@@ -1,0 +1,266 @@
+"""`python -m zoo -m ...`: a sweep from its command to its ranking; one that was killed goes on."""
+
+import contextlib
+import importlib.util
+import os
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import hydra
+from filelock import FileLock, Timeout
+from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.cli.compose import conf_folder, quote, quote_paths
+from zoo.cli.stop_errors import StoppedError
+from zoo.leaderboard.ranking_table import wide_console
+from zoo.runs.run_folder import check_name
+from zoo.runs.saved_config import split_trust
+from zoo.runs.status import read_status
+from zoo.runs.whole_file import refuse_links_out
+from zoo.sweep import sweep_record as records
+from zoo.sweep.saved_sweep import SavedSweep, check_overrides, resumed_from
+from zoo.sweep.sweep_job import DONE, run_job
+from zoo.sweep.sweep_summary import conclude
+
+MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
+FOLDER_KEY = "hydra.sweep.dir="
+# What a choice needs beside a plain installation, and the extra that brings it.
+NEEDED = {
+    "hydra/launcher=joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
+    "hydra/launcher=slurm": ("hydra_plugins.hydra_submitit_launcher", "slurm"),
+    "hydra/launcher=submitit_slurm": ("hydra_plugins.hydra_submitit_launcher", "slurm"),
+    "hydra/launcher=submitit_local": ("hydra_plugins.hydra_submitit_launcher", "slurm"),
+    "hydra/launcher=ray": ("ray", "ray"),
+    "hydra/sweeper=optuna": ("optuna", "optuna"),
+}
+
+
+def sweep(arguments: list[str]) -> None:
+    """Run a sweep; or go on with the one that the same command began and did not finish.
+
+    Raises:
+        InputError: an override that can't be, a package that is missing, a folder that holds
+            something else or can't be written, or jobs that failed, after all have had their turn.
+        StoppedError: on Ctrl-C, with the command to go on.
+    """
+    arguments = [one for one in arguments if one not in MULTIRUN]
+    refuse_missing(arguments)
+    named = any(one.startswith(FOLDER_KEY) for one in arguments)
+    what = [one for one in arguments if not one.startswith(FOLDER_KEY)]
+    if any(one.startswith("hydra.sweep.subdir") for one in what):
+        raise InputError("hydra.sweep.subdir: the folders of a sweep's jobs are its numbers")
+    folder = _composed_folder(arguments)
+    console = wide_console()
+    if named and (folder / records.NAME).is_file():
+        _check_same(folder, what)
+    elif not named:
+        found = find_unfinished(what, console)
+        folder = found or folder
+    finished = (folder / records.NAME).is_file() and _all_done(folder)
+    run_sweep(folder, what, console, finished)
+
+
+def go_on(folder: Path, more: list[str]) -> None:
+    """Finish a sweep, as `python -m zoo.sweep resume=FOLDER`; with `more`, by another launcher.
+
+    The folder may be a stranger's: `trust=...` in `more` allows what `saved_sweep` refuses.
+
+    Raises:
+        InputError, StoppedError: see `sweep`; also where `more` says what is trained, the folder
+            asks for what it must not, or the recordings have changed.
+    """
+    refuse_links_out(folder)
+    record = records.read_record(folder)
+    more, trusted = split_trust(more)
+    saved = SavedSweep(folder / records.NAME, trusted)
+    check_overrides(record.arguments, saved)
+    wrong = [one for one in more if not one.startswith((*records.HOW, "hydra.sweeper.n_trials="))]
+    if wrong:
+        raise InputError(
+            f"{wrong[0]}: a sweep goes on as it began; only hydra/launcher, hydra.launcher..., "
+            "hydra.sweeper.n_trials and trust may change"
+        )
+    changed = records.what_changed(record)
+    if changed:
+        raise InputError(f"{folder}: {changed}; start a new sweep")
+    keys = {one.partition("=")[0] for one in more}
+    kept = [one for one in record.arguments if one.partition("=")[0] not in keys]
+    if "hydra/launcher" in keys:  # settings of the launcher before mean nothing to another
+        kept = [one for one in kept if not one.startswith("hydra.launcher")]
+    refuse_missing([*kept, *more])
+    console = wide_console()
+    console.print(_going_on(folder, record), highlight=False, markup=False)
+    with resumed_from(saved):
+        run_sweep(folder, [*kept, *more], console, finished=_all_done(folder) and not more)
+
+
+def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
+    """Run what is not done yet in `folder`, then rank all of it."""
+    check_name(folder)
+    with _held(folder):
+        is_new = not (folder / records.NAME).is_file()
+        if is_new:
+            records.write_record(folder, records.new_record(arguments))
+        if not finished:
+            try:
+                named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
+                _hydra([*quote_paths(arguments, sweep=True), named])
+            except KeyboardInterrupt:
+                again = shlex.join(["python", "-m", "zoo.sweep", f"resume={folder}"])
+                raise StoppedError(f"stopped; go on with the same command, or: {again}") from None
+            except Exception:
+                if is_new:
+                    _remove_empty(folder)
+                raise
+        conclude(folder, console)
+
+
+def refuse_missing(arguments: list[str]) -> None:
+    """Raises InputError where a chosen launcher or sweeper is not installed."""
+    for choice, (module, extra) in NEEDED.items():
+        if choice in arguments and not _is_installed(module):
+            raise InputError(f"{choice} needs a package: pip install 'drivezoo[{extra}]'")
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # its parent is missing
+        return False
+
+
+def _composed_folder(arguments: list[str]) -> Path:
+    """What the config and the command name as the sweep's folder."""
+    from hydra import compose, initialize_config_dir
+
+    _drop_shadowed()
+    own = [one for one in arguments if one.startswith(("hydra.sweep.", "hydra/", "hydra.launcher"))]
+    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+        return Path(compose("config", quote_paths(own), return_hydra_config=True).hydra.sweep.dir)
+
+
+def _check_same(folder: Path, arguments: list[str]) -> None:
+    record = records.read_record(folder)
+    if not records.is_same(record, arguments):
+        raise InputError(
+            f"{folder}: holds another sweep ({shlex.join(record.arguments)}); name another folder"
+        )
+    changed = records.what_changed(record)
+    if changed:
+        raise InputError(f"{folder}: {changed}; name another folder")
+
+
+def find_unfinished(arguments: list[str], console: Console) -> Path | None:
+    """The newest sweep of the same command under `outputs/sweeps` that has something left to do;
+    what was decided is said in a line."""
+    for path in sorted(records.SWEEPS.glob(f"*/*/{records.NAME}"), reverse=True):
+        folder = path.parent
+        try:
+            record = records.read_record(folder)
+        except InputError:
+            continue  # another version's, or damaged: not ours to go on with
+        if not records.is_same(record, arguments) or _all_done(folder):
+            continue
+        changed = records.what_changed(record)
+        if changed:
+            said = f"{folder} is this command's, but {changed}: a new sweep begins"
+            console.print(said, highlight=False, markup=False)
+            return None
+        if record.search and _is_held(folder):
+            continue  # several processes can share a study, each with a folder of its own
+        console.print(_going_on(folder, record), highlight=False, markup=False)
+        return folder
+    return None
+
+
+def _going_on(folder: Path, record: records.SweepRecord) -> str:
+    statuses = [read_status(job).get("status") for job in records.job_folders(folder)]
+    done = sum(status in DONE for status in statuses)
+    failed = statuses.count("failed")
+    count = f" of {len(record.jobs)}" if record.jobs is not None else ""
+    again = f", {failed} failed and are tried again" if failed else ""
+    return (
+        f"going on with the sweep of {record.started[:16].replace('T', ' ')}: {done}{count} jobs "
+        f"are done{again} (for a new one name a folder: {FOLDER_KEY}FOLDER)"
+    )
+
+
+def _all_done(folder: Path) -> bool:
+    record = records.read_record(folder)
+    if record.jobs is None or record.search:
+        return record.jobs is not None
+    folders = [folder / str(number) for number in range(len(record.jobs))]
+    return all(read_status(job).get("status") in DONE for job in folders)
+
+
+@contextlib.contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """One process at a time runs a sweep; the system gives the lock back when it dies."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / "sweep.lock")
+        lock.acquire(timeout=0)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(13, "Permission denied")
+    except Timeout:
+        raise InputError(
+            f"{folder}: another process is running this sweep; wait for it, or name another folder "
+            f"with {FOLDER_KEY}FOLDER"
+        ) from None
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot write the sweep there ({error.strerror}); name a folder that can be "
+            f"written with {FOLDER_KEY}FOLDER"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _is_held(folder: Path) -> bool:
+    lock = FileLock(folder / "sweep.lock")
+    try:
+        lock.acquire(timeout=0)
+    except (Timeout, OSError):
+        return True
+    lock.release()
+    return False
+
+
+def _drop_shadowed() -> None:
+    """Hydra merges a YAML with a plugin's own choice of the same name, and warns in each process
+    that this will end; ours says all there is to say."""
+    Plugins.instance()  # registers what is installed
+    for group in ("launcher", "sweeper"):
+        for own in (conf_folder() / "hydra" / group).glob("*.yaml"):
+            ConfigStore.instance().repo["hydra"][group].pop(own.name, None)
+
+
+def _hydra(arguments: list[str]) -> None:
+    _drop_shadowed()
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
+    conf = str(conf_folder().resolve())
+    before, sys.argv = sys.argv, [sys.argv[0], "-m", *arguments]
+    try:
+        hydra.main(version_base="1.3", config_path=conf, config_name="config")(run_job)()
+    finally:
+        sys.argv = before
+
+
+def _remove_empty(folder: Path) -> None:
+    """A command with a typo leaves nothing behind: not the folder of a sweep without a job."""
+    if records.job_folders(folder):
+        return
+    for name in (records.NAME, "study.db", "sweep.lock"):
+        (folder / name).unlink(missing_ok=True)
+    for parent in (folder, *folder.parents):
+        try:
+            parent.rmdir()
+        except OSError:
+            break

@@ -1,0 +1,32 @@
+"""How a sweep ends: its jobs ranked in the terminal and on a page, and what failed."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.leaderboard.ranking_page import write_page
+from zoo.leaderboard.ranking_table import print_ranking
+from zoo.sweep.sweep_record import job_folders
+
+PAGE = "ranking.html"
+
+
+def conclude(folder: Path, console: Console) -> None:
+    """Print the ranking of a sweep's jobs and write its page.
+
+    Raises:
+        InputError: jobs that failed, with their reasons.
+    """
+    folders = job_folders(folder)
+    title = f"{len(folders)} jobs, the best driver first"
+    entries, unranked = print_ranking(folders, title, folder, console, PAGE)
+    page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
+    console.print(str(page), highlight=False, markup=False)
+    failed = [one for one in unranked if one.why in ("failed", "stopped")]
+    if failed:
+        reasons = "; ".join(f"{one.folder.name}: {one.reason or 'it was killed'}" for one in failed)
+        raise InputError(
+            f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command tries them "
+            "again"
+        )

@@ -1,0 +1,199 @@
+"""From a config to the objects of an experiment; configs end here."""
+
+import logging
+import os
+import warnings
+from pathlib import Path
+
+import lightning
+import torch
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger
+from omegaconf import DictConfig, OmegaConf
+
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.view import View
+from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
+from zoo.checkpoints.checkpoint_files import CheckpointFiles
+from zoo.models.make_network import VIEW_KEYS, make_network
+from zoo.training.steering_module import SteeringModule
+
+QUICK_EPOCHS = 3
+QUICK_SAMPLES_BEFORE = 3_200  # of runs from before config.quick_samples, which resume and repeat
+PLACES = ("root", "images", "cache", "split")  # of `data`
+OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
+
+
+def apply_quick(config: DictConfig) -> None:
+    """With `quick=true`, cap epochs and samples in place: a first try in minutes.
+
+    Raises:
+        InputError: `quick_samples` is not a whole number above 0.
+    """
+    if not config.quick:
+        return
+    samples = config.get("quick_samples", QUICK_SAMPLES_BEFORE)
+    if type(samples) is not int or samples < 1:
+        raise InputError(f"quick_samples={samples} is not a whole number above 0")
+    for node, key, most in (
+        (config.trainer, "max_epochs", QUICK_EPOCHS),
+        (config.data, "samples_per_epoch", samples),
+    ):
+        if node[key] is None:
+            node[key] = most
+        elif isinstance(node[key], int | float):  # what is no number is refused further on
+            node[key] = min(node[key], most)
+
+
+def build_data(config: DictConfig) -> DrivingData:
+    """The datamodule, not loaded yet."""
+    if type(config.seed) is not int or config.seed < 0:
+        raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
+    model = OmegaConf.to_container(config.model, resolve=True)
+    view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
+    data = OmegaConf.to_container(config.data, resolve=True)
+    settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
+    places = {key: settings.pop(key) for key in PLACES if key in settings}
+    # Hydra would turn the view, a dataclass, into a config of its own.
+    make = _instantiate("data", settings, _partial_=True)
+    return make(view=view, seed=config.seed, **places)
+
+
+def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringModule:
+    """The LightningModule around a freshly initialised network."""
+    torch.manual_seed(config.seed)
+    network = make_network(OmegaConf.to_container(config.model, resolve=True), data.view)
+    optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
+    rate = config.optim.lr
+    if not isinstance(rate, int | float) or rate <= 0:
+        raise InputError(f"optim.lr={rate} is not a number above 0")
+    module = SteeringModule(
+        network,
+        loss=_instantiate("loss", config.loss),
+        optimizer=_instantiate("optim", optim),
+        schedule=_instantiate("schedule", config.schedule),
+        l2=config.optim.l2,
+        backbone_lr=config.optim.backbone_lr,
+        seed=config.seed,
+        card=card,
+    )
+    try:
+        module.configure_optimizers()  # says now what it would refuse when training starts
+    except (TypeError, ValueError) as error:
+        raise InputError(f"optim or schedule: {error}; mend its settings") from None
+    return module
+
+
+def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
+    """The Trainer with its callbacks and loggers, all writing in the run's folder."""
+    silence_libraries()
+    if type(config.trainer.max_epochs) is not int or config.trainer.max_epochs < 0:
+        raise InputError(
+            f"trainer.max_epochs={config.trainer.max_epochs} is not a whole number, 0 or more"
+        )
+    lightnings = {key: value for key, value in config.trainer.items() if key not in OWN_KEYS}
+    callbacks = [
+        _instantiate(f"callbacks.{name}", settings)
+        for name, settings in (config.callbacks or {}).items()
+        if settings
+    ]
+    for callback in callbacks:
+        if isinstance(callback, ModelCheckpoint):
+            callback.dirpath = str(folder / "checkpoints")
+        if isinstance(callback, ModelCheckpoint | EarlyStopping) and not has_validation:
+            monitor = callback.monitor or ""
+            if monitor.startswith("val/"):
+                raise InputError(
+                    f"{type(callback).__name__} monitors {monitor}, but data.val_share=0 leaves no "
+                    "validation rows; set data.val_share=0.1, or callbacks.early_stopping=null "
+                    "callbacks.best.monitor=train/loss"
+                )
+    _check_drives(callbacks)
+    keep_earlier_log(folder)
+    loggers = [CSVLogger(folder, name="", version="")]
+    for name, settings in (config.logger or {}).items():
+        if settings:
+            place = {"save_dir": str(folder)} if name in ("tensorboard", "wandb") else {}
+            loggers.append(_instantiate(f"logger.{name}", settings, **place))
+    plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
+    return _instantiate(
+        "trainer",
+        lightnings,
+        **plugins,
+        callbacks=callbacks,
+        logger=loggers,
+        default_root_dir=str(folder),
+    )
+
+
+def _check_drives(callbacks: list[lightning.Callback]) -> None:
+    """Raises InputError where a figure of driving is monitored and nothing drives."""
+    if any(isinstance(one, ClosedLoop) for one in callbacks):
+        return
+    for callback in callbacks:
+        monitor = getattr(callback, "monitor", None) or ""
+        if monitor.startswith(MONITORED):
+            raise InputError(
+                f"{type(callback).__name__} monitors {monitor}, but nothing drives; add "
+                "callbacks=closed_loop"
+            )
+
+
+def keep_earlier_log(folder: Path) -> None:
+    """Put a stopped run's `metrics.csv` aside as `metrics.1.csv` ...: CSVLogger would delete it."""
+    log = folder / "metrics.csv"
+    if log.is_file():
+        log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
+
+
+def silence_libraries() -> None:
+    """What libraries say and a user cannot act on, one by one."""
+    # "GPU available: ...", "TPU ...", tips of the day: the run prints its device itself.
+    # With several processes each would announce itself as well.
+    for name in ("lightning.pytorch", "lightning.fabric"):
+        logging.getLogger(name).setLevel(logging.WARNING)
+    ignored = [
+        # Batches are prepared in the main process on purpose: workers would fight for its cores.
+        ".*does not have many workers.*",
+        # An epoch can be shorter than log_every_n_steps; figures are logged by epoch.
+        ".*number of training batches .* is smaller than the logging interval.*",
+        # Resuming writes to the folder it resumes from.
+        ".*Checkpoint directory .* exists and is not empty.*",
+        ".*Experiment logs directory .* exists and is not empty.*",
+        # Lightning steps the scheduler by epoch after resuming; torch takes that for a mistake.
+        ".*Detected call of `lr_scheduler.step\\(\\)` before `optimizer.step\\(\\)`.*",
+        # Lightning's own use of a part of torch that is on its way out.
+        ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
+        # On a cluster's login node, and in a job that means to use one process.
+        ".*The `srun` command is available on your system but is not used.*",
+        # Every process has the first one's figures.
+        ".*when logging on epoch level in distributed setting to accumulate the metric.*",
+        # data.val_share=0 is allowed.
+        ".*Total length of `list` across ranks is zero.*",
+    ]
+    for message in ignored:
+        warnings.filterwarnings("ignore", message=message)
+
+
+def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
+    """`hydra.utils.instantiate`, whose failures name the config's key in one line."""
+    os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
+    # Hydra would resolve a path with ${ in it, whatever escapes it: such go in at the call.
+    late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
+    more = {name: one for name, one in more.items() if name not in late}
+    try:
+        if late:
+            partial = instantiate(settings, **more, _partial_=True, _convert_="all")
+            return partial(**late)
+        return instantiate(settings, **more, _convert_="all")
+    except InstantiationException as error:
+        cause = error.__cause__ or error
+        while isinstance(cause, InstantiationException) and cause.__cause__:
+            cause = cause.__cause__
+        if isinstance(cause, InputError):
+            raise cause from None
+        reason = " ".join(str(cause).split())
+        raise InputError(f"{key}: {reason}") from error

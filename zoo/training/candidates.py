@@ -1,0 +1,203 @@
+"""The choice of `best.ckpt` at the end of a run: its candidates are driven, the best driver stays.
+
+Validation error is a poor guide to driving (`docs/offline_metrics.md`): the epoch with the lowest
+one is often the first, which hardly steers. The candidates start in another place than the drives
+of the score, so that the score is not the best of several tries.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from rich.console import Console
+
+from datamodules.errors import InputError
+from zoo.callbacks.closed_loop import DRIVEN
+from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.drives.driving_score import driving_score
+from zoo.evaluate.many_drives import Setup, drive_all
+from zoo.evaluate.track_scores import RunScore
+from zoo.runs.whole_file import write_whole
+
+START_SEED = 1000  # far from those of the score, which count from 0
+BEST, MONITORED = "best.ckpt", "monitored.ckpt"
+# In the order in which ties are broken.
+SOURCES = {BEST: "", DRIVEN: "best drive while training", "last.ckpt": "last epoch"}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A checkpoint that may become `best.ckpt`.
+
+    Attributes:
+        file: its name in the folder of checkpoints.
+        what: why it is a candidate, such as `lowest val/mse`.
+        epoch: the epoch after which it was saved, 1 is the first.
+    """
+
+    file: str
+    what: str
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What became `best.ckpt`.
+
+    Attributes:
+        epoch: the epoch after which it was saved, 1 is the first.
+        why: in a sentence.
+        drives: of each candidate that was driven, `file`, `what`, `epoch`, `score` and the figures
+            `autonomy`, `interventions`, `cte_mean_m`, `driven_s`; the best first.
+    """
+
+    epoch: int
+    why: str
+    drives: tuple[dict, ...] = ()
+
+    def plain(self) -> dict:
+        """Return plain containers, for `metrics.json`."""
+        return asdict(self) | {"drives": list(self.drives)}
+
+
+def choose_best(
+    score: RunScore | None, monitor: str | None, folder: Path, console: Console
+) -> Choice | None:
+    """Drive a run's candidates and make the best driver `best.ckpt`; print which and why.
+
+    The checkpoint that the monitored figure chose is kept as `monitored.ckpt` where another one
+    drives better.
+
+    Args:
+        score: how the run is scored; each candidate drives `candidate_laps` on the first track.
+            None, and 0 laps, drive nothing and keep the monitored checkpoint.
+        monitor: the figure that chose `best.ckpt` while training, such as `val/mse`.
+        folder: the run's.
+
+    Returns:
+        The choice; None where the run keeps no `best.ckpt`.
+    """
+    checkpoints = folder / "checkpoints"
+    candidates = find_candidates(checkpoints, monitor)
+    if not candidates or candidates[0].file != BEST:
+        return None
+    if score is None or not score.candidate_laps or len(candidates) == 1:
+        choice = Choice(candidates[0].epoch, _undriven(score, candidates))
+    else:
+        try:
+            drives = _drive(score, checkpoints, candidates, console)
+        except InputError as error:  # no simulator: a training of hours is not lost for it
+            choice = Choice(candidates[0].epoch, f"{candidates[0].what}; not driven: {error}")
+        else:
+            choice = _decide(candidates[0], drives)
+            _print_drives(score, drives, console)
+            take(checkpoints, drives[0]["file"])
+    line = f"best.ckpt is of epoch {choice.epoch}: {choice.why}"
+    console.print(line, highlight=False, markup=False)
+    return choice
+
+
+def find_candidates(checkpoints: Path, monitor: str | None) -> list[Candidate]:
+    """List the checkpoints of a run that differ, the monitored one first."""
+    found: dict[int, Candidate] = {}
+    for file, what in SOURCES.items():
+        path = checkpoints / file
+        if path.is_file():
+            epoch = int(read_checkpoint_file(path)["epoch"]) + 1
+            found.setdefault(epoch, Candidate(file, what or monitored_as(monitor), epoch))
+    return list(found.values())
+
+
+def monitored_as(monitor: str | None) -> str:
+    """Name what a monitored figure chooses.
+
+    >>> monitored_as("val/mse"), monitored_as("drive/autonomy"), monitored_as(None)
+    ('lowest val/mse', 'best drive/autonomy', 'last epoch')
+    """
+    if monitor is None:
+        return "last epoch"
+    less = any(word in monitor for word in ("mse", "mae", "loss", "cte", "interventions"))
+    return f"{'lowest' if less else 'best'} {monitor}"
+
+
+def take(checkpoints: Path, file: str) -> None:
+    """Make a candidate `best.ckpt`; a kill at any moment leaves a whole one."""
+    best, monitored = checkpoints / BEST, checkpoints / MONITORED
+    monitored.unlink(missing_ok=True)
+    if file == BEST:
+        return
+    chosen = (checkpoints / file).read_bytes()
+    write_whole(monitored, best.read_bytes())
+    write_whole(best, chosen)
+
+
+def restore_monitored(folder: Path) -> None:
+    """Undo the choice of a finished run that trains on: its next epochs compare with the monitored
+    checkpoint, as if the run had never ended."""
+    monitored = folder / "checkpoints" / MONITORED
+    if monitored.is_file():
+        monitored.replace(folder / "checkpoints" / BEST)
+
+
+def _laps(score: RunScore) -> float:
+    return min(score.candidate_laps, score.laps)
+
+
+def _drive(
+    score: RunScore, checkpoints: Path, candidates: Sequence[Candidate], console: Console
+) -> list[dict]:
+    """Drive each candidate once, from the same start; return `Choice.drives`."""
+    once = replace(score, laps=_laps(score), film=False)
+    setup = Setup.of(once, score.tracks[0], START_SEED)
+    found = drive_all(
+        [str(checkpoints / one.file) for one in candidates],
+        [setup] * len(candidates),
+        [None] * len(candidates),
+        score.workers,
+        console,
+    )
+    keys = ("autonomy", "interventions", "cte_mean_m", "driven_s")
+    drives = [
+        asdict(one) | {key: figures[key] for key in keys} | {"score": _score(figures)}
+        for one, figures in zip(candidates, found, strict=True)
+    ]
+    return sorted(drives, key=lambda one: -one["score"])  # stable: ties keep their order
+
+
+def _score(figures: dict) -> float:
+    return driving_score(figures["interventions"], figures["driven_s"], figures["cte_mean_m"])
+
+
+def _decide(monitored: Candidate, drives: Sequence[dict]) -> Choice:
+    best = drives[0]
+    why = f"{best['what']}, and it drives best of {len(drives)} candidates"
+    if best["file"] != monitored.file:
+        own = next(one for one in drives if one["file"] == monitored.file)
+        why = (
+            f"{best['what']}; it drives better than the {monitored.what} of epoch "
+            f"{monitored.epoch} (autonomy {best['autonomy']:.1%} against {own['autonomy']:.1%}, "
+            f"mean error {best['cte_mean_m']:.2f} m against {own['cte_mean_m']:.2f} m)"
+        )
+    return Choice(best["epoch"], why, tuple(drives))
+
+
+def _undriven(score: RunScore | None, candidates: Sequence[Candidate]) -> str:
+    first = candidates[0].what
+    if len(candidates) == 1:
+        return f"{first}; no other candidate"
+    key = "score=none" if score is None else "score.candidate_laps=0"
+    return f"{first}; no candidate was driven ({key}), and this figure says little about driving"
+
+
+def _print_drives(score: RunScore, drives: Sequence[dict], console: Console) -> None:
+    laps = f"{_laps(score):g} lap{'' if _laps(score) == 1 else 's'}"
+    track = Path(score.tracks[0]).stem
+    lines = [f"candidates for best.ckpt, {laps} of the {track} each, not from the score's start:"]
+    for one in sorted(drives, key=lambda one: one["epoch"]):
+        count = one["interventions"]
+        lines.append(
+            f"  epoch {one['epoch']:>3}, {one['what']}: autonomy {one['autonomy']:.1%}, {count} "
+            f"intervention{'' if count == 1 else 's'}, mean error {one['cte_mean_m']:.2f} m"
+        )
+    for line in lines:
+        console.print(line, highlight=False, markup=False)

@@ -1,0 +1,151 @@
+"""Processes that train together (`trainer=ddp_cpu`): when one is gone the others end, in a line."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import lightning
+import torch
+
+from datamodules.errors import InputError
+from zoo.cli.stop_errors import PrunedError, StoppedError
+from zoo.runs.status import write_status
+
+# Whoever waits for another in a collective operation may learn of its end, or may wait on.
+LOOK_S, GRACE_S = 0.5, 15.0
+
+
+@contextmanager
+def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Iterator[None]:
+    """Around a training: an error of any process becomes one of the first, which alone speaks.
+
+    Args:
+        go_on: how to go on with what was saved.
+
+    Raises:
+        InputError: another process failed, for its reason, or was ended from outside.
+        SystemExit: in a process that is not the first, in place of any error.
+    """
+    if trainer.world_size == 1:
+        yield
+        return
+    watch = Watch(folder, go_on)
+    trainer.callbacks.append(watch)
+    try:
+        yield
+    except Exception as error:
+        watch.over.set()
+        if not trainer.is_global_zero:
+            if isinstance(error, InputError | StoppedError):
+                _write_note(folder, trainer, error)
+            elif not (is_lost_connection(error) or isinstance(error, PrunedError)):
+                raise  # nothing that a user did: with its trace
+            sys.exit(0)
+        reason = watch.reason(wait_s=3.0) if is_lost_connection(error) else None
+        if reason:
+            raise InputError(reason) from error
+        raise
+    finally:
+        watch.end()
+
+
+class Watch(lightning.Callback):
+    """Looks, from a thread, whether the processes beside this one are still there.
+
+    A process that waits for one that is gone gets an error from gloo at once, but none from NCCL
+    for minutes, and Lightning's own watch kills the first process before it has said why.
+    """
+
+    def __init__(self, folder: Path, go_on: str) -> None:
+        self.folder, self.go_on = folder, go_on
+        self.others: list[subprocess.Popen] = []
+        self.over = threading.Event()
+
+    def setup(self, trainer: lightning.Trainer, module: object, stage: str) -> None:
+        if self.over.is_set():
+            return
+        if trainer.is_global_zero:
+            self.others = list(getattr(trainer.strategy.launcher, "procs", []))
+            for thread in threading.enumerate():
+                if thread.name == "child-process-observer":
+                    thread._child_processes = []  # it then takes them all for finished
+            self._start(self._failed_other)
+        elif os.environ.get("LOCAL_RANK", "0") != "0":
+            parent = os.getppid()
+            self._start(lambda: os.getppid() != parent)
+
+    def reason(self, wait_s: float = 0.0) -> str | None:
+        """Why another process failed; None where none did."""
+        until = time.monotonic() + wait_s
+        while not self._failed_other() and not self._notes() and time.monotonic() < until:
+            time.sleep(0.1)
+        for note in self._notes():
+            return note.read_text()
+        for number, process in enumerate(self.others, 1):
+            code = process.poll()
+            if code:
+                how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
+                return (
+                    f"process {number + 1} of the {len(self.others) + 1} that train together ended "
+                    f"({how}); the epochs that were complete are saved; go on with: {self.go_on}"
+                )
+        return None
+
+    def end(self) -> None:
+        """Nobody is left waiting for this process, or for a note that was read."""
+        self.over.set()
+        for process in self.others:
+            if sys.exc_info()[0] is not None:
+                _end_process(process)
+        for note in self._notes() if self.others else []:
+            note.unlink(missing_ok=True)
+
+    def _failed_other(self) -> bool:
+        return any(process.poll() for process in self.others)
+
+    def _notes(self) -> list[Path]:
+        return sorted(self.folder.glob("process-*.txt"))
+
+    def _start(self, gone: Callable[[], bool]) -> None:
+        threading.Thread(target=self._look, args=(gone,), daemon=True).start()
+
+    def _look(self, gone: Callable[[], bool]) -> None:
+        while not self.over.wait(LOOK_S):
+            if not gone() or self.over.wait(GRACE_S):
+                continue
+            reason = self.reason()
+            if self.others and reason:
+                write_status(self.folder, "failed", reason=reason)
+                print(f"zoo: {reason}", file=sys.stderr, flush=True)
+            for process in self.others:
+                process.kill()
+            os._exit(1)  # the main thread waits in a collective operation, for ever
+
+
+def _end_process(process: subprocess.Popen) -> None:
+    try:
+        process.wait(2.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _write_note(folder: Path, trainer: lightning.Trainer, error: Exception) -> None:
+    """What a process leaves that failed for a reason of its own."""
+    said = str(error)
+    if isinstance(error, StoppedError):
+        said = f"process {trainer.global_rank + 1} of the {trainer.world_size} was {error}"
+    (folder / f"process-{trainer.global_rank}.txt").write_text(said)
+
+
+def is_lost_connection(error: Exception) -> bool:
+    """Whether another process went away in the middle of a collective operation."""
+    return isinstance(error, torch.distributed.DistError) or (
+        isinstance(error, RuntimeError) and "gloo" in str(error)
+    )

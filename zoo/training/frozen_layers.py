@@ -1,0 +1,158 @@
+"""A network's frozen front is computed once a picture instead of in every epoch
+(`model.cache_features`): its features are kept beside the views, and fed in their place.
+
+That changes no gradient and no draw: the frozen weights make the same of the same picture. Kept in
+half precision, features differ by up to 1/2048 of themselves; the README says what that does.
+"""
+
+import hashlib
+
+import lightning
+import numpy as np
+import torch
+from omegaconf import DictConfig
+from rich.console import Console
+from torch import nn
+
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.features import FeaturePlan, Front, load_features, plan_features
+from zoo.training.steering_module import SteeringModule
+
+KEY = "model.cache_features"
+AUTO_BYTES = 16_000_000_000  # `auto` takes no more of a disk or memory, nor more than half of it
+
+
+def feed_cached_features(
+    config: DictConfig,
+    module: SteeringModule,
+    data: DrivingData,
+    trainer: lightning.Trainer,
+    console: Console,
+) -> None:
+    """Train and validate on features of the frozen front, as `model.cache_features` says.
+
+    The network must hold the weights that it will be trained with.
+
+    Raises:
+        InputError: the setting is not auto, true or false; it is true where nothing is frozen, each
+            picture is another, or there is no room; or features are too large to be kept.
+    """
+    setting = config.model.get("cache_features", False)
+    if setting not in ("auto", True, False):
+        raise InputError(f"{KEY}={setting} is not auto, true or false")
+    if setting is False:
+        return
+    network = module.network
+    frozen = getattr(network, "frozen_front", None)
+    if frozen is None:
+        if setting is True:
+            raise InputError(
+                f"{KEY}=true: no block of the network is frozen; set model.trainable_blocks=4"
+            )
+        return
+    changes = [name for name, one in (config.data.augment or {}).items() if one]
+    if changes:
+        listed = ",".join(changes)
+        if setting is True:
+            raise InputError(
+                f"{KEY}=true: augment=[{listed}] makes every picture another, and features are "
+                f"of the recorded ones, and mirrored; set augment=[], or {KEY}=false"
+            )
+        _say(console, f"frozen blocks are computed anew in every epoch, for augment=[{listed}]; "
+             "with augment=[] they are once")  # fmt: skip
+        return
+    network.to(trainer.strategy.root_device)
+    plan = plan_features(
+        data.recording,
+        data.views,
+        data.cameras,
+        data.view,
+        _front(network, frozen, data),
+        mirrored=data.flip != 0,
+        cache=data.cache,
+    )
+    if not _is_wanted(setting, plan, _draws(config, data), console):
+        return
+    data.features = load_features(plan, data.views, console)
+    module.skip_front(console)
+
+
+def random_front_lines(config: DictConfig, network: nn.Module) -> list[str]:
+    """A line where frozen weights are as they were drawn, which is seldom meant."""
+    if config.model.weights is not None or getattr(network, "frozen_front", None) is None:
+        return []
+    return [
+        "frozen blocks keep their random weights (model.weights=null), as random features; "
+        "model.trainable_blocks=5 trains them all"
+    ]
+
+
+def _front(network: nn.Module, frozen: nn.Module, data: DrivingData) -> Front:
+    device = next(frozen.parameters()).device
+
+    @torch.inference_mode()
+    def compute(pictures: np.ndarray) -> np.ndarray:
+        images = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(device)
+        features = network.front(images).half()
+        if not torch.isfinite(features).all():
+            raise InputError(f"features exceed 65,504, the largest half; set {KEY}=false")
+        return features.permute(0, 2, 3, 1).contiguous().cpu().numpy()
+
+    shape = compute(np.zeros((1, *data.view.shape), np.uint8)).shape[1:]
+    return Front(compute, shape, fingerprint(frozen))
+
+
+def fingerprint(frozen: nn.Module) -> str:
+    """Of a module's layers and weights."""
+    digest = hashlib.sha256(repr(frozen).encode())
+    for name, tensor in (*frozen.named_parameters(), *frozen.named_buffers()):
+        digest.update(f"{name} {tensor.dtype} {list(tensor.shape)}".encode())
+        digest.update(tensor.detach().float().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _draws(config: DictConfig, data: DrivingData) -> int:
+    """How many pictures the whole training looks at; a run that goes on counts the same."""
+    epoch = len(data.sampler()) * data.batch_size + len(data.split.val)
+    return config.trainer.max_epochs * epoch + len(data.recording)
+
+
+def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console) -> bool:
+    """Whether to go on, having said what that takes.
+
+    Raises:
+        InputError: it was insisted on, and there is no room.
+    """
+    if setting == "auto" and draws < plan.pictures:
+        _say(
+            console,
+            f"frozen blocks are computed as they are needed: the training looks at {draws:,} "
+            f"pictures, and there are {plan.pictures:,} ({KEY}=true computes all, for other runs)",
+        )
+        return False
+    where = f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
+    needed, free = plan.missing_bytes, plan.free_bytes()
+    if needed > free or (setting == "auto" and needed > min(free / 2, AUTO_BYTES)):
+        words = f"{_size(needed)} of features of frozen blocks, with {_size(free)} free {where}"
+        remedy = "a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
+        if setting is True:
+            raise InputError(f"{KEY}=true: {words}; set {remedy}")
+        _say(console, f"frozen blocks are computed anew in every epoch: to keep them would take "
+             f"{words}; {remedy} would help")  # fmt: skip
+        return False
+    size = f"{plan.pictures:,} pictures, {plan.front.picture_bytes / 1e3:.1f} kB each"
+    if plan.missing:
+        _say(console, f"frozen blocks: computing the features of {plan.missing:,} of {size}, "
+             f"{_size(needed)} {where}")  # fmt: skip
+    else:
+        _say(console, f"frozen blocks: the features of {size}, are in {plan.folder}")
+    return True
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, highlight=False, markup=False)

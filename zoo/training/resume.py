@@ -1,0 +1,142 @@
+"""`python -m zoo resume=FOLDER`: resume a run that was stopped, or train a finished one further."""
+
+import re
+import shlex
+from pathlib import Path
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import DictConfig, OmegaConf
+
+from datamodules.errors import InputError
+from zoo.cli.compose import config_groups, quote_paths
+from zoo.cli.console_progress import loading
+from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys, split_trust
+from zoo.runs.whole_file import refuse_links_out
+
+
+def resume(folder: Path, overrides: list[str]) -> None:
+    """Train on with a run's own config, plus such overrides as `trainer.max_epochs=60`.
+
+    A finished run is left as it is, unless the overrides ask for more epochs. The folder may be a
+    stranger's: `trust=my.Loss` among the overrides allows what `check_saved_config` refuses.
+
+    Raises:
+        InputError: no run's folder, an override that a run cannot take, a config that names what
+            it must not, or no checkpoint to train on from; see `run_experiment` for the rest.
+        StoppedError: on Ctrl-C.
+    """
+    saved_path = folder / ".hydra" / "config.yaml"
+    if not saved_path.is_file():
+        raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
+    overrides, trusted = split_trust(overrides)
+    chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
+    if chosen:
+        raise InputError(
+            f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
+            "trainer.max_epochs=60, or start a new run"
+        )
+    from zoo.runs.config_files import load_config
+    from zoo.runs.metrics_file import read_metrics_file
+    from zoo.runs.status_file import read_status_file
+
+    refuse_links_out(folder)
+    saved = load_config(folder)
+    config, typed = _overridden(saved, overrides)
+    check_saved_config(config, saved_path, trusted, typed)
+    if read_status_file(folder).get("status") == "finished":
+        finished = FinishedRun(folder, saved, read_metrics_file(folder))
+        if not finished.is_less_than(config):
+            print("\n".join(finished.lines(overrides)))
+            return
+        if not finished.last.is_file():
+            raise InputError(
+                f"{finished.last}: is not there to train on from; start a new run with "
+                f"model.weights={finished.best}"
+            )
+    with loading():
+        from zoo.training.run import run_experiment
+
+    run_experiment(config, folder.resolve(), resume=True, keep_config=bool(overrides))
+
+
+def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, set[Keys]]:
+    """Return a copy of a config with overrides as Hydra reads them, and the keys that they set."""
+    config, typed = saved.copy(), set()
+    OmegaConf.set_struct(config, True)
+    for one in OverridesParser.create().parse_overrides(quote_paths(overrides)):
+        if one.is_delete():
+            value = None
+        elif one.is_sweep_override():
+            raise InputError(f"{one.input_line}: a run has one value for a key")
+        else:
+            value = one.value()
+        OmegaConf.update(
+            config, one.key_or_group, value, force_add=one.is_add() or one.is_force_add()
+        )
+        typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", one.key_or_group)))
+    return config, typed
+
+
+class FinishedRun:
+    """A finished run: what it has, and how it can be trained further."""
+
+    def __init__(self, folder: Path, config: DictConfig, metrics: dict) -> None:
+        self.folder, self.config, self.metrics = folder, config, metrics
+        self.epochs = self.metrics.get("epochs") or 0
+        self.best = folder / "checkpoints" / "best.ckpt"
+        self.last = folder / "checkpoints" / "last.ckpt"
+
+    @property
+    def stopped_early(self) -> bool:
+        """Whether early stopping ended it before its last epoch."""
+        return _stops_early(self.config) and self.epochs < _max_epochs(self.config)
+
+    def is_less_than(self, config: DictConfig) -> bool:
+        """Return whether a config asks for more epochs than were trained, or could have been."""
+        if self.stopped_early and not _stops_early(config):
+            return True
+        return _max_epochs(config) > max(_max_epochs(self.config), self.epochs)
+
+    def lines(self, overrides: list[str]) -> list[str]:
+        """Return what to print: what is there, and how to train on."""
+        early = f" of {_max_epochs(self.config)}, stopped early" if self.stopped_early else ""
+        lines = [f"{self.folder}: is finished, after {self.epochs} epochs{early}; nothing to do"]
+        if overrides:
+            lines[0] += f" ({' '.join(overrides)}: asks for no more epochs)"
+        best_epoch = self.metrics.get("best_epoch")
+        after = f" (after epoch {best_epoch})" if best_epoch else ""
+        page = self.folder / "report" / "index.html"
+        lines += [f"best checkpoint{after}: {self.best}"] if self.best.is_file() else []
+        lines += [f"report: {page}"] if page.is_file() else []
+        if self.last.is_file():
+            command = ["python", "-m", "zoo", f"resume={self.folder}", *self._more()]
+            lines.append(f"train on: {shlex.join(command)}")
+        if self.best.is_file():
+            lines.append(f"or start a new run from its weights: model.weights={self.best}")
+        return lines
+
+    def _more(self) -> list[str]:
+        most = self.config.trainer.max_epochs
+        if self.stopped_early:
+            return ["callbacks.early_stopping=null"]
+        if self.config.quick:
+            return ["quick=false"] + ([] if most > self.epochs else [_epochs(2 * self.epochs)])
+        return [_epochs(2 * max(self.epochs, 1))]
+
+
+def _epochs(count: int) -> str:
+    return f"trainer.max_epochs={count}"
+
+
+def _stops_early(config: DictConfig) -> bool:
+    return bool((config.get("callbacks") or {}).get("early_stopping"))
+
+
+def _max_epochs(config: DictConfig) -> float:
+    """Return how many epochs a config asks for; what is no number is refused before training."""
+    from zoo.training.build import apply_quick
+
+    config = config.copy()
+    apply_quick(config)
+    most = config.trainer.max_epochs
+    return most if isinstance(most, int | float) else float("inf")

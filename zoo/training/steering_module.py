@@ -1,0 +1,267 @@
+"""The one LightningModule that trains every network of the zoo."""
+
+import time
+from collections.abc import Callable
+
+import lightning
+import numpy as np
+import torch
+from rich.console import Console
+from torch import Tensor, nn
+
+from datamodules.batches import Batch
+from datamodules.errors import InputError
+from zoo.training.compilation import compile_step
+from zoo.training.open_loop import open_loop_metrics
+
+CHECK_EVERY = 20  # steps between looks at the loss: each look waits for the device
+
+
+class SteeringModule(lightning.LightningModule):
+    """Trains a network of the zoo on batches of `DrivingData`.
+
+    Args:
+        network: uint8 images (and speed) to steering (and throttle).
+        loss: called with predicted and true, float32 [N, outputs].
+        optimizer: makes a torch optimizer of parameter groups.
+        schedule: makes a torch scheduler of an optimizer, stepped each epoch.
+        l2: the weight of the sum of squared weights (not biases) in the loss, as Keras' `l2(...)`.
+        backbone_lr: the learning rate of the network's `backbone`, where it has one.
+        seed: of dropout, by epoch, so that a resumed run repeats an unbroken one.
+        card: plain containers that every checkpoint carries (see `zoo.checkpoints.checkpoint`).
+
+    A step of Lightning's may take several batches, a list of them, one optimizer step each: for a
+    small network Lightning's own work costs more than the network's.
+
+    Of several processes each has its share of a batch, perhaps a sample more or less than another,
+    or none. Their mean gradient is that of the whole batch's loss: each loss is weighted by its
+    share of what the whole is divided by.
+
+    Logs `train/loss` (mean over the epoch, of the loss without l2) and, over the validation rows,
+    `val/mse`, `val/mae`, `val/balanced_mae`, `val/bias` (see `zoo.training.open_loop`).
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        loss: nn.Module,
+        optimizer: Callable[[list[dict]], torch.optim.Optimizer],
+        schedule: Callable | None = None,
+        l2: float = 0.0,
+        backbone_lr: float | None = None,
+        seed: int = 1,
+        card: dict | None = None,
+    ) -> None:
+        super().__init__()
+        self.network, self.loss = network, loss
+        self.optimizer, self.schedule = optimizer, schedule
+        self.l2, self.backbone_lr, self.seed, self.card = l2, backbone_lr, seed, card or {}
+        # Of this process alone: a run that goes on counts anew.
+        self.train_epochs, self.train_seconds = 0, 0.0
+        self._samples_before = 0
+        self._loss_sum: Tensor | float = 0.0
+        self._loss_count: Tensor | int = 0
+        self.validation: tuple[np.ndarray, np.ndarray] | None = None
+        self._compiled: Callable | None = None
+        self._compiled_size = 0
+        self.skips_front = False
+
+    def forward(self, batch: Batch) -> Tensor:
+        """Float32 [N, outputs], steering first."""
+        return predict(self.network, batch, self.skips_front)
+
+    def compile_batches_of(self, size: int, console: Console) -> None:
+        """Compile the loss of training batches of `size`; others are few, and run as before."""
+        # All of it that the compiler is to look at.
+        network, loss, skips_front = self.network, self.loss, self.skips_front
+
+        def batch_loss(batch: Batch) -> Tensor:
+            predicted = predict(network, batch, skips_front)
+            return loss(predicted, batch["targets"][:, : network.outputs])
+
+        self._compiled, self._compiled_size = compile_step(batch_loss, console), size
+
+    def skip_front(self, console: Console) -> None:
+        """From now on batches hold features of the network's frozen front in place of images."""
+        self.skips_front = True
+        if self._compiled:
+            self.compile_batches_of(self._compiled_size, console)
+
+    def on_train_epoch_start(self) -> None:
+        self._samples_before = self.train_samples
+        self._loss_sum, self._loss_count = 0.0, 0
+        self._clock = time.perf_counter()
+
+    def on_train_batch_start(self, batch: Batch | list[Batch], number: int) -> None:
+        self._ahead = batch[:-1] if isinstance(batch, list) else []
+        if number == 0:
+            # Dropout's draws depend on the epoch alone, so that a resumed run repeats them. Not
+            # earlier: making a loader's iterator draws too, and a resumed run makes it before.
+            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
+
+    def training_step(self, batch: Batch | list[Batch], number: int) -> Tensor:
+        loss = self._counted_loss(batch[-1] if isinstance(batch, list) else batch)
+        if number % CHECK_EVERY == 0:
+            self._check_finite()
+        return loss
+
+    def optimizer_step(self, epoch: int, number: int, optimizer: object, closure: Callable) -> None:
+        """Steps for all batches of this one but the last, and then Lightning's, for the last."""
+        if self._ahead:
+            plain = optimizer.optimizer
+            for batch in self._ahead:
+                with self.trainer.precision_plugin.train_step_context():
+                    loss = self._counted_loss(batch)
+                plain.zero_grad()
+                loss.backward()
+                plain.step()
+        super().optimizer_step(epoch, number, optimizer, closure)
+
+    def _counted_loss(self, batch: Batch) -> Tensor:
+        count = len(batch["images"])
+        if not count:  # of a batch that is smaller than there are processes
+            loss = sum(0.0 * p.sum() for p in self.network.parameters() if p.requires_grad)
+        else:
+            compiled = self._compiled and count == self._compiled_size
+            loss = (self._compiled if compiled else self._loss)(batch)
+        if self.trainer.world_size > 1:
+            return self._share_of_loss(loss, batch["targets"], count)
+        # Not summed in place: a compiled step owns the loss that it returns.
+        self._loss_sum = self._loss_sum + loss.detach() * count
+        self._loss_count += count
+        return loss
+
+    def _share_of_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
+        """This process's loss, such that the processes' mean is the loss of the whole batch; all of
+        them count that, so that all stop where it is not finite."""
+        divisor = getattr(self.loss, "divisor", None)  # of a mean: the number of samples
+        share = loss.new_tensor(count) if divisor is None else divisor(targets).to(loss)
+        # In double precision: a sum of counts is exact in it.
+        sums = torch.stack([loss.detach() * share, share, loss.new_tensor(count)]).double()
+        torch.distributed.all_reduce(sums)
+        whole, divided_by, samples = sums
+        self._loss_sum = self._loss_sum + whole / divided_by * samples
+        self._loss_count = self._loss_count + samples
+        return loss * (share * self.trainer.world_size / divided_by).to(loss)
+
+    @property
+    def train_samples(self) -> int:
+        """Samples trained on by this process and those beside it."""
+        return self._samples_before + int(self._loss_count)
+
+    def _loss(self, batch: Batch) -> Tensor:
+        return self.loss(self(batch), batch["targets"][:, : self.network.outputs])
+
+    def on_train_batch_end(self, *_: object) -> None:
+        # From the end of a step to the end of the next: validation and pictures do not count.
+        now = time.perf_counter()
+        self.train_seconds += now - self._clock
+        self._clock = now
+
+    def on_validation_start(self) -> None:
+        # Before anything of this epoch is saved: the last checkpoint stays a good one.
+        if not self.trainer.sanity_checking:
+            self._check_finite()
+            self._check_weights()
+
+    def on_train_epoch_end(self) -> None:
+        self._check_finite()
+        self._check_weights()
+        self.train_epochs += 1
+        self.log("train/loss", float(self.mean_loss()), sync_dist=True)
+
+    def mean_loss(self) -> Tensor:
+        """The mean loss of the epoch so far, of all processes' samples."""
+        return self._loss_sum / self._loss_count
+
+    def _check_finite(self) -> None:
+        if not np.isfinite(float(self._loss_sum)):
+            raise InputError(
+                f"the loss is not finite in epoch {self.current_epoch + 1}: training stopped, the "
+                "checkpoints of the epochs before are kept; lower optim.lr, or set "
+                "trainer.gradient_clip_val=1"
+            )
+
+    def _check_weights(self) -> None:
+        """The last step's loss is that of the weights before it: it does not show what they are."""
+        if not all(bool(torch.isfinite(one).all()) for one in self.network.parameters()):
+            raise InputError(
+                f"the weights are not finite after epoch {self.current_epoch + 1}: training "
+                "stopped, the checkpoints of the epochs before are kept; lower optim.lr, or set "
+                "trainer.gradient_clip_val=1"
+            )
+
+    def on_validation_epoch_start(self) -> None:
+        # Numbers, not tensors: a few kept bytes between each batch's activations break up the heap.
+        self._predicted: list[float] = []
+        self._true: list[float] = []
+
+    def validation_step(self, batch: Batch, _: int) -> None:
+        if not len(batch["targets"]):  # of fewer rows than there are processes
+            return
+        self._predicted += self(batch)[:, 0].float().tolist()
+        self._true += batch["targets"][:, 0].tolist()
+
+    def on_validation_epoch_end(self) -> None:
+        own = [np.array(one, np.float32) for one in (self._predicted, self._true)]
+        self.validation = predicted, true = self._all_rows(own)
+        # Processes on other machines may sum in another order; what is decided by these figures
+        # must not differ by a hair.
+        metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
+        self.log_dict(
+            {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
+        )
+
+    def _all_rows(self, own: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """What all processes have predicted, and what is true, float32 [N], in order of rows: each
+        has a run of them, the first process the first."""
+        shares = [own]
+        if self.trainer.world_size > 1:
+            shares = [None] * self.trainer.world_size
+            torch.distributed.all_gather_object(shares, own)
+        predicted, true = (np.concatenate(column) for column in zip(*shares, strict=True))
+        return predicted, true
+
+    def configure_optimizers(self) -> dict:
+        optimizer = self.optimizer(self._parameter_groups())
+        if self.schedule is None:
+            return {"optimizer": optimizer}
+        scheduler = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
+        if isinstance(scheduler["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
+            scheduler["monitor"] = "val/mse"
+        return {"optimizer": optimizer, "lr_scheduler": scheduler}
+
+    def _parameter_groups(self) -> list[dict]:
+        """Weights decay and biases do not; a backbone may learn at its own rate. As few as can be:
+        each is another call of the optimizer's."""
+        backbone = getattr(self.network, "backbone", None)
+        slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()
+        groups: dict[tuple[bool, bool], list[nn.Parameter]] = {}
+        for parameter in self.network.parameters():
+            if parameter.requires_grad:
+                own_rate = id(parameter) in slow and self.backbone_lr is not None
+                key = own_rate, parameter.ndim > 1 and self.l2 > 0
+                groups.setdefault(key, []).append(parameter)
+        if not groups:
+            raise InputError("no parameter is left to train; set model.trainable_blocks above 0")
+        return [
+            {
+                "params": parameters,
+                # The gradient of l2 * w^2 is 2 * l2 * w; torch's weight_decay w adds w itself.
+                "weight_decay": 2 * self.l2 if decays else 0.0,
+                **({"lr": self.backbone_lr} if is_backbone else {}),
+            }
+            for (is_backbone, decays), parameters in groups.items()
+        ]
+
+    def on_save_checkpoint(self, checkpoint: dict) -> None:
+        checkpoint["drivezoo"] = self.card
+
+
+def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:
+    """Float32 [N, outputs], steering first; with `skips_front`, of features (`network.rest`)."""
+    if skips_front:
+        return network.rest(batch["images"])
+    if network.takes_speed:
+        return network(batch["images"], batch["speed"])
+    return network(batch["images"])
