@@ -13,6 +13,7 @@ from datamodules.regular_file import open_binary
 from datamodules.view import View
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.models.make_network import make_network
+from zoo.runs.moved_targets import with_current_targets
 
 FORMAT = 1
 MOST_BYTES = 8_000_000_000
@@ -57,6 +58,8 @@ def read_checkpoint_file(path: str | Path) -> dict:
             f"{path}: has format {card.get('format')}, this version reads {FORMAT}; "
             "use the drivezoo that wrote it"
         )
+    if isinstance(card.get("config"), dict):
+        card["config"] = with_current_targets(card["config"])
     return contents
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
 from zoo.runs.bounded_files import check_text, read_yaml, read_yaml_text
+from zoo.runs.moved_targets import with_current_targets
 from zoo.runs.record_fields import Fields, Texts, Whole, check_fields, plain
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class HydraFile(Fields):
 def read_config_file(folder: Path) -> dict:
     """Return a run's config as plain containers; raises InputError."""
     path = folder / FOLDER / "config.yaml"
-    return plain(check_fields(Config, read_yaml(path), path))
+    return with_current_targets(plain(check_fields(Config, read_yaml(path), path)))
 
 
 def read_hydra_file(folder: Path) -> Runtime:
@@ -99,4 +100,4 @@ def load_config(folder: Path) -> "DictConfig":
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: is no config that can be read ({reason})") from None
     check_fields(Config, found, path)
-    return config
+    return OmegaConf.create(with_current_targets(found))
