@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.zoo.driving.serve import Served, served
+from tests.zoo.drive.serve import Served, served
 
 
 @pytest.fixture(scope="module")

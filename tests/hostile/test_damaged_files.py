@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from datamodules.errors import InputError
-from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import only_line, run
 from tests.zoo.sweeps import write_run
+from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.drives.drive_log import DriveRow, DriveWriter, read_drive, write_summary
 from zoo.leaderboard.ranking import rank, read_runs

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.checkpoints import write_constant
-from tests.zoo.driving.old_client import OldClient, telemetry
-from tests.zoo.driving.serve import Served, picture, served
+from tests.zoo.drive.old_client import OldClient, telemetry
+from tests.zoo.drive.serve import Served, picture, served
+from tests.zoo.written_checkpoints import write_constant
 
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 BAD = [

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.zoo.driving.old_client import OldClient, telemetry
-from tests.zoo.driving.serve import Served, picture
+from tests.zoo.drive.old_client import OldClient, telemetry
+from tests.zoo.drive.serve import Served, picture
 from zoo.drive import telemetry_message as telemetry_module
 from zoo.drive.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
 

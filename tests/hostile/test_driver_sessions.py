@@ -12,8 +12,8 @@ import psutil
 import pytest
 import socketio
 
-from tests.zoo.driving.old_client import OldClient, telemetry
-from tests.zoo.driving.serve import Served, picture, served
+from tests.zoo.drive.old_client import OldClient, telemetry
+from tests.zoo.drive.serve import Served, picture, served
 from zoo.drive.connections import MOST_PER_ADDRESS
 from zoo.drive.polling_sessions import MOST_QUIET
 
@@ -34,9 +34,7 @@ def fresh(tmp_path: Path) -> Iterator[Served]:
 @pytest.fixture
 def impatient(tmp_path: Path) -> Iterator[Served]:
     """A driver that waits half a second for a request's head, and for a session's telemetry."""
-    with served(
-        tmp_path / "drive", "tests.zoo.driving.serve", str(tmp_path / "drive"), "0.5"
-    ) as it:
+    with served(tmp_path / "drive", "tests.zoo.drive.serve", str(tmp_path / "drive"), "0.5") as it:
         yield it
 
 

@@ -13,9 +13,9 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.trainings import SMALL
+from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.runs.whole_file import remove_parts
 

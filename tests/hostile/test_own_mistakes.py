@@ -17,9 +17,9 @@ import yaml
 from simulator.errors import SimulatorError
 from simulator.track_file import make_track, read_track, track_folder
 from tests.recordings import write_recording
-from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
+from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.run_command import run_command
 
 LONG = "../" * 43_000

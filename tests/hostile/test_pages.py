@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.driving.browser import CHROMIUM, Browser
+from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.leaderboard.ranking import rank, read_runs
 from zoo.leaderboard.ranking_page import write_page

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.recordings import Written
+from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
-from tests.zoo.test_sweep import SMALL
 from zoo.__main__ import zoo
 from zoo.cli.run_command import run_command
 from zoo.rerun import _report, differences, rerun

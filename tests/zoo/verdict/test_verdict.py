@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.zoo.checkpoints import write_constant
 from tests.zoo.commands import run
+from tests.zoo.written_checkpoints import write_constant
 from zoo.verdict.evidence import Evidence, read_evidence, training_command
 from zoo.verdict.judgement import judge, print_verdict
 

@@ -1,0 +1,154 @@
+"""Initial weights from torch's files, and VGG16's from a file or by download."""
+
+import hashlib
+from pathlib import Path
+
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from tests.zoo.bomb import Bomb
+from tests.zoo.models.test_models_command import build
+from zoo.checkpoints.checkpoint import FORMAT
+from zoo.checkpoints.imagenet_weights import imagenet_file
+from zoo.checkpoints.initial_weights import load_weights
+
+
+@pytest.fixture(scope="module")
+def public_vgg(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+    """A file laid out as the public one: its convolutions, and a classifier that is left out."""
+    network, _ = build("vgg")
+    state = {
+        name: torch.full_like(tensor, 0.01)
+        for name, tensor in network.state_dict().items()
+        if name.startswith("features.")
+    }
+    state["classifier.0.weight"] = torch.zeros(2, 2)
+    path = tmp_path_factory.mktemp("vgg") / "vgg16.pth"
+    torch.save(state, path)
+    return path, state
+
+
+def test_the_public_vgg16_file_fills_the_convolutions(public_vgg: tuple[Path, dict]) -> None:
+    path, state = public_vgg
+    network, _ = build("vgg")
+    head = network.head[0].weight.clone()
+    assert load_weights(network, str(path)) == f"VGG16's convolutions from {path}"
+    assert torch.equal(network.features[0].weight, state["features.0.weight"])
+    assert torch.equal(network.features[28].bias, state["features.28.bias"])
+    assert torch.equal(network.head[0].weight, head)
+
+
+def test_vgg16s_convolutions_alone_load(public_vgg: tuple[Path, dict], tmp_path: Path) -> None:
+    state = {name: one for name, one in public_vgg[1].items() if name.startswith("features.")}
+    torch.save(state, tmp_path / "notop.pth")
+    network, _ = build("vgg")
+    assert load_weights(network, str(tmp_path / "notop.pth")).startswith("VGG16's convolutions")
+    assert torch.equal(network.features[0].weight, state["features.0.weight"])
+
+
+def test_a_deeper_vgg_is_refused(public_vgg: tuple[Path, dict], tmp_path: Path) -> None:
+    torch.save(public_vgg[1] | {"features.34.bias": torch.zeros(512)}, tmp_path / "vgg19.pth")
+    with pytest.raises(InputError, match=r"holds features\.34\.bias, which Vgg16 lacks"):
+        load_weights(build("vgg")[0], str(tmp_path / "vgg19.pth"))
+
+
+def test_imagenet_weights_for_another_network_are_refused_before_the_download(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+    with pytest.raises(InputError, match=r"there are none for LeNet; set model=vgg"):
+        load_weights(build("lenet")[0], "imagenet")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
+    one, other = build("lenet")[0], build("lenet")[0]
+    torch.save(one.state_dict(), tmp_path / "lenet.pth")
+    load_weights(other, str(tmp_path / "lenet.pth"))
+    assert all(torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda state: state.pop("head.0.bias"), "holds no head.0.bias, which LeNet needs"),
+        (lambda state: state.update(extra=torch.zeros(1)), "holds extra, which LeNet lacks"),
+        (
+            lambda state: state.update({"head.0.bias": torch.zeros(7)}),
+            r"head.0.bias is \[7\] in the file, \[120\] in LeNet",
+        ),
+        (
+            lambda state: state.update({"head.0.bias": torch.zeros(120).to_sparse()}),
+            r"head.0.bias holds no plain floats",
+        ),
+        (lambda state: state.update({3: torch.zeros(1)}), "is no state dict"),
+        (lambda state: state.update(epoch=3), "is no state dict"),
+    ],
+)
+def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path: Path) -> None:
+    network, _ = build("lenet")
+    state = dict(network.state_dict())
+    change(state)
+    torch.save(state, tmp_path / "x.pth")
+    with pytest.raises(InputError, match=words):
+        load_weights(network, str(tmp_path / "x.pth"))
+
+
+def test_a_checkpoint_without_a_state_dict_is_named(tmp_path: Path) -> None:
+    torch.save({"drivezoo": {"format": FORMAT}, "state_dict": 3}, tmp_path / "x.ckpt")
+    with pytest.raises(InputError, match=r"x\.ckpt: is no state dict"):
+        load_weights(build("lenet")[0], str(tmp_path / "x.ckpt"))
+
+
+def test_pickled_code_in_a_state_dict_is_refused_and_never_run(tmp_path: Path) -> None:
+    torch.save({"w": Bomb(tmp_path / "ran")}, tmp_path / "x.pth")
+    with pytest.raises(InputError, match="refused"):
+        load_weights(build("lenet")[0], str(tmp_path / "x.pth"))
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("name", ["none.pth", "text.pth", "model.onnx"])
+def test_a_file_that_is_no_weights_is_named(name: str, tmp_path: Path) -> None:
+    if name != "none.pth":
+        (tmp_path / name).write_text("weights?")
+    with pytest.raises(InputError, match=name):
+        load_weights(build("lenet")[0], str(tmp_path / name))
+
+
+def test_imagenet_weights_are_downloaded_once_and_checked(
+    public_vgg: tuple[Path, dict], tmp_path: Path
+) -> None:
+    source = public_vgg[0]
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()
+    folder = tmp_path / "cache"
+    path = imagenet_file(source.as_uri(), digest[:8], folder)
+    assert path.read_bytes() == source.read_bytes()
+    # A second time nothing is fetched: there is no such address.
+    assert imagenet_file("file:///nowhere/vgg16.pth", digest[:8], folder) == path
+    path.write_bytes(b"changed")
+    with pytest.raises(InputError, match="another hash"):
+        imagenet_file(source.as_uri(), digest[:8], folder)
+
+
+def test_a_download_with_another_hash_leaves_nothing(
+    public_vgg: tuple[Path, dict], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="was not downloaded"):
+        imagenet_file(public_vgg[0].as_uri(), "00000000", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        imagenet_file("file:///nowhere/vgg16-397923af.pth", "397923af", tmp_path)
+    message = str(caught.value)
+    assert str(tmp_path / "vgg16-397923af.pth") in message
+    assert "file:///nowhere/vgg16-397923af.pth" in message
+    assert "model.weights=null" in message
+
+
+def test_a_cache_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="was not downloaded"):
+        imagenet_file("file:///nowhere/vgg16.pth", "00000000", tmp_path / "file" / "checkpoints")

@@ -1,0 +1,91 @@
+"""What is no ONNX file of ours is refused in one line, whoever wanted to drive it."""
+
+from pathlib import Path
+
+import onnx
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from tests.zoo.commands import only_line, run
+from tests.zoo.models.test_models_command import build
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
+from zoo.checkpoints.policy import load_policy
+from zoo.evaluate import __main__ as evaluate
+from zoo.export.__main__ import onnx_bytes
+
+
+def strangers(path: Path, **metadata: str) -> Path:
+    """A file of another program: what goes in comes out."""
+    of = [onnx.helper.make_tensor_value_info(one, onnx.TensorProto.FLOAT, [1]) for one in "xy"]
+    node = onnx.helper.make_node("Identity", ["x"], ["y"])
+    opset = onnx.helper.make_opsetid("", 17)
+    graph = onnx.helper.make_graph([node], "graph", [of[0]], [of[1]])
+    model = onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8)
+    onnx.helper.set_model_props(model, metadata)
+    onnx.save(model, path)
+    return path
+
+
+def test_a_file_of_somebody_else_is_refused_in_one_line(tmp_path: Path) -> None:
+    strangers(tmp_path / "theirs.onnx")
+    line = only_line(run(tmp_path, "theirs.onnx", "drive.port=0", module="zoo.drive"))
+    assert "theirs.onnx: is not of drivezoo" in line
+    with pytest.raises(InputError, match=r"theirs\.onnx: is not of drivezoo"):
+        evaluate.command([str(tmp_path / "theirs.onnx"), f"out={tmp_path / 'out'}"])
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("card", "said"),
+    [
+        ("{", "cannot be used"),
+        ("[]", "cannot be used"),
+        ("{}", "format"),
+        ('{"format": 99}', "has format 99, this version reads 1"),
+        ('{"format": 1, "view": {"crop": [999, 0], "colour": "rgb", "size": null}}', "crop"),
+        (
+            '{"format": 1, "view": {"crop": [40, 20], "colour": "rgb", "size": [66, 200]}}',
+            "does not take the 200 x 66 rgb",
+        ),
+    ],
+)
+def test_metadata_that_do_not_fit_are_refused(card: str, said: str, tmp_path: Path) -> None:
+    path = strangers(tmp_path / "odd.onnx", **{CARD: card})
+    with pytest.raises(InputError) as error:
+        load_policy(path)
+    assert str(path) in str(error.value)
+    assert said in str(error.value)
+
+
+def test_a_damaged_file_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture) -> None:
+    network, view = build("lenet")
+    whole = onnx_bytes(Checkpoint(network.eval(), view, {}, {}))
+    scrambled = bytearray(whole)
+    scrambled[:2000:7] = bytes(len(scrambled[:2000:7]))
+    cuts = [whole[: len(whole) * tenth // 10] for tenth in range(10)]
+    for number, contents in enumerate([*cuts, whole[:-1], bytes(scrambled), b"rubbish" * 999]):
+        path = tmp_path / f"{number}.onnx"
+        path.write_bytes(contents)
+        with pytest.raises(InputError, match=rf"{number}\.onnx: is (no|empty)"):
+            OnnxPolicy(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder.onnx").mkdir()
+    with pytest.raises(InputError, match=r"folder\.onnx: is a folder"):
+        load_policy(tmp_path / "folder.onnx")
+    with pytest.raises(InputError, match=r"none\.onnx: no such file"):
+        load_policy(tmp_path / "none.onnx")
+
+
+def test_a_file_that_steers_nan_is_refused(tmp_path: Path) -> None:
+    network, view = build("lenet")
+    with torch.no_grad():
+        network.head[-1].bias[:] = float("nan")
+    path = tmp_path / "nan.onnx"
+    path.write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+    with pytest.raises(InputError, match=r"nan\.onnx: steers by NaN.*optim\.lr"):
+        load_policy(path)

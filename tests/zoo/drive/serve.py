@@ -1,0 +1,122 @@
+"""`python -m tests.zoo.drive.serve FOLDER [PATIENCE_S]`: the driver, in a process of its own.
+
+Its policy needs no torch: it steers by how red the picture is, and fails on purpose.
+
+At its end it prints how much it holds for its clients; see `Served.held`.
+"""
+
+import contextlib
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tests.zoo.commands import ROOT, environment
+
+WHITE, BLACK = (255, 255, 255), (0, 0, 0)  # on which it is NaN, and raises
+
+
+def red_policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+    """Steers by the mean of the red channel, 0..1."""
+    if frame.mean() > 250:
+        return float("nan"), None
+    if frame.mean() < 5:
+        raise RuntimeError("it is dark")
+    return float(frame[..., 0].mean()) / 255, None
+
+
+def picture(
+    colour: tuple[int, int, int], width: int = 320, height: int = 160, kind: str = ".jpg"
+) -> bytes:
+    """A picture of one RGB colour, in the bytes of a file."""
+    pixels = np.full((height, width, 3), colour[::-1], np.uint8)
+    return cv2.imencode(kind, pixels)[1].tobytes()
+
+
+class Served:
+    """A driver's process; `lines` is what it said up to `stop`."""
+
+    def __init__(self, process: subprocess.Popen, folder: Path) -> None:
+        self.process, self.folder = process, folder
+        self.lines: list[str] = []
+        self.port = self._port()
+
+    def _port(self) -> int:
+        for line in self.process.stdout:
+            self.lines.append(line.strip())
+            if line.startswith("listening on "):
+                return int(line.split()[2].rpartition(":")[2])
+        raise AssertionError(f"it did not start: {self.lines}")
+
+    def held(self) -> tuple[int, int]:
+        """Stop it, and return the sessions and the tasks that it held for clients before."""
+        assert self.stop() == 0
+        (line,) = (line for line in self.lines if line.startswith("holds "))
+        return int(line.split()[1]), int(line.split()[4])
+
+    def stop(self) -> int:
+        """End it as Ctrl-C does; its exit status."""
+        if self.process.returncode is None:
+            self.process.send_signal(signal.SIGINT)
+            self.lines += self.process.communicate(timeout=20)[0].splitlines()
+        return self.process.returncode
+
+
+@contextlib.contextmanager
+def served(folder: Path, *command: str) -> Iterator[Served]:
+    """A process that serves: this module's, or another command (a module and its arguments)."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", *(command or ("tests.zoo.drive.serve", str(folder)))],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=folder.parent,
+        env=environment() | {"PYTHONPATH": str(ROOT)},
+    )
+    try:
+        driver = Served(process, folder)
+        yield driver
+        driver.stop()
+    finally:
+        process.kill()
+        process.wait()
+
+
+def main(folder: str, patience_s: str | None = None) -> None:
+    import gc
+
+    from engineio.socket import Socket
+    from eventlet.greenthread import GreenThread
+
+    from zoo.drive import connections, polling_sessions
+    from zoo.drive.__main__ import StopOnSignal
+    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.driver import Driver
+    from zoo.drive.notices import Notices
+    from zoo.drive.server import DriveServer, listen
+    from zoo.drives.speed_controller import Constant
+    from zoo.drives.steering_filter import SteeringFilter
+
+    stop, notices = StopOnSignal(), Notices()
+    scribe = Scribe(Path(folder), notices)
+    driver = Driver(red_policy, Constant(0.2), SteeringFilter(), scribe, notices, record=True)
+    server = DriveServer(driver, listen("127.0.0.1", 0))
+    tell = f"listening on http://127.0.0.1:{server.port}"
+    if patience_s is not None:
+        connections.HEAD_S = connections.QUIET_S = polling_sessions.QUIET_S = float(patience_s)
+    server.serve(lambda: notices.tell(tell), lambda: stop.asked)
+    gc.collect()
+    tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())
+    sessions = sum(isinstance(one, Socket) for one in gc.get_objects())
+    print(f"holds {sessions} sessions and {tasks} tasks", flush=True)
+    server.close()
+    driver.end(datetime.now())
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

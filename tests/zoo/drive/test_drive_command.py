@@ -1,0 +1,232 @@
+"""`python -m zoo.drive`, as a person starts and ends it."""
+
+import json
+import os
+import shutil
+import socket
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from datamodules.image import decode_image
+from datamodules.recording import read_recordings
+from simulator.world import open_world
+from tests.recordings import Written
+from tests.zoo.commands import only_line, run
+from tests.zoo.drive.old_client import OldClient
+from tests.zoo.drive.serve import served
+from zoo.checkpoints.policy import load_policy
+from zoo.drive.embedded_client import EmbeddedClient
+from zoo.drives.drive_log import read_drive
+from zoo.evaluate.embedded_drive import drive_closed_loop, score
+from zoo.evaluate.many_drives import speed_controller
+
+
+@pytest.fixture(scope="module")
+def checkpoint(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A checkpoint under a name of which Hydra would understand nothing."""
+    folder = tmp_path_factory.mktemp("lr=0.1, [a] 'run'")
+    return Path(shutil.copy(run_folder / "checkpoints" / "best.ckpt", folder / "best=1 (2).ckpt"))
+
+
+def drive(cwd: Path, *arguments: object) -> object:
+    return run(cwd, *map(str, arguments), module="zoo.drive")
+
+
+def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path: Path) -> None:
+    folder = tmp_path / "my drive=1"
+    pictures = [recorded.image(row).read_bytes() for row in range(0, 120, 6)]
+    policy = load_policy(checkpoint)
+    expected = [policy(decode_image(picture), 9.0)[0] for picture in pictures]
+    command = ("zoo.drive", str(checkpoint), "drive.port=0", f"drive.record={folder}")
+    with served(folder, *command) as driver:
+        with OldClient(driver.port) as client:
+            steered = []
+            for picture in pictures:
+                client.telemetry(jpeg=picture, speed="9.0000")
+                steered.append(float(client.reply()[1]["steering_angle"]))
+            for _ in range(3):
+                client.emit("telemetry", None)
+                assert client.reply() == ("manual", {})
+        assert driver.stop() == 0
+
+    # The same bits as in training reach the network: what it says of a JPEG on the wire is what it
+    # says of the file.
+    assert steered == pytest.approx(expected, abs=5e-5)
+
+    said = "\n".join(driver.lines)
+    assert "PilotNet" in said
+    assert "23 telemetry" in said
+    assert "latency p50" in said
+    assert "1 intervention" in said
+
+    recording = read_recordings(str(folder))
+    assert len(recording) == 20
+    assert Path(recording.images[0, 0]).read_bytes() == pictures[0], "not compressed again"
+    assert recording.images[0, 1] is None
+    assert recording.steering == pytest.approx(expected, abs=1e-6)
+    assert (np.diff(recording.time_s) > 0).all()
+
+    record = read_drive(folder)
+    assert len(record) == 23
+    assert record.driver.tolist() == ["policy"] * 20 + ["person"] * 3
+    assert record.intervention.sum() == record.intervention[20] == 1
+    assert (folder / record.frame[5]).read_bytes() == pictures[5]
+    assert record.summary["recorded_rows"] == 20
+    assert json.loads((folder / "drive.json").read_text())["interventions"] == 1
+
+
+def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Path) -> None:
+    with served(tmp_path / "x", "zoo.drive", str(checkpoint), "drive.port=0") as driver:
+        with OldClient(driver.port) as client:
+            client.telemetry(jpeg=b"no picture")
+            client.reply()
+        assert driver.stop() == 0
+    (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
+    assert str(folder) in "\n".join(driver.lines)
+    assert read_drive(folder).driver.tolist() == ["fallback"]
+    assert not (folder / "IMG").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.ckpt"], "nowhere.ckpt: no such checkpoint"),
+        (["drive.port=0"], "the checkpoint comes first"),
+        (["CKPT", "drive.prot=1"], "drive.prot: no such key; did you mean drive.port"),
+        (["CKPT", "prot=1"], "did you mean drive.port"),
+        (["CKPT", "drive.speed.setmph=1"], "did you mean drive.speed.set_mph"),
+        (["CKPT", "drive.speed=p"], "there are bends, constant, network, pi, proportional"),
+        (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "drive.speed.kp: no such key"),
+        (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1 is not a number, 0 or more"),
+        (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast is not a number, 0 or more"),
+        (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0 is not a number above 0"),
+        (["CKPT", "drive.port=99999"], "drive.port=99999 is not a port"),
+        (["CKPT", "drive.margin=0"], "drive.margin=0 is not metres, 0.2 or more, or null"),
+        (["CKPT", "drive.put_back=1"], "drive.put_back=1 is not true or false"),
+        (["CKPT", "drive.port"], "is no option"),
+        (["CKPT", "drive.port=["], "drive.port=["),
+        (["CKPT", "drive.host=0.0.0.0"], "add drive.expose=true"),
+        (["CKPT", "drive.host=192.0.2.1", "drive.expose=true"], "Cannot assign requested address"),
+    ],
+)
+def test_a_mistake_gets_one_line(
+    checkpoint: Path, tmp_path: Path, arguments: list[str], words: str
+) -> None:
+    line = only_line(drive(tmp_path, *(checkpoint if one == "CKPT" else one for one in arguments)))
+    assert words in line
+    assert line.startswith("zoo.drive: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_that_is_taken_names_who_holds_it(checkpoint: Path, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        line = only_line(drive(tmp_path, checkpoint, f"drive.port={port}"))
+    assert f"port {port} is held by" in line
+    assert f"(process {os.getpid()})" in line
+    assert "add drive.port=0" in line
+
+
+def test_a_folder_with_a_recording_is_not_written_to(
+    checkpoint: Path, recorded: Written, tmp_path: Path
+) -> None:
+    line = only_line(drive(tmp_path, checkpoint, "drive.port=0", f"drive.record={recorded.folder}"))
+    assert "holds a driving_log.csv already" in line
+
+
+def test_other_machines_are_let_in_only_with_a_warning_and_a_drive_without_any_leaves_nothing(
+    checkpoint: Path, tmp_path: Path
+) -> None:
+    options = ("drive.host=0.0.0.0", "drive.expose=true", "drive.port=0")
+    with served(tmp_path / "x", "zoo.drive", str(checkpoint), *options) as driver:
+        assert OldClient(driver.port).status == 101
+        assert driver.stop() == 0
+    assert any(line.startswith("warning: every machine") for line in driver.lines)
+    assert "no simulator has driven" in driver.lines
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_path: Path) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.02", "drive.record=drive")
+    result = drive(tmp_path, checkpoint, *options)
+    assert result.returncode == 0, result.stderr
+    assert "listening on http://127.0.0.1:" in result.stdout
+    assert "simulator 1 has connected" in result.stdout
+    assert "autonomy" in result.stdout
+    record = read_drive(tmp_path / "drive")
+    assert record.summary["clients"] == 1
+    assert record.speed_mph.max() > 2
+    assert len(read_recordings(str(tmp_path / "drive"))) > 20
+
+
+@pytest.fixture(scope="module")
+def off_the_road(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A network that steers to the left whatever it sees."""
+    content = torch.load(checkpoint, weights_only=False)
+    weights = content["state_dict"]
+    *_, weight, bias = weights
+    weights[weight].zero_()
+    weights[bias].fill_(-0.3)
+    path = tmp_path_factory.mktemp("bad") / "left.ckpt"
+    torch.save(content, path)
+    return path
+
+
+@pytest.mark.slow
+def test_a_bad_network_gets_the_figures_of_an_evaluation(
+    off_the_road: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.record=drive")
+    result = drive(tmp_path, off_the_road, *options)
+    assert result.returncode == 0, result.stderr
+    policy = load_policy(off_the_road)
+    scored = drive_closed_loop(policy, open_world("lake"), speed_controller(9), 0, 0.03)
+    wanted = score(scored)["interventions"]
+
+    record = read_drive(tmp_path / "drive")
+    assert wanted >= 2
+    assert record.summary["interventions"] == record.summary["off_road"] >= wanted
+    assert record.summary["autonomy"] < 0.5
+    assert record.intervention.sum() == record.summary["interventions"]
+    assert f"{record.summary['interventions']} interventions" in result.stdout
+
+
+@pytest.mark.slow
+def test_a_car_that_is_not_put_back_costs_ever_more_interventions(
+    off_the_road: Path, tmp_path: Path
+) -> None:
+    options = ("drive.port=0", "drive.sim=lake", "drive.laps=0.03", "drive.put_back=false")
+    with served(tmp_path / "x", "zoo.drive", str(off_the_road), *options) as driver:
+        url = f"http://127.0.0.1:{driver.port}/state.json"
+        deadline_s, state = time.monotonic() + 60, {}
+        while state.get("telemetry", 0) < 200 and time.monotonic() < deadline_s:
+            with urllib.request.urlopen(url, timeout=10) as answer:
+                state = json.load(answer)
+            time.sleep(0.1)
+        assert state["lost"] == "off_road"
+        assert driver.stop() == 0
+    (folder,) = (tmp_path / "outputs" / "drives").glob("*/*")
+    record = read_drive(folder)
+    off_s = 0.066 * (np.abs(record.cross_track_m) > 3.2).sum()
+    assert off_s > 5
+    assert 6 * record.summary["off_road"] >= off_s
+
+
+def test_a_simulator_that_fails_is_noticed() -> None:
+    client = EmbeddedClient("nowhere", "http://127.0.0.1:1")
+    client.start()
+    deadline_s = time.monotonic() + 20
+    while not client.ended and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    assert client.stop() == 1
+
+
+def test_help_explains_every_option(tmp_path: Path) -> None:
+    out = drive(tmp_path, "--help").stdout
+    for word in ("CKPT", "port: 4567", "record: null", "one of bends, constant, network, pi"):
+        assert word in out

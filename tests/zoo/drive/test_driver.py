@@ -1,0 +1,164 @@
+"""What a page's buttons do, and what it is shown."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.errors import InputError
+from tests.zoo.drive.old_client import telemetry
+from tests.zoo.drive.serve import picture, red_policy
+from zoo.drive.drive_writer import Scribe
+from zoo.drive.driver import Driver
+from zoo.drive.notices import Notices
+from zoo.drives.speed_controller import PI, Constant, SpeedController
+from zoo.drives.steering_filter import SteeringFilter
+
+MOVING = telemetry(jpeg=picture((102, 0, 0)), speed="9.0000")
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Callable[..., Driver]:
+    def make_driver(controller: SpeedController | None = None, **more: object) -> Driver:
+        notices = Notices(lambda line: None)
+        scribe = Scribe(tmp_path / "drive", notices)
+        return Driver(
+            red_policy, controller or Constant(0.2), SteeringFilter(), scribe, notices, **more
+        )
+
+    return make_driver
+
+
+def test_pause_brakes_and_steers_on(make: Callable[..., Driver]) -> None:
+    driver = make()
+    session = driver.connect("a")
+    driver.paused = True
+    reply = driver.answer(session, MOVING)
+    assert reply.values == {"steering_angle": "0.4000", "throttle": "-0.2000"}
+    driver.paused = False
+    assert driver.answer(session, MOVING).values["throttle"] == "0.2000"
+
+
+def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Callable[..., Driver]) -> None:
+    driver = make(PI(9, 0.1))
+    before = driver.connect("a")
+    driver.set_speed(12)
+    for session in (before, driver.connect("b")):
+        assert driver.answer(session, MOVING).values["throttle"] == "0.3000"
+    assert driver.latest().set_mph == 12
+    with pytest.raises(ValueError, match="not in 0"):
+        driver.set_speed(float("nan"))
+
+
+def test_set_speed_of_a_controller_without_one_is_refused(make: Callable[..., Driver]) -> None:
+    with pytest.raises(ValueError, match=r"drive with drive\.speed=pi"):
+        make().set_speed(12)
+
+
+def test_switching_keeps_the_old_checkpoint_if_the_new_does_not_load(
+    make: Callable[..., Driver],
+) -> None:
+    def load(path: Path) -> Callable:
+        if path.name == "bad":
+            raise InputError("no checkpoint")
+        return lambda frame, speed: (-1.0, None)
+
+    driver = make(load=load, checkpoint="first")
+    session = driver.connect("a")
+    with pytest.raises(InputError):
+        driver.switch("bad")
+    assert driver.answer(session, MOVING).values["steering_angle"] == "0.4000"
+    assert driver.latest().checkpoint == "first"
+    driver.switch("good")
+    assert driver.answer(session, MOVING).values["steering_angle"] == "-1.0000"
+    assert driver.latest().checkpoint == "good"
+
+
+def test_the_latest_state_is_that_of_the_first_simulator_that_drives(
+    make: Callable[..., Driver],
+) -> None:
+    driver = make()
+    assert driver.latest().frame is None
+    assert driver.latest().autonomy is None
+    first, second = driver.connect("a"), driver.connect("b")
+    dim = telemetry(jpeg=picture((51, 0, 0)))
+    for now in (0.0, 0.1):
+        driver.sent(driver.answer(first, MOVING, now), 2.0)
+        driver.sent(driver.answer(second, dim, now), 3.0)
+    state = driver.latest()
+    assert state.steering == pytest.approx(0.4, abs=0.01)
+    assert (state.clients, state.telemetry, state.latency_ms) == (2, 4, 2.0)
+    assert state.frame[0, 0, 0] == pytest.approx(102, abs=2)
+    driver.sent(driver.answer(second, dim, 5.0), 3.0)
+    assert driver.latest().steering == pytest.approx(0.2, abs=0.01), "the first has gone silent"
+
+
+def test_only_one_simulator_is_recorded(make: Callable[..., Driver]) -> None:
+    driver = make(record=True)
+    first, second = driver.connect("a"), driver.connect("b")
+    assert driver.answer(first, MOVING, 0.0).picture
+    assert driver.answer(second, MOVING, 0.1).picture is None
+    driver.recording = False
+    assert driver.answer(first, MOVING, 0.2).picture is None
+
+
+def test_autonomy_counts_stretches_and_driven_time(make: Callable[..., Driver]) -> None:
+    driver = make()
+    session = driver.connect("a")
+    for step in range(601):
+        override = 100 <= step < 120 or 300 <= step < 301
+        driver.answer(session, None if override else MOVING, step * 0.1)
+    driver.answer(session, MOVING, 600.0)
+    state = driver.latest()
+    assert state.interventions == 2
+    assert state.driven_s == pytest.approx(60, abs=0.2)
+    assert state.autonomy == pytest.approx(0.8, abs=0.01)
+
+
+def test_time_is_the_simulators_own_where_it_tells_it(make: Callable[..., Driver]) -> None:
+    """One that waits for each reply drives faster than the wall clock: 60 s in one, here."""
+    driver = make()
+    session = driver.connect("a")
+    for step in range(901):
+        driver.answer(session, {**MOVING, "time": f"{step / 15:.4f}"}, now_s=100 + step / 900)
+    assert driver.tally.driven_s == pytest.approx(60, abs=0.01)
+    assert driver.tally.figures()["telemetry_per_s"] == pytest.approx(901, abs=2)
+    driver.answer(session, None, now_s=101.1)
+    assert driver.tally.figures()["autonomy"] == pytest.approx(0.9, abs=0.001)
+
+
+def test_a_simulator_that_begins_anew_does_not_turn_the_clock_back(
+    make: Callable[..., Driver],
+) -> None:
+    driver = make()
+    session = driver.connect("a")
+    rows = [
+        driver.answer(session, {**MOVING, "time": time}, now_s=now_s).row.time_s
+        for time, now_s in (("5.0", 10.0), ("5.1", 10.01), ("0.0", 10.02), ("0.1", 10.03))
+    ]
+    assert rows == sorted(rows)
+
+
+def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driver]) -> None:
+    driver = make()
+    looks: list[float] = []
+
+    def look(_: np.ndarray, speed_mph: float) -> tuple[float, None]:
+        looks.append(speed_mph)
+        return len(looks) / 10, None
+
+    driver.policy = look
+    session = driver.connect("a")
+
+    def steer(speed: str, colour: tuple[int, int, int] = (9, 9, 9)) -> str:
+        message = telemetry(jpeg=picture(colour), speed=speed)
+        return driver.answer(session, message).values["steering_angle"]
+
+    assert [steer("1.0000"), steer("1.0000")] == ["0.1000", "0.1000"]
+    assert steer("2.0000") == "0.2000"
+    assert steer("2.0000", (200, 0, 0)) == "0.3000"
+    assert steer("2.0000") == "0.4000"
+    driver.policy = lambda frame, speed_mph: (0.7, None)  # as a page switches it
+    assert steer("2.0000") == "0.7000"
+    assert looks == [1, 2, 2, 2]

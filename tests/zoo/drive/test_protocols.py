@@ -1,0 +1,169 @@
+"""The clients of 2016 and of today, on real sockets."""
+
+import json
+import threading
+import time
+
+import pytest
+import socketio
+
+from tests.zoo.drive.old_client import OldClient, telemetry
+from tests.zoo.drive.serve import Served, picture
+
+RED, DIM = picture((204, 0, 0)), picture((51, 0, 0))  # steering 0.8 and 0.1961
+
+
+def steering(reply: tuple[str, dict]) -> float:
+    name, values = reply
+    assert name == "steer"
+    assert set(values) == {"steering_angle", "throttle"}
+    assert all(isinstance(value, str) for value in values.values()), "C# parses strings alone"
+    return float(values["steering_angle"].replace(",", "."))
+
+
+def test_a_client_that_never_connects_to_a_namespace_is_driven(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        assert client.status == 101
+        client.telemetry(jpeg=RED)
+        assert client.reply() == ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
+        assert client.packets[1].startswith("40{"), "as if it had asked to be connected"
+
+
+def test_its_pings_are_answered_before_and_after_telemetry(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        assert client.packet().startswith("0{")
+        client.send("2")
+        assert client.packet() == "3"
+        client.telemetry(jpeg=RED)
+        client.reply()
+        client.send("2")
+        assert client.packet() == "3"
+
+
+def test_two_telemetry_on_open_make_two_loops_and_no_more(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED)
+        client.telemetry(jpeg=DIM)
+        for _ in range(50):
+            assert steering(client.reply()) == pytest.approx(0.8, abs=0.02)
+            client.telemetry(jpeg=RED)
+            assert steering(client.reply()) == pytest.approx(0.2, abs=0.02)
+            client.telemetry(jpeg=DIM)
+        client.reply()
+        client.reply()
+        assert client.silent_for(0.3)
+
+
+def test_replies_keep_the_order_of_a_burst(driver: Served) -> None:
+    shades = [20, 220, 60, 180, 100, 140, 30, 200]
+    with OldClient(driver.port) as client:
+        for shade in shades:
+            client.telemetry(jpeg=picture((shade, 0, 0)))
+        replies = [steering(client.reply()) for _ in shades]
+    assert replies == pytest.approx([shade / 255 for shade in shades], abs=0.02)
+
+
+def modern_drive(port: int, replies: list, count: int, **values: object) -> None:
+    """A client of today: connects by polling, changes to a WebSocket, and drives `count` frames."""
+    done = threading.Event()
+    client = socketio.Client()
+
+    @client.on("steer")
+    def steer(data: dict) -> None:
+        replies.append(("steer", data))
+        if len(replies) < count:
+            client.emit("telemetry", telemetry(**values))
+        else:
+            done.set()
+
+    client.connect(f"http://127.0.0.1:{port}")
+    client.emit("telemetry", telemetry(**values))
+    assert done.wait(10)
+    client.disconnect()
+
+
+def test_a_client_of_today_is_driven(driver: Served) -> None:
+    replies: list = []
+    modern_drive(driver.port, replies, 20, jpeg=DIM)
+    assert {steering(reply) for reply in replies} == {0.1961}
+
+
+def test_both_protocols_at_once_each_get_their_own_replies(driver: Served) -> None:
+    replies: list = []
+    modern = threading.Thread(target=lambda: modern_drive(driver.port, replies, 40, jpeg=DIM))
+    with OldClient(driver.port) as old:
+        modern.start()
+        for _ in range(60):
+            old.telemetry(jpeg=RED, decimal=",")
+            assert old.reply() == ("steer", {"steering_angle": "0,8000", "throttle": "0,2000"})
+        modern.join(10)
+        assert old.silent_for(0.2)
+    assert len(replies) == 40
+    assert {reply[1]["steering_angle"] for reply in replies} == {"0.1961"}
+
+
+def test_who_has_disconnected_is_not_let_in_again(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.send("40")
+        client.telemetry(jpeg=RED)
+        client.reply()
+        client.send("41")
+        client.telemetry(jpeg=RED)
+        assert client.silent_for(0.3)
+
+
+def test_only_the_first_message_connects(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.send("41")
+        client.telemetry(jpeg=RED)
+        assert client.silent_for(0.3)
+
+
+def test_a_client_comes_back_after_its_connection_broke(driver: Served) -> None:
+    for _ in range(5):
+        with OldClient(driver.port) as client:
+            client.telemetry(jpeg=RED)
+            assert steering(client.reply()) == pytest.approx(0.8, abs=0.02)
+
+
+def test_a_person_is_answered_and_counted_once_per_stretch(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        for _ in range(2):
+            client.telemetry(jpeg=RED)
+            client.reply()
+            for _ in range(5):
+                client.emit("telemetry", None)
+                assert client.reply() == ("manual", {})
+    with OldClient(driver.port) as other:
+        other.emit("telemetry", None)
+        assert other.reply() == ("manual", {})
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_it_answers_in_the_numbers_that_it_is_asked_in(driver: Served, decimal: str) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED, decimal=decimal)
+        assert client.reply()[1]["throttle"] == f"0{decimal}2000"
+        client.telemetry(jpeg=b"rubbish", decimal=decimal)
+        assert client.reply()[1]["steering_angle"] == f"0{decimal}8000"
+        client.emit("telemetry", [])
+        assert client.reply()[1]["steering_angle"] == f"0{decimal}8000"
+
+
+def test_a_steady_client_gets_60_frames_a_second_in_each_loop(driver: Served) -> None:
+    with OldClient(driver.port) as client:
+        client.telemetry(jpeg=RED)
+        client.telemetry(jpeg=RED)
+        began = time.perf_counter()
+        for _ in range(240):
+            client.reply()
+            client.telemetry(jpeg=RED)
+        # Delayed acknowledgements alone hold it to 25/s in each loop.
+        assert 240 / (time.perf_counter() - began) > 120
+
+
+def test_the_large_picture_of_another_machine_arrives_whole(driver: Served) -> None:
+    noisy = picture((204, 0, 0), 1280, 640, ".png")
+    with OldClient(driver.port) as client:
+        client.send("42" + json.dumps(["telemetry", telemetry(jpeg=noisy)]))
+        assert steering(client.reply()) == pytest.approx(0.8, abs=0.01)

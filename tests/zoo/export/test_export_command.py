@@ -1,0 +1,259 @@
+"""A checkpoint as an ONNX file: it steers the same, and drives wherever a checkpoint does."""
+
+import http.client
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from rich.console import Console
+
+from datamodules.errors import InputError
+from datamodules.image import decode_image
+from tests.recordings import Written
+from tests.zoo.commands import run
+from tests.zoo.drive.serve import picture, served
+from tests.zoo.models.test_models_command import build
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.onnx_policy import CARD
+from zoo.checkpoints.policy import Policy, load_policy
+from zoo.cli.compose import choices
+from zoo.doctor import inputs
+from zoo.doctor.finding import OK
+from zoo.drive.__main__ import load_warm_policy, view_line
+from zoo.drive.live_page import list_checkpoints
+from zoo.evaluate import __main__ as evaluate
+from zoo.export import __main__ as export
+from zoo.export.__main__ import ExportOptions, onnx_bytes
+from zoo.export.parity import RENDERED, Frames, compare, take_frames
+from zoo.saliency.visual_backprop import Saliency
+
+NARROW = {"commaai": ["model.width=0.25"], "vgg": ["model.units=8"]}
+
+
+@pytest.fixture(scope="module")
+def frames(recorded: Written) -> Frames:
+    rows = range(0, 120, 20)
+    pictures = [decode_image(recorded.image(row).read_bytes()) for row in rows]
+    return Frames(pictures, [float(5 * number) for number in range(len(rows))], "drawn")
+
+
+@pytest.fixture(scope="module")
+def checkpoint(run_folder: Path) -> Path:
+    return run_folder / "checkpoints" / "best.ckpt"
+
+
+@pytest.fixture(scope="module")
+def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`model.onnx`, by the command, in place of another file of that name."""
+    cwd = tmp_path_factory.mktemp("onnx")
+    (cwd / "model.onnx").write_bytes(b"of before")
+    result = run(cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.export")
+    assert result.returncode == 0, result.stderr
+    assert not result.stderr
+    assert [one.name for one in cwd.iterdir()] == ["model.onnx"]
+    for said in ("PilotNet of 252,219 parameters", "largest difference", str(recorded.folder)):
+        assert said in result.stdout
+    assert result.stdout.strip().endswith("python -m zoo.drive model.onnx")
+    return cwd / "model.onnx"
+
+
+@pytest.mark.parametrize("name", choices("model"))
+def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    network, view = build(name, *NARROW.get(name, []))
+    checkpoint = Checkpoint(network.eval(), view, {"model": {"name": name}}, {"rows": 3})
+    (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint))
+    policy, onnx_policy = Policy(checkpoint), load_policy(tmp_path / "model.onnx")
+
+    assert compare(policy, onnx_policy, frames).difference < 1e-5
+
+    assert onnx_policy.view == view
+    for about in ("name", "parameters", "config", "data", "takes_speed", "outputs"):
+        assert getattr(onnx_policy, about) == getattr(policy, about), about
+    assert view_line(onnx_policy) == view_line(policy)
+    steering = [onnx_policy(frame, 9.0)[0] for frame in frames.frames]
+    assert np.std(steering) > 0, "it looks at nothing"
+    throttle = [onnx_policy(frames.frames[0], mph)[1] for mph in (0.0, 30.0)]
+    if network.outputs > 1:
+        assert throttle[0] != throttle[1]
+    else:
+        assert throttle == [None, None]
+
+
+def test_the_file_says_what_it_is(exported: Path, checkpoint: Path) -> None:
+    model = onnx.load(exported)
+    card = json.loads({one.key: one.value for one in model.metadata_props}[CARD])
+    original = read_checkpoint_file(checkpoint)["drivezoo"]
+    for key in ("format", "config", "view", "data"):
+        assert card[key] == original[key]
+    assert card["view"] == {"crop": [40, 20], "colour": "rgb", "size": [66, 200]}
+    assert card["data"]["fingerprint"]
+    assert "uint8 [batch, 3, 66, 200]" in model.doc_string
+    assert [one.version for one in model.opset_import] == [17]
+
+
+def test_a_file_that_steers_otherwise_is_not_left(
+    checkpoint: Path, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = load_checkpoint(checkpoint)
+    with torch.no_grad():
+        other.network.head[-1].bias += 0.001
+    monkeypatch.setattr(export, "onnx_bytes", lambda _: onnx_bytes(other))
+    (tmp_path / "model.onnx").write_bytes(b"of before")
+    options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
+
+    with pytest.raises(InputError, match=r"differs by 0\.001 .* more than 0\.0001"):
+        export.export(str(checkpoint), options, Console(quiet=True))
+
+    assert [one.name for one in tmp_path.iterdir()] == ["model.onnx"]
+    assert (tmp_path / "model.onnx").read_bytes() == b"of before"
+
+
+def test_a_network_that_diverged_is_not_exported(
+    checkpoint: Path, recorded: Written, tmp_path: Path
+) -> None:
+    contents = torch.load(checkpoint, weights_only=True)
+    contents["state_dict"]["network.head.0.weight"][:] = float("nan")
+    torch.save(contents, tmp_path / "diverged.ckpt")
+    options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
+    with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight holds NaN"):
+        export.export(str(tmp_path / "diverged.ckpt"), options, Console(quiet=True))
+    assert not list(tmp_path.glob("*.onnx*"))
+
+
+def test_frames_are_those_of_training_or_else_rendered(
+    checkpoint: Path, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where no recording of the embedded lake stands
+    trained_on = take_frames(None, load_checkpoint(checkpoint).config)
+    assert trained_on.source == f"of {recorded.folder}"
+    rendered = take_frames(None, {"data": {"root": str(tmp_path / "of another machine")}})
+    assert rendered.source == "rendered on the embedded lake"
+    assert len(rendered.frames) == len(rendered.speeds_mph) == RENDERED
+    assert {frame.shape for frame in rendered.frames} == {(160, 320, 3)}
+    assert len({frame.tobytes() for frame in rendered.frames}) == RENDERED
+    with pytest.raises(InputError, match="nowhere"):
+        take_frames("nowhere", {})
+
+
+def test_threads_are_as_many_as_the_driver_has(exported: Path) -> None:
+    threads = torch.get_num_threads()
+    assert load_policy(exported).session.get_session_options().intra_op_num_threads == 1
+    try:
+        policy = load_warm_policy(exported, threads=2)
+    finally:
+        torch.set_num_threads(threads)
+    assert policy.session.get_session_options().intra_op_num_threads == 2
+
+
+def test_it_is_scored_as_its_checkpoint(
+    exported: Path, checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    options = ("laps=0.01", "speed=25", "quality=simple", "workers=1")
+    drives = []
+    for path in (exported, checkpoint):
+        evaluate.command([str(path), *options, f"out={tmp_path / path.suffix}"])
+        metrics = json.loads((tmp_path / path.suffix / "metrics.json").read_text())
+        drives.append(metrics["drives"][0])
+    found, expected = ([one[key] for key in ("cte_mean_m", "laps", "speed_mph")] for one in drives)
+    assert found == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_doctor_knows_it(exported: Path, recorded: Written) -> None:
+    findings = list(inputs.check_checkpoint(str(exported), str(recorded.folder)))
+    assert {finding.state for finding in findings} == {OK}
+    said = " ".join(finding.found for finding in findings)
+    assert "nvidia, 252,219 parameters" in said
+    assert "that is this recording" in said
+
+
+def test_it_cannot_be_looked_through(exported: Path) -> None:
+    with pytest.raises(InputError, match=r"model\.onnx: is ONNX, .* the checkpoint"):
+        Saliency(load_policy(exported))
+
+
+def test_the_live_page_drives_it_and_changes_to_and_fro(exported: Path, checkpoint: Path) -> None:
+    from simulator.legacy_socket import LegacySocket
+    from simulator.telemetry import make_telemetry
+
+    with served(exported.parent / "drive", "zoo.drive", "model.onnx", "drive.port=0") as driver:
+        client = LegacySocket(f"http://127.0.0.1:{driver.port}")
+
+        def steering() -> str:
+            frame = decode_image(picture((90, 120, 60)))
+            client.emit("telemetry", make_telemetry(frame, 0.0, 0.0, 9.0, decimal_comma=False))
+            while True:
+                for name, argument in client.events(0.2):
+                    if name == "steer":
+                        return argument["steering_angle"]
+
+        first = steering()
+        status, answer = ask(driver.port, "GET", "/saliency.jpg")
+        assert status == 503
+        assert "model.onnx: is ONNX" in answer["error"]
+        for path in (str(checkpoint), "model.onnx"):
+            _, state = ask(driver.port, "POST", "/command", {"switch": path})
+            assert state["checkpoint"] == path
+            assert float(steering()) == pytest.approx(float(first), abs=1e-4)
+        assert ask(driver.port, "GET", "/state.json")[1]["fallbacks"] == 0
+        client.close()
+    assert any("PilotNet of 252,219 parameters" in line for line in driver.lines)
+
+
+def ask(port: int, method: str, path: str, body: object = None) -> tuple[int, dict]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    kind = {} if body is None else {"Content-Type": "application/json"}
+    connection.request(method, path, None if body is None else json.dumps(body), kind)
+    answer = connection.getresponse()
+    return answer.status, json.loads(answer.read())
+
+
+def test_the_page_lists_it(exported: Path, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    shutil.copy(exported, tmp_path / "run")
+    assert list_checkpoints(tmp_path) == [str(tmp_path / "run" / "model.onnx")]
+
+
+@pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
+def test_what_is_not_installed_is_named(
+    package: str, exported: Path, checkpoint: Path, tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    options = ExportOptions(str(tmp_path / "model.onnx"))
+    with pytest.raises(InputError, match=rf"{package}: pip install 'drivezoo\[onnx\]'"):
+        export.export(str(checkpoint), options, Console(quiet=True))
+    if package == "onnxruntime":
+        with pytest.raises(InputError, match=r"onnxruntime: pip install 'drivezoo\[onnx\]'"):
+            load_policy(exported)
+    else:
+        assert load_policy(exported).outputs == 1, "driving needs onnxruntime alone"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "usage: python -m zoo.export"),
+        (["absent.ckpt"], "absent.ckpt: no such checkpoint"),
+        (["tests"], "is a folder"),
+        (["CKPT", "out=model.pt"], "out=model.pt: must end in .onnx"),
+        (["CKPT", "out=absent/model.onnx"], "there is no folder absent"),
+        (["CKPT", "out=FOLDER.onnx"], "is a folder; name another file"),
+        (["CKPT", "frame=x"], "did you mean frames?"),
+        (["ONNX"], "model.onnx: is ONNX already"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    arguments: list[str], said: str, exported: Path, checkpoint: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "folder.onnx").mkdir()
+    names = {"CKPT": str(checkpoint), "ONNX": str(exported)}
+    folder = f"out={tmp_path / 'folder.onnx'}"
+    given = [folder if one == "out=FOLDER.onnx" else names.get(one, one) for one in arguments]
+    with pytest.raises(InputError) as error:
+        export.command(given)
+    assert said in str(error.value)

@@ -1,0 +1,336 @@
+"""Runs side by side: who is first, what is a repeat, and what can't be ranked."""
+
+import base64
+import hashlib
+import html
+import json
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.zoo.drive.browser import CHROMIUM, Browser
+from tests.zoo.sweeps import change_status, write_run
+from zoo.cli.run_command import run_command
+from zoo.leaderboard.__main__ import run_folders, show_leaderboard
+from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
+from zoo.leaderboard.ranking_page import write_page
+from zoo.leaderboard.ranking_table import named_columns, print_ranking, ranking_table
+from zoo.runs.status import write_status
+
+
+def ranked(*folders: Path) -> list[list[str]]:
+    """The names of the folders of each entry, in order."""
+    runs, unranked = read_runs(folders)
+    assert not unranked
+    return [[run.folder.name for run in entry.runs] for entry in rank(runs)]
+
+
+def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None:
+    better_mse = write_run(tmp_path / "a", 0.8, val_mse=0.001, overrides=("x=1",))
+    near = write_run(tmp_path / "b", 1.0, cte_m=0.2, overrides=("x=2",))
+    far = write_run(tmp_path / "c", 1.0, cte_m=0.4, overrides=("x=3",))
+    low = write_run(tmp_path / "d", 1.0, cte_m=0.4, val_mse=0.002, overrides=("x=4",))
+    undriven = write_run(tmp_path / "e", None, val_mse=0.0001, overrides=("x=5",))
+    order = ranked(undriven, better_mse, far, near, low)
+    assert order == [["b"], ["d"], ["c"], ["a"], ["e"]]
+
+
+def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) -> None:
+    for seed, autonomy in ((1, 0.9), (2, 1.0), (3, 0.8)):
+        write_run(tmp_path / str(seed), autonomy, seed=seed)
+    write_run(tmp_path / "other", 0.85, overrides=("model=lenet",))
+    first, second = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+    assert [run.seed for run in first.runs] == [1, 2, 3]
+    mean, spread = first.figures["autonomy"]
+    assert mean == pytest.approx(0.9)
+    assert spread == pytest.approx(0.1)  # over three, by n - 1
+    assert second.first.folder.name == "other"
+
+
+def test_tracks_that_only_some_were_driven_on_decide_nothing(tmp_path: Path) -> None:
+    both = write_run(tmp_path / "both", 1.0, overrides=("x=1",), tracks=("lake", "mountain"))
+    metrics = json.loads((both / "metrics.json").read_text())
+    metrics["drive"]["tracks"]["mountain"] = {"autonomy": [0.2, 0], "cte_mean_m": [1.0, 0]}
+    (both / "metrics.json").write_text(json.dumps(metrics))
+    lake = write_run(tmp_path / "lake", 0.9, overrides=("x=2",))
+    assert ranked(both, lake) == [["both"], ["lake"]]
+    assert len(protocols(read_runs([both, lake])[0])) == 2
+
+
+def test_a_run_with_its_own_throttle_was_driven_otherwise(tmp_path: Path) -> None:
+    held, own = write_run(tmp_path / "held", 1.0), write_run(tmp_path / "own", 1.0)
+    metrics = json.loads((own / "metrics.json").read_text())
+    metrics["drive"]["speed_mph"] = None
+    (own / "metrics.json").write_text(json.dumps(metrics))
+    assert protocols(read_runs([held, own])[0]) == ["lake at 20 mph", "lake with its own throttle"]
+
+
+def test_a_real_run_is_read_whole(run_folder: Path) -> None:
+    run = read_run(run_folder)
+    metrics = json.loads((run_folder / "metrics.json").read_text())
+    assert run.name == "nvidia"
+    assert run.autonomy == metrics["drive"]["tracks"]["lake"]["autonomy"][0]
+    assert run.val_mse == metrics["open_loop"]["val"]["mse"]
+    assert set(run.curves["val/mse"]) == {1, 2}
+    assert run.overrides["trainer.max_epochs"] == "2"
+    assert not any(key.startswith("hydra") for key in run.overrides)
+
+
+def test_what_cannot_be_ranked_is_counted_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outputs = tmp_path / "outputs" / "today"
+    write_run(outputs / "good", 0.97)
+    write_status(write_run(outputs / "bad", 1.0), "failed", reason="no space left")
+    write_status(write_run(outputs / "going"), "running")
+    write_status(write_run(outputs / "killed"), "running")
+    change_status(outputs / "killed", process_started=12.5)
+    old = write_run(outputs / "old", drive={"track": "lake", "autonomy": 1.0}, open_loop=None)
+    (write_run(outputs / "broken") / "metrics.json").write_text("{")
+    (tmp_path / "outputs" / "cache").mkdir()
+
+    assert run_command("zoo.leaderboard", show_leaderboard, []) == 0
+
+    said = capsys.readouterr().out
+    assert "6 runs" in said
+    assert "97.0%" in said
+    assert "1 failed: today/bad (no space left)" in said
+    assert "1 still running: today/going" in said
+    assert "1 stopped half way: today/killed" in said
+    assert f"1 older or other format: today/{old.name}" in said
+    assert "1 damaged: today/broken (metrics.json: is no JSON" in said
+    assert (tmp_path / "outputs" / "leaderboard.html").is_file()
+
+
+def test_runs_are_found_in_sweeps_and_not_below_runs(tmp_path: Path) -> None:
+    write_run(tmp_path / "sweeps" / "day" / "time" / "0")
+    run = write_run(tmp_path / "day" / "time")
+    write_run(run / "again")
+    found = {str(one.relative_to(tmp_path)) for one in run_folders([tmp_path])}
+    assert found == {"sweeps/day/time/0", "day/time"}
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [("nowhere", "no such folder"), (".", "no run in there"), ("--all", "usage: ")],
+)
+def test_bad_input_gets_one_line(
+    argument: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_command("zoo.leaderboard", show_leaderboard, [argument]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
+
+
+def page_of(tmp_path: Path) -> Path:
+    for number, autonomy in enumerate((0.9, 1.0, 0.7)):
+        for seed in (1, 2):
+            overrides = (f"optim.lr=0.00{number + 1}", "data.root=</script>")
+            folder = tmp_path / f"{number}-{seed}"
+            write_run(folder, autonomy, seed=seed, overrides=overrides)
+    entries = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+    return write_page(tmp_path / "ranking.html", "A <sweep>", entries, [], tmp_path)
+
+
+def test_the_page_holds_all_it_needs(tmp_path: Path) -> None:
+    text = page_of(tmp_path).read_text()
+    assert "A &lt;sweep&gt;" in text
+    assert re.findall(r'<tr data-entry="\d">', text) == [f'<tr data-entry="{n}">' for n in range(3)]
+    fetched = [one for one in re.findall(r"https?://[^\"' ]+", text) if "w3.org" not in one]
+    assert fetched == []
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
+def test_the_page_draws_and_picks(tmp_path: Path) -> None:
+    page = page_of(tmp_path)
+    with Browser(tmp_path / "profile", 1200, 900) as browser:
+        browser.open(page.as_uri())
+        assert browser.wait_for("document.querySelectorAll('#parallel .entry').length") == 3
+        assert browser.value("document.querySelectorAll('#curves .entry').length") == 6
+        # The best is the first row; sorted by its learning rate it is the second.
+        browser.click("#ranking th:nth-child(3)")
+        order = "[...document.querySelectorAll('#ranking tbody tr')].map((r) => r.dataset.entry)"
+        assert browser.value(f"{order}.join()") == "1,0,2"
+        # A drag along the last axis' upper half leaves the best there.
+        browser.value("document.querySelector('#parallel').scrollIntoView()")
+        box = browser.value(
+            "(() => { const b = document.querySelector('.hand').getBoundingClientRect();"
+            " return [b.x + b.width / 2, b.y, b.height]; })()"
+        )
+        x, y, height = box
+        for kind, at in (("mousePressed", 0.0), ("mouseMoved", 0.3), ("mouseReleased", 0.3)):
+            browser.call(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x,
+                y=y + at * height,
+                button="left",
+                buttons=0 if kind == "mouseReleased" else 1,
+                clickCount=1,
+            )
+        # The first axis is the learning rate, its highest value on top: the worst entry's.
+        assert browser.value("document.querySelectorAll('#ranking tr.out').length") == 2
+        assert not browser.errors
+
+
+HOSTILE = "{{ data }} {{data}} </script><b>x"
+
+
+def test_a_name_like_a_placeholder_stays_a_name(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "{{data}}<b>", 1.0, overrides=("model={{data}}</script>",))
+    entries = rank(read_runs([run])[0])
+    text = write_page(tmp_path / "page.html", HOSTILE, entries, [], tmp_path).read_text()
+    (title,) = re.findall("<title>(.*?)</title>", text)
+    assert html.unescape(title) == HOSTILE
+    assert "{{data}}&lt;b&gt;" in text
+    assert text.count("</script>") == 2
+    (data,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert json.loads(data)["entries"][0]["name"].startswith("{{data}}<b>: ")
+
+
+def test_the_page_runs_its_own_script_alone(tmp_path: Path) -> None:
+    text = page_of(tmp_path).read_text()
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="(.*?)"', text)
+    (script,) = re.findall("<script>(.*?)</script>", text, re.S)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in html.unescape(policy)
+    assert "default-src 'none'" in html.unescape(policy)
+    assert "unsafe" not in policy
+
+
+def many_runs(folder: Path) -> list[Path]:
+    """Names and settings that no narrow terminal has room for in full."""
+    found = []
+    for model in ("nvidia", "commaai"):
+        for seed in (1, 2, 3):
+            overrides = (
+                f"model={model}",
+                f"augment=[brightness,shadow,{model}]",
+                f"data.offset=0.{len(model)}",
+                f"optim.lr=0.00{len(model)}",
+            )
+            found.append(
+                write_run(
+                    folder / f"2026-11-2{seed}" / f"10-00-0{seed}[/red]{model}",
+                    0.9 + 0.01 * seed,
+                    seed=seed,
+                    overrides=overrides,
+                    tracks=("lake", "mountain"),
+                    start_seeds=3,
+                    root=f"/{model}/lake",
+                )
+            )
+    return found
+
+
+def cells_of(text: str) -> list[list[str]]:
+    """The lines of each cell of the body put together, row by row."""
+    rows: list[list[str]] = []
+    for line in text.splitlines():
+        if line.startswith("│"):
+            parts = [part.strip() for part in line.strip("│").split("│")]
+            if parts[0]:
+                rows.append([""] * len(parts))
+            rows[-1] = [a + b for a, b in zip(rows[-1], parts, strict=True)]
+    return rows
+
+
+@pytest.mark.parametrize("width", [80, 100, 120, 160, 200])
+def test_names_never_vanish(width: int, tmp_path: Path, console: Console) -> None:
+    console.width = width
+    print_ranking(many_runs(tmp_path), "all [/red] runs", tmp_path, console, "page.html")
+
+    text = console.file.getvalue()
+    assert all(len(line) <= width for line in text.splitlines() if line.startswith("│"))
+    rows = cells_of(text)
+    assert [row[0] for row in rows] == ["1", "2"]
+    assert "all [/red] runs" in text
+    for row, model in zip(rows, ("commaai", "nvidia"), strict=True):
+        said = " ".join(row).replace(" ", "")
+        for name in (
+            f"2026-11-21/10-00-01[/red]{model}",
+            f"[brightness,shadow,{model}]",
+            f"0.{len(model)}",
+            f"0.00{len(model)}",
+            f"{model}/lake",
+            "1,2,3(n=3)",
+            "92.0%±1.0%",
+            "0of9(95%:30%orless)",
+        ):
+            assert name in said, name
+
+
+def test_figures_that_do_not_fit_are_counted_and_named(tmp_path: Path, console: Console) -> None:
+    console.width = 80
+    print_ranking(many_runs(tmp_path), "all", tmp_path, console, "page.html")
+
+    (line,) = [one for one in console.file.getvalue().splitlines() if "not fit" in one]
+    headings = line.partition(": ")[2].partition(". Widen")[0].split("; ")
+    assert line.startswith(f"{len(headings)} columns do not fit in 80: ")
+    assert {"val MSE", "test MSE", "seconds"} <= set(headings)
+    assert "autonomy" not in headings
+    assert "page.html" in line
+
+
+def test_a_wide_terminal_shows_every_figure(tmp_path: Path, console: Console) -> None:
+    console.width = 400
+    print_ranking(many_runs(tmp_path), "all", tmp_path, console, "page.html")
+
+    assert "not fit" not in console.file.getvalue()
+    assert "seconds" in console.file.getvalue()
+
+
+def test_other_recordings_are_no_repeats_and_are_named(tmp_path: Path) -> None:
+    for seed, (root, fingerprint) in enumerate(
+        [("/a/lake", "aaaaaaaa"), ("/a/lake", "bbbbbbbb"), ("/b/lake", "cccccccc")]
+    ):
+        folder = tmp_path / str(seed)
+        write_run(folder, 1 - seed / 10, seed=seed, root=root, fingerprint=fingerprint)
+    entries = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+
+    (column,) = [one for one in named_columns(entries, tmp_path) if one.heading == "recording"]
+    assert column.cells == ("a/lake (aaaaaa)", "a/lake (bbbbbb)", "b/lake")
+
+
+def test_a_recording_that_all_share_is_no_column(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        write_run(tmp_path / str(seed), 1.0, seed=seed, root="/a/lake")
+    (entry,) = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+
+    assert "recording" not in {one.heading for one in named_columns([entry], tmp_path)}
+
+
+def test_a_single_training_shows_no_spread_over_its_start_seeds(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "a", 0.9)
+    metrics = json.loads((run / "metrics.json").read_text())
+    metrics["drive"]["tracks"]["lake"] |= {"autonomy": [0.9, 0.2]}
+    (run / "metrics.json").write_text(json.dumps(metrics | {"drive": metrics["drive"]}))
+    (entry,) = rank(read_runs([run])[0])
+
+    assert entry.figures["lake/autonomy"] == (0.9, None)
+
+
+def test_drives_of_all_training_seeds_are_counted(tmp_path: Path) -> None:
+    for seed, autonomy in ((1, 1.0), (2, 0.8)):
+        write_run(tmp_path / str(seed), autonomy, seed=seed, start_seeds=3)
+    (entry,) = rank(read_runs(sorted(tmp_path.iterdir()))[0])
+
+    assert entry.figures["lake/drives"] == Count(3, 6)
+
+
+def test_a_table_fits_a_narrow_terminal(tmp_path: Path, console: Console) -> None:
+    write_run(tmp_path / "a", 0.975)
+    console.width = 80
+    table, _ = ranking_table(rank(read_runs([tmp_path / "a"])[0]), "one", tmp_path, 80)
+    console.print(table)
+    lines = console.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    assert any("97.5%" in line for line in lines)

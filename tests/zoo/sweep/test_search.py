@@ -1,0 +1,149 @@
+"""Optuna as the sweeper: a study that outlives its processes, and trials that are given up."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.sweep.test_sweep_command import SMALL
+from tests.zoo.sweeps import write_run
+from zoo.__main__ import zoo
+from zoo.cli.run_command import run_command
+from zoo.runs.status import read_status
+from zoo.sweep.search import _value
+
+optuna = pytest.importorskip("optuna")
+
+RATES = optuna.distributions.FloatDistribution(1e-4, 1e-2, log=True)
+SEARCH = (
+    "hydra/sweeper=optuna",
+    "hydra.sweeper.monitor=val/mse",
+    "hydra.sweeper.storage=sqlite:///study.db",
+    "hydra.sweeper.startup_trials=0",
+    "hydra.sweeper.warmup_epochs=0",
+    "hydra.sweep.dir=s",
+    "trainer.max_epochs=2",
+    "optim.lr=tag(log,interval(1e-4,1e-2))",
+)
+
+
+@pytest.fixture
+def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "optuna.Study":
+    """A study in which others have done better than anyone can."""
+    monkeypatch.chdir(tmp_path)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(
+        storage="sqlite:///study.db", study_name="drivezoo", direction="minimize"
+    )
+    for _ in range(2):
+        study.add_trial(
+            optuna.trial.create_trial(
+                params={"optim.lr": 1e-3},
+                distributions={"optim.lr": RATES},
+                value=0.0,
+                intermediate_values={0: 0.0, 1: 0.0},
+            )
+        )
+    return study
+
+
+def search(recorded: Written, *overrides: str) -> int:
+    arguments = ["-m", *SMALL, f"data.root={recorded.folder}", *SEARCH, *overrides]
+    return run_command("zoo", zoo, arguments)
+
+
+def test_a_trial_that_others_beat_is_given_up(
+    recorded: Written, study: "optuna.Study", capsys: pytest.CaptureFixture
+) -> None:
+    assert search(recorded, "hydra.sweeper.n_trials=3") == 0
+    trial = study.get_trials()[2]
+    assert trial.state is optuna.trial.TrialState.PRUNED
+    assert list(trial.intermediate_values) == [0], "after its first epoch"
+    status = read_status(Path("s/2"))
+    assert status["status"] == "pruned"
+    assert status["reason"].startswith("given up after epoch 1: val/mse")
+    said = capsys.readouterr().out
+    assert "1 pruned: 2 (given up" in said
+    assert "study: 3 of 3 trials, 2 complete, 1 pruned" in said
+
+
+def test_a_trial_that_a_killed_process_left_goes_on(
+    recorded: Written, study: "optuna.Study"
+) -> None:
+    left = study.ask({"optim.lr": RATES})
+    left.set_user_attr("folder", str(Path("s").resolve()))
+    other = study.ask({"optim.lr": RATES})
+    other.set_user_attr("folder", "/another/machine")
+
+    assert search(recorded, "hydra.sweeper.n_trials=4", "hydra.sweeper.pruner=none") == 0
+
+    states = [one.state.name for one in study.get_trials()]
+    assert states == ["COMPLETE", "COMPLETE", "COMPLETE", "RUNNING"]
+    (lr,) = [
+        line
+        for line in Path("s/2/.hydra/overrides.yaml").read_text().splitlines()
+        if "optim.lr" in line
+    ]
+    assert lr == f"- optim.lr={left.params['optim.lr']}", "with the values that it was given"
+
+
+def test_ties_of_autonomy_are_broken_and_no_error_outweighs_an_intervention(
+    tmp_path: Path,
+) -> None:
+    """From best to worst, as a search is told of them."""
+    drives = [(0, 0.1), (0, 0.4), (0, 30.0), (1, 0.0), (1, 5.0), (29, 1.0), (40, 1.0), (41, 0.5)]
+    values = []
+    for number, (interventions, cte_m) in enumerate(drives):
+        folder = write_run(tmp_path / str(number), 1.0, cte_m=cte_m)
+        metrics = json.loads((folder / "metrics.json").read_text())
+        metrics["drive"]["tracks"]["lake"] |= {
+            "interventions": [interventions, 0.0],
+            "driven_s": [180.0, 0.0],
+        }
+        (folder / "metrics.json").write_text(json.dumps(metrics))
+        values.append(_value(folder, "drive/score"))
+    assert values == sorted(values, reverse=True)
+    assert len(set(values)) == len(values)
+    assert values[0] == pytest.approx(1 - 6 / 180 * (0.1 / 1.1))
+    undriven = write_run(tmp_path / "undriven")
+    assert _value(undriven, "drive/score") is None
+
+
+def test_a_study_that_seeks_something_else_is_refused_and_kept(
+    recorded: Written, study: "optuna.Study", capsys: pytest.CaptureFixture
+) -> None:
+    study.set_user_attr("monitor", "drive/cte_mean")
+    assert search(recorded, "hydra.sweeper.n_trials=3") == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "the study drivezoo seeks drive/cte_mean, not val/mse" in line
+    assert len(study.get_trials()) == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("hydra.sweeper.monitor=drive/autonomy", "but nothing drives while training; add"),
+        ("hydra.sweeper.monitor=val/mae", "there are drive/score, drive/autonomy"),
+        ("hydra.sweeper.pruner=axe", "pruner=axe: there are median"),
+        ("hydra.sweeper.sampler=dice", "sampler=dice: there are tpe"),
+        ("hydra.sweeper.n_trials=0", "must be 1 or more"),
+        ("hydra.sweeper.storage=sqlite:////proc/none/study.db", "storage=sqlite:////proc/none"),
+        ("hydra.sweeper.n_trails=3", "hydra.sweeper.n_trails: no such key"),
+        ("optim.lr=0.1", "nothing to search"),
+        ("optim.lr=0.1,0.2", "has other values for optim.lr than this"),
+    ],
+)
+def test_bad_input_gets_one_line(
+    override: str,
+    words: str,
+    recorded: Written,
+    study: "optuna.Study",
+    capsys: pytest.CaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("zoo.sweep.search.ATTEMPTS", 1)
+    assert search(recorded, override) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert words in line
+    assert {one.name for one in Path.cwd().iterdir()} <= {"study.db"}

@@ -1,0 +1,96 @@
+"""Which checkpoint of a run becomes `best.ckpt`, and what the run prints of it."""
+
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from simulator.errors import SimulatorError
+from tests.zoo.written_checkpoints import write_constant
+from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.evaluate import many_drives
+from zoo.evaluate.track_scores import RunScore
+from zoo.training.candidates import choose_best, restore_monitored
+
+SHORT = RunScore(laps=0.05, candidate_laps=0.05, speed=15.0, workers=1)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run whose lowest validation error, of epoch 1, steers off the road at once."""
+    write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0, epoch=0)
+    write_constant(tmp_path / "checkpoints" / "last.ckpt", steering=0.0, epoch=4)
+    return tmp_path
+
+
+def epoch(run: Path, name: str = "best") -> int:
+    return read_checkpoint_file(run / "checkpoints" / f"{name}.ckpt")["epoch"] + 1
+
+
+def test_the_better_driver_becomes_best(run: Path, console: Console) -> None:
+    choice = choose_best(SHORT, "val/mse", run, console)
+
+    assert choice.epoch == epoch(run) == 5
+    assert epoch(run, "monitored") == 1, "the checkpoint with the lowest error is lost"
+    assert [one["file"] for one in choice.drives] == ["last.ckpt", "best.ckpt"]
+    assert choice.drives[0]["interventions"] < choice.drives[1]["interventions"]
+    printed = console.file.getvalue()
+    for words in ("epoch   1, lowest val/mse", "epoch   5, last epoch", "best.ckpt is of epoch 5"):
+        assert words in printed
+
+
+def test_the_lowest_error_stays_where_it_drives_best(run: Path, console: Console) -> None:
+    write_constant(run / "checkpoints" / "best.ckpt", steering=0.0, epoch=0)
+    write_constant(run / "checkpoints" / "last.ckpt", steering=1.0, epoch=4)
+    assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1
+    assert not (run / "checkpoints" / "monitored.ckpt").exists()
+
+
+def test_what_drove_best_while_training_is_a_candidate(run: Path, console: Console) -> None:
+    write_constant(run / "checkpoints" / "last.ckpt", steering=-1.0, epoch=4)
+    write_constant(run / "checkpoints" / "driven.ckpt", steering=0.0, epoch=2)
+    assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 3
+
+
+@pytest.mark.parametrize(
+    ("score", "key"), [(None, "score=none"), (RunScore(candidate_laps=0), "score.candidate_laps=0")]
+)
+def test_without_drives_the_lowest_error_stays_and_the_run_says_so(
+    run: Path, console: Console, score: RunScore | None, key: str
+) -> None:
+    choice = choose_best(score, "val/mse", run, console)
+    assert choice.epoch == epoch(run) == 1
+    assert not choice.drives
+    assert key in console.file.getvalue()
+    assert "lowest val/mse" in console.file.getvalue()
+
+
+def test_without_a_simulator_the_lowest_error_stays(
+    run: Path, console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise SimulatorError("no renderer opens")
+
+    monkeypatch.setattr(many_drives, "open_world", fail)
+    assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1
+    assert "no renderer opens" in console.file.getvalue()
+
+
+def test_a_single_candidate_is_not_driven(run: Path, console: Console) -> None:
+    write_constant(run / "checkpoints" / "last.ckpt", steering=1.0, epoch=0)
+    choice = choose_best(SHORT, "val/mse", run, console)
+    assert not choice.drives
+    assert "no other candidate" in choice.why
+
+
+def test_a_run_that_keeps_no_best_checkpoint_has_none(run: Path, console: Console) -> None:
+    (run / "checkpoints" / "best.ckpt").unlink()
+    assert choose_best(SHORT, None, run, console) is None
+    assert not (run / "checkpoints" / "best.ckpt").exists()
+
+
+def test_training_on_compares_with_the_lowest_error_again(run: Path, console: Console) -> None:
+    choose_best(SHORT, "val/mse", run, console)
+    restore_monitored(run)
+    assert epoch(run) == 1
+    assert not (run / "checkpoints" / "monitored.ckpt").exists()

@@ -1,0 +1,309 @@
+"""Two processes train what one does, and end together."""
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import lightning
+import numpy as np
+import psutil
+import pytest
+import torch
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from datamodules.balance import BatchKey
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from tests.recordings import Written
+from tests.zoo.commands import command, environment, run
+from zoo.cli.compose import compose_config
+from zoo.losses import SteeringWeightedMSE
+from zoo.runs.status import read_status
+from zoo.training.build import build_data, build_module
+from zoo.training.conclusion import read_curves
+from zoo.training.distributed import ending_together
+from zoo.training.open_loop import open_loop_metrics, predict_steering
+from zoo.training.plan import set_pace
+from zoo.training.run import run_experiment
+
+# 267 samples: the last of 15 batches has one, of which one process gets none; the others are odd.
+# LeNet has no dropout, whose draws differ from process to process. Adam would divide a gradient
+# that is nearly nought by its own size, and make of its last bits a step of its learning rate.
+SETTINGS = (
+    "model=lenet",
+    "data.block_s=0.5",
+    "data.gap_s=0.1",
+    "data.batch_size=19",
+    "augment=[brightness,shadow,shift,blur]",
+    "loss=weighted",
+    "optim=sgd",
+    "score=none",
+    "logger=csv",
+    "callbacks=published",
+)
+# Sums in another order, in single precision, through 30 steps: 0.00000001 was measured.
+TOLERANCE = 1e-6
+
+
+def loaded(recorded: Written, tmp_path: Path, *overrides: str) -> DrivingData:
+    root = (f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}")
+    config = OmegaConf.create(compose_config([*SETTINGS, *root, *overrides]))
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    return data
+
+
+@pytest.mark.parametrize("world", [2, 3, 4])
+@pytest.mark.parametrize("flip", ["0.5", "both"])
+def test_shares_put_together_are_the_batch_of_one_process(
+    recorded: Written, tmp_path: Path, world: int, flip: str
+) -> None:
+    """Flips and augmentations too, our own and albumentations'; and where some get nothing."""
+    data = loaded(recorded, tmp_path, f"data.flip={flip}", "model.colour=yuv")
+    batches = data.training_batches()
+    for number, size in enumerate((19, 2, 1)):
+        samples = np.arange(3 * size, 4 * size)
+        whole = batches[BatchKey(0, number, samples)]
+        shares = [batches[BatchKey(0, number, samples, rank, world)] for rank in range(world)]
+        for name, tensor in whole.items():
+            assert torch.equal(torch.cat([one[name] for one in shares]), tensor), name
+        steering = [
+            batches.steering(BatchKey(0, number, samples, rank, world)) for rank in range(world)
+        ]
+        assert (
+            np.concatenate(steering).tolist()
+            == batches.steering(BatchKey(0, number, samples)).tolist()
+        )
+
+
+@pytest.mark.parametrize("world", [1, 2, 3, 13])
+def test_the_rows_to_validate_on_are_shared_out_in_order(
+    recorded: Written, tmp_path: Path, world: int
+) -> None:
+    """Eleven rows: some processes of 13 get none, and an empty batch to go through."""
+    data = loaded(recorded, tmp_path)
+    batches = replace(data.evaluation_batches("val"), rows=data.split.train[:11])
+    shares = [batches.share(rank, world) for rank in range(world)]
+    assert max(len(one.rows) for one in shares) - min(len(one.rows) for one in shares) <= 1
+    parts = [batch for one in shares for batch in one]
+    assert len(parts) == world
+    for name, tensor in batches[0].items():
+        assert torch.equal(torch.cat([one[name] for one in parts]), tensor), name
+
+
+class Kept(lightning.Callback):
+    """Each process's figures of validation, in a file."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def on_validation_end(self, trainer: lightning.Trainer, module: lightning.LightningModule):
+        figures = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        seen = sum(len(batch["targets"]) for batch in trainer.val_dataloaders.dataset)
+        np.savez(self.folder / f"{trainer.global_rank}.npz", *module.validation, seen, figures)
+
+
+def validate_together(root: str, folder: str, world: int) -> None:
+    """In a process of its own: forks others, which each leave `RANK.npz`, and the first `one.npz`
+    of all rows at once; in a folder for 2 rows and one for 50."""
+    config = OmegaConf.create(compose_config([*SETTINGS, root, "data.cache=null"]))
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    module = build_module(config, data, {})
+    for rows in (2, 50):
+        data.split = replace(data.split, val=data.split.train[:rows])
+        own = Path(folder) / str(rows)
+        own.mkdir()
+        predicted = predict_steering(module, data.evaluation_batches("val"))
+        true = data.recording.steering[data.split.val].astype(np.float32)
+        figures = {f"val/{name}": one for name, one in open_loop_metrics(predicted, true).items()}
+        np.savez(own / "one.npz", predicted, true, rows, figures)
+        lightning.Trainer(
+            accelerator="cpu",
+            devices=world,
+            strategy="ddp_fork",
+            callbacks=[Kept(own)],
+            logger=False,
+            enable_progress_bar=False,
+            use_distributed_sampler=False,
+        ).validate(module, datamodule=data, verbose=False)
+
+
+def test_processes_that_validate_share_the_rows_and_all_have_the_figures_of_one(
+    recorded: Written, tmp_path: Path
+) -> None:
+    arguments = f"'data.root={recorded.folder}', {str(tmp_path)!r}, 3"
+    source = (
+        f"from tests.zoo.training.test_distributed import validate_together as v; v({arguments})"
+    )
+    subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", source], env=environment(), timeout=100, check=True
+    )
+    for rows in (2, 50):
+        predicted, true, _, figures = kept(tmp_path / str(rows) / "one.npz")
+        found = [kept(tmp_path / str(rows) / f"{rank}.npz") for rank in range(3)]
+        assert sum(int(seen) for _, _, seen, _ in found) == rows, "each row once"
+        for own_predicted, own_true, _, own_figures in found:
+            # A row's sums depend, in the last bits, on how many others are in its batch.
+            np.testing.assert_allclose(own_predicted, predicted, rtol=0, atol=1e-6)
+            assert own_true.tolist() == true.tolist()
+            assert own_figures.item() == pytest.approx(figures.item(), abs=1e-6)
+            assert own_figures.item() == found[0][3].item(), "to the bit, in all processes"
+
+
+def kept(path: Path) -> list[np.ndarray]:
+    with np.load(path, allow_pickle=True) as file:
+        return list(file.values())
+
+
+def test_the_divisor_of_a_weighted_loss_is_what_it_divides_by() -> None:
+    predicted, true = torch.randn(2, 7, 2, generator=torch.Generator().manual_seed(0))
+    loss = SteeringWeightedMSE(4.0)
+    parts = [slice(0, 3), slice(3, 7)]
+    whole = sum(loss(predicted[at], true[at]) * loss.divisor(true[at]) for at in parts)
+    assert whole / loss.divisor(true) == pytest.approx(loss(predicted, true))
+
+
+@pytest.mark.slow
+def test_two_processes_come_to_the_same_as_one(recorded: Written, tmp_path: Path) -> None:
+    more = [*SETTINGS, f"data.root={recorded.folder}", "trainer.max_epochs=2"]
+    config = OmegaConf.create(compose_config([*more, "trainer=cpu", f"data.cache={tmp_path}/c"]))
+    threads = torch.get_num_threads()
+    run_experiment(config, tmp_path / "one")
+    torch.set_num_threads(threads)
+    result = run(tmp_path, *more, "trainer=ddp_cpu", "hydra.run.dir=two")
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert result.stdout.count("leak: a val") == 1, "one process speaks"
+    one, two = (
+        torch.load(tmp_path / name / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
+        for name in ("one", "two")
+    )
+    assert one.keys() == two.keys()
+    for name in one:
+        torch.testing.assert_close(two[name], one[name], rtol=0, atol=TOLERANCE)
+    curves = [read_curves(tmp_path / name) for name in ("one", "two")]
+    for name, curve in curves[0].items():
+        assert curves[1][name] == pytest.approx(curve, rel=1e-5), name
+
+
+@pytest.mark.slow
+def test_when_a_process_dies_the_first_says_so_in_a_line_and_ends(
+    recorded: Written, tmp_path: Path
+) -> None:
+    root = (f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=5000")
+    first = subprocess.Popen(
+        command("zoo", *SETTINGS, *root, "hydra.run.dir=run"),
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        until = time.monotonic() + 90
+        while not (tmp_path / "run" / "checkpoints" / "last.ckpt").is_file():
+            assert first.poll() is None, "it goes on"
+            assert time.monotonic() < until, "no epoch was complete"
+            time.sleep(0.1)
+        (second,) = psutil.Process(first.pid).children()
+        second.kill()
+        _, said = first.communicate(timeout=60)
+    finally:
+        first.kill()
+    assert first.returncode == 1
+    assert said.count("\n") == 1, said
+    assert "process 2 of the 2 that train together ended (SIGKILL)" in said
+    assert "go on with: python -m zoo resume=" in said
+    assert read_status(tmp_path / "run")["status"] == "failed"
+
+
+def test_more_processes_than_samples_in_a_batch_are_refused(
+    recorded: Written, tmp_path: Path
+) -> None:
+    data = loaded(recorded, tmp_path, "data.batch_size=1")
+    said = "data.batch_size=1 is for all processes together, of which there are 2"
+    with pytest.raises(InputError, match=said):
+        set_pace(None, None, data, Others(), None)
+
+
+class Others:
+    """A trainer's looks, for what waits for other processes."""
+
+    world_size, global_rank = 2, 0
+
+    def __init__(self, rank: int = 0) -> None:
+        self.global_rank, self.is_global_zero = rank, rank == 0
+        self.callbacks: list[lightning.Callback] = []
+
+
+def ended(how: str) -> subprocess.Popen:
+    process = subprocess.Popen([sys.executable, "-c", how])
+    process.wait()
+    return process
+
+
+def lose(folder: Path, other: subprocess.Popen) -> None:
+    """What happens in the first process's training when the second is gone."""
+    trainer = Others()
+    with ending_together(trainer, folder, "GO ON"):
+        trainer.callbacks[0].others = [other]
+        raise RuntimeError("gloo: Connection closed by peer")
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL"),
+        ("raise SystemExit(3)", "exit status 3"),
+    ],
+)
+def test_an_error_for_want_of_another_process_is_said_as_its_end(
+    tmp_path: Path, how: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=rf"process 2 of the 2 .* ended \({said}\).*GO ON"):
+        lose(tmp_path, ended(how))
+
+
+def test_a_process_that_is_not_the_first_leaves_its_reason_to_that(tmp_path: Path) -> None:
+    second = Others(rank=1)
+    with pytest.raises(SystemExit) as stopped, ending_together(second, tmp_path, "GO ON"):
+        raise InputError("its disk is full")
+    assert stopped.value.code == 0
+    with pytest.raises(InputError, match="its disk is full"):
+        lose(tmp_path, ended(""))
+    assert not list(tmp_path.iterdir()), "read and removed"
+
+
+def test_an_error_of_our_own_is_not_hidden(tmp_path: Path) -> None:
+    for trainer in (Others(), Others(rank=1)):
+        with pytest.raises(KeyError), ending_together(trainer, tmp_path, "GO ON"):
+            raise KeyError("a bug")
+
+
+def test_a_process_that_waits_for_ever_is_ended(tmp_path: Path) -> None:
+    """As with NCCL: the main thread never hears of the other's end."""
+    source = (
+        "import time, zoo.training.distributed as together\n"
+        "from pathlib import Path\n"
+        "from tests.zoo.training.test_distributed import ended\n"
+        "together.GRACE_S = 0.2\n"
+        f"watch = together.Watch(Path({str(tmp_path)!r}), 'GO ON')\n"
+        "watch.others = [ended('raise SystemExit(3)')]\n"
+        "watch._start(watch._failed_other)\n"
+        "time.sleep(60)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", source],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=50,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "process 2 of the 2 that train together ended (exit status 3)" in result.stderr
+    assert read_status(tmp_path)["status"] == "failed"

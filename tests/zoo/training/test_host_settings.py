@@ -1,0 +1,52 @@
+"""The allocator, in processes of its own; the processor."""
+
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from zoo.training.host_settings import multiplies_bf16
+
+# Takes and gives back the blocks of a training step, and says how often the kernel had to help.
+STEPS = """
+import resource, sys
+from zoo.training.host_settings import keep_freed_memory
+if "keep" in sys.argv:
+    assert keep_freed_memory()
+for step in range(30):
+    blocks = [bytearray(20_000_000) for _ in range(3)]
+    blocks.clear()
+    if step == 9:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+def run(code: str, *arguments: str) -> str:
+    result = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=Path(__file__).parents[3],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return result.stdout.strip()
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone gives memory back")
+def test_freed_memory_is_kept() -> None:
+    assert int(run(STEPS, "keep")) < 0.1 * int(run(STEPS))
+
+
+@pytest.mark.parametrize(
+    ("flags", "expected"),
+    [("flags : avx512f avx512_bf16 fma", True), ("Features : bf16 i8mm", True), ("avx2", False)],
+)
+def test_the_processor_says_whether_it_multiplies_bf16(
+    flags: str, expected: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "cpuinfo").write_text(flags)
+    assert multiplies_bf16(tmp_path / "cpuinfo") is expected
+    assert multiplies_bf16(tmp_path / "none") is None
