@@ -1,4 +1,4 @@
-"""`python benchmarks/attacks.py [seconds=600] [rate=200]`: the driver's memory under attack.
+"""`python benchmarks/attacks.py [seconds=600] [rate=100]`: the driver's memory under attack.
 
 Serves one checkpoint by a driver process for each attack, all at the same time, and attacks each
 from one thread, at most `rate` requests a second. A genuine client drives throughout, and another
@@ -40,7 +40,7 @@ from zoo.checkpoint import make_card, make_network
 
 MOST_GROWTH_MB = 100
 MOST_OPEN = 500  # connections that an attack holds at a time; the driver allows 512
-LARGE_S = 0.05  # between large messages: 20 a second, 40 MB/s
+LARGE_S = 0.1  # between large messages: 10 a second, 21 MB/s
 SETTLE_S = 2.0  # before the driver's memory is read for the first and the last time
 EVERY_S = 2.0  # between a genuine client and the next
 POLLING = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
@@ -68,7 +68,7 @@ class AttackOptions:
     """
 
     seconds: float = 600.0
-    rate: float = 200.0
+    rate: float = 100.0
     only: str | None = None
 
 

@@ -149,10 +149,9 @@ class Connections:
             self._notices.say("too many WebSockets without telemetry, the oldest was closed", host)
             self._close(oldest)
 
-    def _close_holder(self, tasks: list[Hashable]) -> None:
-        """Close a connection of these, one without telemetry if there is one."""
-        holder = min((self._open[task] for task in tasks), key=lambda one: one.drives)
-        self._notices.say("too many unfinished messages, the oldest was closed", holder.host)
+    def _close_holder(self, task: Hashable) -> None:
+        holder = self._open[task]
+        self._notices.say("too many unfinished messages, the largest was closed", holder.host)
         self._close(holder)
 
     def _close(self, connection: Connection) -> None:

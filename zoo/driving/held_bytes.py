@@ -12,13 +12,12 @@ class HeldBytes:
 
     Args:
         give_way: lets the other connections have their turn, which frees what is answered by then.
-        close_one: closes one of these connections, the oldest first.
+        close: closes a connection, and releases what it holds. The largest message goes first, of
+            equal ones the oldest: a simulator's message of some 20 kB is never the largest.
     """
 
-    def __init__(
-        self, give_way: Callable[[], None], close_one: Callable[[list[Hashable]], None]
-    ) -> None:
-        self._give_way, self._close_one = give_way, close_one
+    def __init__(self, give_way: Callable[[], None], close: Callable[[Hashable], None]) -> None:
+        self._give_way, self._close = give_way, close
         self._sizes: dict[Hashable, int] = {}  # the one that began first is first
         self._total = 0
 
@@ -32,7 +31,7 @@ class HeldBytes:
         while self._total > MOST_HELD and key in self._sizes:
             self._give_way()
             if self._total > MOST_HELD and self._sizes:
-                self._close_one(list(self._sizes))
+                self._close(max(self._sizes, key=self._sizes.__getitem__))
                 self._give_way()
 
     def release(self, key: Hashable) -> None:
