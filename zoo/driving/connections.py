@@ -1,6 +1,8 @@
 """The open connections: how many there may be, and which are closed to make room."""
 
+import contextlib
 import functools
+import socket
 import time
 from collections import Counter
 from collections.abc import Hashable
@@ -61,6 +63,8 @@ class Connection:
         if websocket is not None:  # its reader ends, which also ends the session
             websocket.hang_up()
             return
+        with contextlib.suppress(OSError):  # the client may have closed it first
+            self.socket.shutdown(socket.SHUT_RDWR)  # a reader's copy would keep it open
         self.task.kill()
         self.socket.close()  # the task closes it, but for one that had not begun
 
