@@ -1,17 +1,24 @@
 """The open connections: how many there may be, and which are closed to make room."""
 
+import contextlib
+import functools
+import socket
 import time
 from collections import Counter
+from collections.abc import Hashable
 from dataclasses import dataclass
 
+import eventlet
 from eventlet.greenio import GreenSocket
 from eventlet.greenthread import GreenThread, getcurrent
 
-from zoo.drive.fast_socket import ENVIRON_KEY
+from zoo.drive.fast_socket import COPIES, ENVIRON_KEY, HOLD_KEY, MAX_MESSAGE
+from zoo.drive.held_bytes import HeldBytes
 from zoo.drive.notices import Notices
 
 MOST_CONNECTIONS = 1024
 MOST_PER_ADDRESS = 512  # below it, so that another address always finds a place
+MOST_QUIET_WEBSOCKETS = 256  # of an address; without telemetry
 HEAD_S = 5.0  # for a request's head, from the first byte to the last
 REQUEST_S = 60.0  # for a request; one of long polling waits for 45 s
 QUIET_S = 20.0  # for the first telemetry of a session
@@ -45,12 +52,19 @@ class Connection:
             patience_s = QUIET_S if ENVIRON_KEY in self.environ else REQUEST_S
         return not self.drives and now_s - self.since_s > patience_s
 
+    @property
+    def quiet_websocket(self) -> bool:
+        """Whether it is a WebSocket, or will be one, without telemetry."""
+        return not self.drives and (self.environ or {}).get("HTTP_UPGRADE") is not None
+
     def close(self) -> None:
         """Close it now, whatever the client does."""
         websocket = (self.environ or {}).get(ENVIRON_KEY)
         if websocket is not None:  # its reader ends, which also ends the session
             websocket.hang_up()
             return
+        with contextlib.suppress(OSError):  # the client may have closed it first
+            self.socket.shutdown(socket.SHUT_RDWR)  # a reader's copy would keep it open
         self.task.kill()
         self.socket.close()  # the task closes it, but for one that had not begun
 
@@ -72,6 +86,7 @@ class Connections:
         self._notices = notices
         self._open: dict[GreenThread, Connection] = {}
         self._hosts: Counter[str] = Counter()
+        self._held = HeldBytes(eventlet.sleep, self._close_holder)
 
     def __len__(self) -> int:
         return len(self._open)
@@ -95,6 +110,7 @@ class Connections:
 
     def remove(self, task: GreenThread) -> None:
         """Forget a connection, if it was not forgotten before."""
+        self._held.release(task)
         connection = self._open.pop(task, None)
         if connection is not None:
             self._hosts[connection.host] -= 1
@@ -102,8 +118,16 @@ class Connections:
                 del self._hosts[connection.host]
 
     def head_came(self, environ: dict) -> None:
-        """Note the request of the connection that the current task serves."""
-        self._open[getcurrent()].environ = environ
+        """Note the request of the connection that the current task serves, and count its bytes."""
+        task = getcurrent()
+        connection = self._open[task]
+        connection.environ = environ
+        environ[HOLD_KEY] = functools.partial(self._hold, task)
+        if connection.quiet_websocket:
+            self._limit_quiet(connection.host)
+        body = environ.get("CONTENT_LENGTH") or ""
+        if body.isdecimal():
+            self._hold(task, COPIES * min(int(body), MAX_MESSAGE))
 
     def telemetry_came(self) -> None:
         """Note that the connection that the current task serves drives."""
@@ -118,6 +142,21 @@ class Connections:
             kind = "telemetry" if ENVIRON_KEY in (connection.environ or ()) else "whole request"
             self._notices.say(f"a connection without a {kind} was closed", connection.host)
             self._close(connection)
+
+    def _hold(self, task: GreenThread, size: int) -> None:
+        if task in self._open:  # one that was closed may read once more
+            self._held.hold(task, size)
+
+    def _limit_quiet(self, host: str) -> None:
+        alike = [one for one in self._open.values() if one.host == host and one.quiet_websocket]
+        for oldest in alike[:-MOST_QUIET_WEBSOCKETS]:
+            self._notices.say("too many WebSockets without telemetry, the oldest was closed", host)
+            self._close(oldest)
+
+    def _close_holder(self, task: Hashable) -> None:
+        holder = self._open[task]
+        self._notices.say("too many unfinished messages, the largest was closed", holder.host)
+        self._close(holder)
 
     def _close(self, connection: Connection) -> None:
         self.remove(connection.task)

@@ -10,7 +10,9 @@ import json
 import re
 import select
 import socket
+import sys
 import time
+from collections.abc import Callable
 from types import MethodType
 
 from engineio import Server
@@ -20,20 +22,28 @@ from eventlet.websocket import ConnectionClosedError, RFC6455WebSocket, WebSocke
 
 MAX_MESSAGE = 2 << 20  # bytes; an image of the limit, 1 MB, takes 1.33 in base64
 ENVIRON_KEY = "drivezoo.websocket"  # where a session's handlers find its WebSocket
+HOLD_KEY = "drivezoo.hold"  # where a WebSocket finds the function that counts the bytes it holds
+COPIES = 3  # of a message, while it is answered: eventlet's, engineio's, and the JSON's
 
 BINARY = 2  # the opcode
 
 _TELEMETRY = re.compile(rb'42\d*\s*\[\s*"telemetry"')
 _READ = 1 << 16
-_MOST_PIECES = 4096  # of a message, before they are joined: an object of one byte takes 42
+_SMALL = 4096  # characters of a message that eventlet and engineio may keep until the next
 _QUICKACK = getattr(socket, "TCP_QUICKACK", None)  # Linux alone has it, and needs it
 
 
 class EagerSocket:
-    """A green socket that reads ahead, and acknowledges what it reads at once."""
+    """A green socket that reads ahead, and acknowledges what it reads at once.
 
-    def __init__(self, sock: GreenSocket) -> None:
+    Args:
+        sock: connection to the client.
+        hold: function that counts the bytes of the unfinished message; it may wait.
+    """
+
+    def __init__(self, sock: GreenSocket, hold: Callable[[int], None]) -> None:
         self._sock, self._ahead = sock, memoryview(b"")
+        self._hold, self._unfinished = hold, 0
         self._hung_up = False
         # Two replies that follow each other must not wait for the client's acknowledgement.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -48,8 +58,18 @@ class EagerSocket:
                 # The kernel forgets it, so it is set again after each read: without, it waits
                 # 40 ms for the rest of the picture, which Nagle's algorithm holds back.
                 self._sock.setsockopt(socket.IPPROTO_TCP, _QUICKACK, 1)
+            self._unfinished = min(self._unfinished + len(self._ahead), MAX_MESSAGE)
+            self._hold(self._unfinished)
+            if self._hung_up:  # while it waited
+                self._ahead = self._ahead[:0]
+                return b""
         taken, self._ahead = self._ahead[:size], self._ahead[size:]
         return bytes(taken)
+
+    def finished(self, size: int) -> None:
+        """Count a message of `size` bytes in place of the unfinished one, which ended."""
+        self._unfinished = 0
+        self._hold(size)
 
     def hang_up(self) -> None:
         """Close the connection now, and forget what has come and was not read."""
@@ -62,8 +82,9 @@ class EagerSocket:
 
 
 class FastWebSocket(RFC6455WebSocket):
-    """eventlet's WebSocket with four changes: it reads ahead, takes the mask off in one go, answers
-    the Engine.IO PING of 2016's clients, and drops what exceeds `MAX_MESSAGE` as it arrives.
+    """eventlet's WebSocket with five changes: it reads ahead, takes the mask off in one go, answers
+    the Engine.IO PING of 2016's clients, drops what exceeds `MAX_MESSAGE` as it arrives, and keeps
+    no large message that was answered.
 
     Attributes:
         received_s: when the last message had arrived, by `time.perf_counter`.
@@ -74,8 +95,10 @@ class FastWebSocket(RFC6455WebSocket):
 
     def __init__(self, sock: GreenSocket, environ: dict, version: int) -> None:
         # A frame may have any length: what is too long is dropped, message by message.
-        super().__init__(EagerSocket(sock), environ, version, max_frame_length=1 << 62)
+        hold = environ.get(HOLD_KEY, lambda size: None)
+        super().__init__(EagerSocket(sock, hold), environ, version, max_frame_length=1 << 62)
         environ[ENVIRON_KEY] = self
+        self._large = False  # the last message
         self._takes = select.poll()
         self._takes.register(sock.fileno(), select.POLLOUT)
 
@@ -87,12 +110,12 @@ class FastWebSocket(RFC6455WebSocket):
         def push(self, data: bytes, final: bool = False) -> None:
             self.finished = final
             self.size += len(data)
+            if not self.data:  # one object: each piece of one byte would take 42
+                self.data = [bytearray()]
             if self.size <= MAX_MESSAGE:
-                self.data.append(data)
-                if len(self.data) > _MOST_PIECES:
-                    self.data = [b"".join(self.data)]
+                self.data[0] += data
             else:
-                del self.data[1:]
+                del self.data[0][64:]
 
         def getvalue(self) -> bytes | str:
             if self.size <= MAX_MESSAGE:
@@ -129,12 +152,20 @@ class FastWebSocket(RFC6455WebSocket):
 
     def wait(self) -> str | bytes | None:
         """The next message; None once the connection is closed. PINGs are answered on the way."""
+        if self._large:
+            # engineio's and eventlet's loops refer to the last message until the next: forget it.
+            self._large = False
+            self.iterator = self._iter_frames()
+            return "6"
+        self.socket.finished(0)
         while True:
             message = super().wait()
             # Since Engine.IO 4 it is the server that pings, and a client's bare "2" is an error.
             # One with more ("2probe") belongs to the change from polling to a WebSocket.
             if message != "2":
                 self.received_s = time.perf_counter()
+                self._large = message is not None and len(message) > _SMALL
+                self.socket.finished(COPIES * sys.getsizeof(message) if self._large else 0)
                 return message
             self.send("3")
 

@@ -19,6 +19,8 @@ _EVENT = re.compile(r"(?:2|5\d+-)\d*\s*\[")
 _TELEMETRY = re.compile(_EVENT.pattern + r'\s*"telemetry"')
 _UNREADABLE = '2["telemetry","unreadable"]'
 MOST_ATTACHMENTS = 4  # of a telemetry; it has one image
+MOST_UNFINISHED = 8  # events of all clients whose attachments have not come
+MOST_COMMAS = 1000  # of an event: 2 MiB of empty lists take 43 MB once they are read
 
 
 class SimulatorServer(socketio.Server):
@@ -79,6 +81,10 @@ class SimulatorServer(socketio.Server):
         """Dispatch a message. A telemetry that cannot be read is answered as any rubbish is: the
         client waits for its reply for ever."""
         text = data if isinstance(data, str) else ""
+        if text.count(",") > MOST_COMMAS:
+            if not _TELEMETRY.match(text):
+                return
+            data = text = _UNREADABLE
         if text and self._binary_packet.get(eio_sid) is not None:
             self._give_up_attachments(eio_sid)
         if eio_sid in self._undecided and _EVENT.match(text):
@@ -105,6 +111,8 @@ class SimulatorServer(socketio.Server):
         size = sum(map(len, packet.attachments))
         if not 0 < packet.attachment_count <= MOST_ATTACHMENTS or size > MAX_MESSAGE:
             self._give_up_attachments(eio_sid)
+        while len(self._binary_packet) > MOST_UNFINISHED:
+            self._give_up_attachments(next(iter(self._binary_packet)))
 
     def _give_up_attachments(self, eio_sid: str) -> None:
         """Forget an event whose attachments cannot be had, and answer it if it is telemetry."""

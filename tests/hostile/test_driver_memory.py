@@ -1,0 +1,133 @@
+"""The driver's memory while clients hold requests, messages and WebSockets open."""
+
+import contextlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from benchmarks import attacks
+from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
+from tests.zoo.commands import ROOT, environment
+from tests.zoo.drive.old_client import OldClient
+from tests.zoo.drive.serve import Served, served
+from zoo.drive.connections import MOST_QUIET_WEBSOCKETS
+from zoo.drive.held_bytes import MOST_HELD
+
+# Each holds over 150 MB of a driver without these limits.
+LARGE = {
+    "half-sent messages": 90,
+    "half-sent after telemetry": 90,
+    "half-sent polling requests": 90,
+    "whole large messages": 60,
+    "missing attachments": 60,
+}
+GROWTH = attacks.MOST_GROWTH_MB
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[Served]:
+    """A driver of this test's own."""
+    with served(tmp_path / "drive") as process:
+        yield process
+
+
+def grown(driver: Served, name: str, requests: int) -> float:
+    """Return the megabytes by which a driver grows at most while it is attacked."""
+    process, attacker = psutil.Process(driver.process.pid), attacks.Attacker(driver.port)
+    before = peak = attacks.megabytes(process)
+    for _ in range(requests):
+        with contextlib.suppress(OSError, ValueError):
+            attacks.ATTACKS[name](attacker)
+        peak = max(peak, attacks.megabytes(process))
+    attacker.close()
+    return peak - before
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_large_messages_do_not_fill_the_memory(fresh: Served, name: str) -> None:
+    with OldClient(fresh.port, timeout_s=10) as steady:
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE
+        assert grown(fresh, name, LARGE[name]) < GROWTH
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE
+    assert_drives(fresh)
+
+
+def test_lists_that_grow_when_they_are_read_are_answered_as_rubbish(fresh: Served) -> None:
+    with OldClient(fresh.port, timeout_s=10) as client:
+        client.send_frame(1, b'42["telemetry"' + b",[]" * 600_000 + b"]")
+        assert client.reply() == ("steer", {"steering_angle": "0", "throttle": "0"})
+        client.telemetry(jpeg=RED)
+        assert client.reply() == FINE
+    assert fresh.stop() == 0
+    assert not any("Traceback" in line for line in fresh.lines)
+
+
+def test_the_oldest_websocket_without_telemetry_is_closed(fresh: Served) -> None:
+    with OldClient(fresh.port) as steady:
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE
+        quiet = [OldClient(fresh.port) for _ in range(MOST_QUIET_WEBSOCKETS + 5)]
+        assert closed(quiet[0].socket)
+        steady.telemetry(jpeg=RED)
+        assert steady.reply() == FINE, "it drives, and is not closed for others"
+    quiet[-1].telemetry(jpeg=RED)
+    assert quiet[-1].reply() == FINE, "the last one stays"
+    for client in quiet:
+        client.socket.close()
+
+
+def test_the_largest_unfinished_message_is_closed_and_said(fresh: Served) -> None:
+    small = OldClient(fresh.port)
+    small.send_frame(1, b'42["telem', last=False)
+    attacker = attacks.Attacker(fresh.port)
+    for _ in range(MOST_HELD // attacks.LARGE + 4):
+        with contextlib.suppress(OSError):
+            attacks.half_sent(attacker)
+    small.send_frame(0, b'etry",{}]')
+    assert small.reply()[0] == "steer"
+    attacker.close()
+    assert fresh.stop() == 0
+    assert any("unfinished messages" in line and "127.0.0.1" in line for line in fresh.lines)
+
+
+def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
+    attacker = attacks.Attacker(fresh.port)
+    for _ in range(MOST_HELD // attacks.LARGE - 1):
+        attacks.half_sent(attacker)
+    post = attacker.connect(attacks.POST % (b"none", attacks.LARGE))
+    assert closed(post)
+    attacker.close()
+    assert_drives(fresh)
+    assert fresh.stop() == 0
+    assert not any("Traceback" in line or "failed" in line for line in fresh.lines)
+
+
+def measure(*options: str) -> subprocess.CompletedProcess:
+    """Run `benchmarks/attacks.py`, which exits with 1 where a driver grows too much."""
+    return subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / "attacks.py"), *options],
+        env=environment() | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_mistaken_option_of_the_measurement_is_one_line() -> None:
+    result = measure("only=nothing")
+    assert result.returncode == 1
+    (line,) = result.stderr.splitlines()
+    assert "only" in line
+
+
+@pytest.mark.slow
+def test_ten_seconds_of_an_attack_are_measured() -> None:
+    result = measure("seconds=10", "only=half-sent messages")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "half-sent messages" in result.stdout
