@@ -1,9 +1,10 @@
 """`python -m datamodules.check FOLDER [FOLDER...]`: is a recording whole, and good to train on?
 
-Reads each image's header and end, not its pixels, so that thousands take seconds.
+Decodes each image's header and looks for its end, not its pixels, so that thousands take seconds.
 """
 
 import argparse
+import io
 import os
 import re
 import shlex
@@ -25,12 +26,13 @@ from datamodules.image import (
     MOST_IMAGE_BYTES,
     TAIL,
     find_fault,
+    find_scan_fault,
     find_size_fault,
     image_size,
 )
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
-from datamodules.regular_file import open_binary
+from datamodules.regular_file import read_regular
 
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 SHOWN = 20  # bad images that are listed, before a count
@@ -102,14 +104,11 @@ def _hydra_text(text: str) -> str:
 def look_at_image(path: str) -> tuple[int, int] | str:
     """`(width, height)` of a JPEG or PNG as its header says, or what is wrong with the file."""
     try:
-        with open_binary(path, MOST_IMAGE_BYTES) as file:
-            head = file.read(HEAD)
-            file.seek(max(file.seek(0, os.SEEK_END) - TAIL, 0))
-            if fault := find_fault(head, file.read()):
-                return fault
-            file.seek(0)
-            size = image_size(file)
-            return find_size_fault(*size) or size
+        data = read_regular(path, MOST_IMAGE_BYTES)
+        if fault := find_fault(data[:HEAD], data[-TAIL:]):
+            return fault
+        size = image_size(io.BytesIO(data))
+        return find_size_fault(*size) or find_scan_fault(data) or size
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
 
