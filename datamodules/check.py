@@ -33,6 +33,7 @@ from datamodules.image import (
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
 from datamodules.regular_file import read_regular
+from datamodules.terminal import error_line, printable
 
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 SHOWN = 20  # bad images that are listed, before a count
@@ -48,7 +49,7 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
     """
     recording = read_recordings(roots, images, on_bad_image="skip")
     for line in report_lines(replace(recording, bad_images=())):
-        console.out(line, highlight=False)
+        _print(console, line)
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
     for row, path, found in _look_at_images(recording, console):
@@ -59,21 +60,25 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
     for (width, height), count in sizes.most_common():
         usual = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT)
         note = "" if usual else f" (will be resized to {FRAME_WIDTH} x {FRAME_HEIGHT})"
-        console.out(f"{count:,} images of {width} x {height}{note}", highlight=False)
+        _print(console, f"{count:,} images of {width} x {height}{note}")
     for line in bad[:SHOWN]:
-        console.out(line, highlight=False)
+        _print(console, line)
     if len(bad) > SHOWN:
-        console.out(f"and {len(bad) - SHOWN:,} more", highlight=False)
+        _print(console, f"and {len(bad) - SHOWN:,} more")
     verdict = f"{len(bad):,} bad; record or copy again, or train with data.on_bad_image=skip"
-    console.out(verdict if bad else "all images are whole", highlight=False)
+    _print(console, verdict if bad else "all images are whole")
     oddities = find_oddities(recording)
     if oddities:
-        console.out("before you train:", highlight=False)
+        _print(console, "before you train:")
     for oddity in oddities:
-        console.out(f"- {oddity.text}", highlight=False)
+        _print(console, f"- {oddity.text}")
     for line in _next_commands(roots, images, bool(bad)):
-        console.out(line, highlight=False)
+        _print(console, line)
     return not bad
+
+
+def _print(console: Console, line: str) -> None:
+    console.out(printable(line), highlight=False)
 
 
 def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Iterator[str]:
@@ -142,7 +147,7 @@ def main(arguments: list[str]) -> int:
     try:
         return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1
     except InputError as error:
-        print(f"check: {error}", file=sys.stderr)
+        print(error_line("check", error), file=sys.stderr)
         return 1
     except MemoryError:
         print("check: not enough memory; end other programs, or name fewer", file=sys.stderr)

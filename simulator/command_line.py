@@ -82,7 +82,7 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
     try:
         command(arguments)
     except SimulatorError as error:
-        print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
+        _print_error(error)
         return 1
     except MemoryError:
         print("simulator: not enough memory; end other programs, or choose less", file=sys.stderr)
@@ -95,9 +95,16 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
     except OSError as error:
         if error.strerror is None:
             raise
-        print(f"simulator: {error.filename or 'a file'}: {error.strerror}", file=sys.stderr)
+        _print_error(f"{error.filename or 'a file'}: {error.strerror}")
         return 1
     return 0
+
+
+def _print_error(error: object) -> None:
+    """Print one line, whose control characters a terminal does not obey."""
+    line = " ".join(str(error).split())
+    shown = (one if one.isprintable() else ascii(one)[1:-1] for one in line)
+    print(f"simulator: {''.join(shown)}", file=sys.stderr)
 
 
 def _value(text: str) -> object:

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from datamodules.terminal import printable
 from zoo.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
 from zoo.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.scoring.intervals import count_with_interval
@@ -258,5 +259,5 @@ def unranked_lines(unranked: Sequence[Unranked], under: Path | None) -> list[str
         ]
         if those:
             more = f" and {len(those) - NAMED} more" if len(those) > NAMED else ""
-            lines.append(f"{len(those)} {words}: {', '.join(named)}{more}")
+            lines.append(printable(f"{len(those)} {words}: {', '.join(named)}{more}"))
     return lines

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
+from datamodules.terminal import printable
 from zoo.checkpoint_path import find_run
 from zoo.command_line import run_command
 from zoo.console_progress import loading
@@ -112,8 +113,8 @@ def report(arguments: list[str]) -> None:
     run = find_run(arguments[0])
     with loading("writing the report"):
         page = write_report(run)
-    print(page)
-    print(page.with_name(MARKDOWN))
+    for path in (page, page.with_name(MARKDOWN)):
+        print(printable(str(path)))
 
 
 if __name__ == "__main__":

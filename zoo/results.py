@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 from datamodules.errors import InputError
+from datamodules.terminal import printable
 from zoo.command_line import run_command
 from zoo.options import is_help
 
@@ -39,7 +40,7 @@ def print_results(arguments: list[str]) -> None:
     print(f"| {HEADER} |")
     print("|---|---|" + "---:|" * (HEADER.count("|") - 1))
     for row in rows:
-        print(row)
+        print(printable(row))
 
 
 def result_row(folder: Path) -> str:

@@ -14,6 +14,7 @@ import lightning
 import torch
 
 from datamodules.errors import InputError
+from datamodules.terminal import error_line
 from zoo.status import PrunedError, StoppedError, write_status
 
 # Whoever waits for another in a collective operation may learn of its end, or may wait on.
@@ -121,7 +122,7 @@ class Watch(lightning.Callback):
             reason = self.reason()
             if self.others and reason:
                 write_status(self.folder, "failed", reason=reason)
-                print(f"zoo: {reason}", file=sys.stderr, flush=True)
+                print(error_line("zoo", reason), file=sys.stderr, flush=True)
             for process in self.others:
                 process.kill()
             os._exit(1)  # the main thread waits in a collective operation, for ever
