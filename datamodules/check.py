@@ -17,6 +17,7 @@ from dataclasses import replace
 from rich.console import Console
 from rich.progress import Progress
 
+from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError
 from datamodules.findings import find_oddities
 from datamodules.image import (
@@ -145,6 +146,7 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     sys.stdout.reconfigure(errors="backslashreplace")  # a folder's name may be no UTF-8
     try:
+        raise_again()
         return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1
     except InputError as error:
         print(error_line("check", error), file=sys.stderr)

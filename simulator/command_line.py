@@ -12,6 +12,7 @@ from typing import TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from simulator.early_interrupt import raise_again
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import check_yaml
 
@@ -80,6 +81,7 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal may not know every character
     try:
+        raise_again()
         command(arguments)
     except SimulatorError as error:
         _print_error(error)

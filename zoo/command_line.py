@@ -6,9 +6,9 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError
 from datamodules.terminal import error_line, guard_rich
-from zoo.early_interrupt import raise_again
 from zoo.forgiving_output import ForgivingOutput
 from zoo.status import StoppedError
 

@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError
 from datamodules.terminal import error_line, printable
 from zoo.checkpoint_path import FOLDER, LATEST, find_checkpoint
 from zoo.checkup import inputs, installation, machine, renderer, round_trip
 from zoo.checkup.finding import FAULT, OK, WARNING, Finding, careful
-from zoo.early_interrupt import raise_again
 
 USAGE = "usage: python -m zoo.doctor [CKPT] [RECORDING] [port=4567]"
 HELP = f"""{USAGE}

@@ -154,6 +154,42 @@ def test_ctrl_c_while_modules_are_imported_is_no_trace(
     assert len(said.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize("after_s", [0, 0.1])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("datamodules.check", "nowhere"),
+        ("simulator", "record", "out=laps"),
+        ("simulator", "client"),
+        ("simulator", "drive"),
+        ("zoo.doctor",),
+    ],
+)
+def test_ctrl_c_at_once_ends_a_command_in_a_line(
+    arguments: tuple[str, ...], after_s: float, tmp_path: Path
+) -> None:
+    process = subprocess.Popen(
+        command(*arguments),
+        cwd=tmp_path,
+        env=environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    first = "_multiarray" if arguments[0] != "zoo.doctor" else "_socket"
+    maps = Path(f"/proc/{process.pid}/maps")
+    until = time.monotonic() + 20
+    while first not in maps.read_text() and time.monotonic() < until:
+        time.sleep(0.002)  # until it imports the first of its libraries
+    time.sleep(after_s)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    (line,) = said.strip().splitlines()
+    assert line.endswith(": stopped")
+
+
 @pytest.mark.parametrize("module", ["zoo.leaderboard", "zoo.film"])
 def test_little_memory_is_no_trace(module: str, tmp_path: Path) -> None:
     """Three quarters of what the command takes to import."""
