@@ -150,7 +150,7 @@ def test_ctrl_c_while_modules_are_imported_is_no_trace(
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert "Traceback" not in said
-    assert process.returncode in (1, 130)
+    assert process.returncode in (1, 130, -signal.SIGINT)  # the last as Python itself ends
     assert len(said.strip().splitlines()) == 1
 
 
