@@ -1,9 +1,10 @@
 """`python -m datamodules.check FOLDER [FOLDER...]`: is a recording whole, and good to train on?
 
-Reads each image's header and end, not its pixels, so that thousands take seconds.
+Decodes each image's header and looks for its end, not its pixels, so that thousands take seconds.
 """
 
 import argparse
+import io
 import os
 import re
 import shlex
@@ -16,6 +17,7 @@ from dataclasses import replace
 from rich.console import Console
 from rich.progress import Progress
 
+from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError
 from datamodules.findings import find_oddities
 from datamodules.image import (
@@ -25,12 +27,14 @@ from datamodules.image import (
     MOST_IMAGE_BYTES,
     TAIL,
     find_fault,
+    find_scan_fault,
     find_size_fault,
     image_size,
 )
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
-from datamodules.regular_file import open_binary
+from datamodules.regular_file import read_regular
+from datamodules.terminal import error_line, printable
 
 FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 SHOWN = 20  # bad images that are listed, before a count
@@ -46,7 +50,7 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
     """
     recording = read_recordings(roots, images, on_bad_image="skip")
     for line in report_lines(replace(recording, bad_images=())):
-        console.out(line, highlight=False)
+        _print(console, line)
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
     for row, path, found in _look_at_images(recording, console):
@@ -57,21 +61,25 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
     for (width, height), count in sizes.most_common():
         usual = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT)
         note = "" if usual else f" (will be resized to {FRAME_WIDTH} x {FRAME_HEIGHT})"
-        console.out(f"{count:,} images of {width} x {height}{note}", highlight=False)
+        _print(console, f"{count:,} images of {width} x {height}{note}")
     for line in bad[:SHOWN]:
-        console.out(line, highlight=False)
+        _print(console, line)
     if len(bad) > SHOWN:
-        console.out(f"and {len(bad) - SHOWN:,} more", highlight=False)
+        _print(console, f"and {len(bad) - SHOWN:,} more")
     verdict = f"{len(bad):,} bad; record or copy again, or train with data.on_bad_image=skip"
-    console.out(verdict if bad else "all images are whole", highlight=False)
+    _print(console, verdict if bad else "all images are whole")
     oddities = find_oddities(recording)
     if oddities:
-        console.out("before you train:", highlight=False)
+        _print(console, "before you train:")
     for oddity in oddities:
-        console.out(f"- {oddity.text}", highlight=False)
+        _print(console, f"- {oddity.text}")
     for line in _next_commands(roots, images, bool(bad)):
-        console.out(line, highlight=False)
+        _print(console, line)
     return not bad
+
+
+def _print(console: Console, line: str) -> None:
+    console.out(printable(line), highlight=False)
 
 
 def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Iterator[str]:
@@ -102,14 +110,11 @@ def _hydra_text(text: str) -> str:
 def look_at_image(path: str) -> tuple[int, int] | str:
     """`(width, height)` of a JPEG or PNG as its header says, or what is wrong with the file."""
     try:
-        with open_binary(path, MOST_IMAGE_BYTES) as file:
-            head = file.read(HEAD)
-            file.seek(max(file.seek(0, os.SEEK_END) - TAIL, 0))
-            if fault := find_fault(head, file.read()):
-                return fault
-            file.seek(0)
-            size = image_size(file)
-            return find_size_fault(*size) or size
+        data = read_regular(path, MOST_IMAGE_BYTES)
+        if fault := find_fault(data[:HEAD], data[-TAIL:]):
+            return fault
+        size = image_size(io.BytesIO(data))
+        return find_size_fault(*size) or find_scan_fault(data) or size
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
 
@@ -141,9 +146,10 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     sys.stdout.reconfigure(errors="backslashreplace")  # a folder's name may be no UTF-8
     try:
+        raise_again()
         return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1
     except InputError as error:
-        print(f"check: {error}", file=sys.stderr)
+        print(error_line("check", error), file=sys.stderr)
         return 1
     except MemoryError:
         print("check: not enough memory; end other programs, or name fewer", file=sys.stderr)

@@ -17,6 +17,7 @@ FRAME_HEIGHT, FRAME_WIDTH = 160, 320  # what the original simulator records and 
 # Limits before an image is read and before it is decoded: a few kB can hold gigabytes of pixels.
 MOST_IMAGE_BYTES = 32_000_000
 MOST_PIXELS = 64_000_000
+MOST_SCANS = 64  # of a JPEG, each a pass over all pixels; a progressive one has some 10
 TAIL = 1024  # bytes of a file in which its end is looked for
 
 # What a file begins with, and what stands near its end. Within a JPEG's data FF is never followed
@@ -41,12 +42,12 @@ def decode_image(data: bytes) -> np.ndarray:
 
     Raises:
         ValueError: the bytes are no JPEG or PNG, one without its end, which OpenCV would fill
-            with grey, or one of more than `MOST_PIXELS`.
+            with grey, or one of more than `MOST_PIXELS` or `MOST_SCANS`.
     """
     if fault := find_fault(data[:HEAD], data[-TAIL:]):
         raise ValueError(fault)
     width, height = jpeg_size(data) or image_size(io.BytesIO(data))
-    if fault := find_size_fault(width, height):
+    if fault := find_size_fault(width, height) or find_scan_fault(data):
         raise ValueError(fault)
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
@@ -74,6 +75,15 @@ def find_size_fault(width: int, height: int) -> str | None:
     if width * height <= MOST_PIXELS:
         return None
     return f"the image has {width} x {height} pixels, more than {MOST_PIXELS:,}; scale it down"
+
+
+def find_scan_fault(data: bytes, most: int = MOST_SCANS) -> str | None:
+    """Return what is wrong with the number of a JPEG's scans, or None."""
+    # Coded data never holds an SOS marker's two bytes, so there are no more scans than this.
+    scans = data.count(b"\xff\xda") if data.startswith(b"\xff\xd8") else 1
+    if scans <= most:
+        return None
+    return f"the JPEG has {scans:,} scans, more than {most}; save it again without them"
 
 
 def image_size(file: BinaryIO) -> tuple[int, int]:

@@ -1,6 +1,10 @@
 """The embedded simulator: tracks, a car, its cameras, an expert, a recorder; no display needed."""
 
-import gymnasium
+from simulator.early_interrupt import stop_quietly
+
+stop_quietly("simulator")
+
+import gymnasium  # noqa: E402 - it takes most of the time in which Ctrl-C would print a trace
 
 # Entry points are strings: nothing of the renderer is imported before an environment is made.
 for _name in ("Lake", "Mountain"):

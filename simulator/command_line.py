@@ -12,6 +12,7 @@ from typing import TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from simulator.early_interrupt import raise_again
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import check_yaml
 
@@ -80,9 +81,10 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal may not know every character
     try:
+        raise_again()
         command(arguments)
     except SimulatorError as error:
-        print(f"simulator: {' '.join(str(error).split())}", file=sys.stderr)
+        _print_error(error)
         return 1
     except MemoryError:
         print("simulator: not enough memory; end other programs, or choose less", file=sys.stderr)
@@ -95,9 +97,16 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
     except OSError as error:
         if error.strerror is None:
             raise
-        print(f"simulator: {error.filename or 'a file'}: {error.strerror}", file=sys.stderr)
+        _print_error(f"{error.filename or 'a file'}: {error.strerror}")
         return 1
     return 0
+
+
+def _print_error(error: object) -> None:
+    """Print one line, whose control characters a terminal does not obey."""
+    line = " ".join(str(error).split())
+    shown = (one if one.isprintable() else ascii(one)[1:-1] for one in line)
+    print(f"simulator: {''.join(shown)}", file=sys.stderr)
 
 
 def _value(text: str) -> object:

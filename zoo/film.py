@@ -64,13 +64,14 @@ def read_shots(folder: Path) -> list[Shot]:
     Raises:
         InputError: there is no such folder, it holds no picture, or its log cannot be read.
     """
-    if folder.is_file() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
+    if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
         folder = folder.parent
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; {USAGE}")
-    if (folder / drive_log.LOG_NAME).is_file():
+    # What exists and is no regular file, such as a pipe, is named where it is opened.
+    if (folder / drive_log.LOG_NAME).exists():
         shots = _shots_of_drive(folder)
-    elif (folder / LOG_NAME).is_file():
+    elif (folder / LOG_NAME).exists():
         shots = _shots_of_recording(folder)
     else:
         shots = _shots_of_pictures(folder)

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 from datamodules.errors import InputError
+from datamodules.terminal import printable
 from zoo.cli.arguments import is_help
 from zoo.cli.run_command import run_command
 
@@ -39,7 +40,7 @@ def print_results(arguments: list[str]) -> None:
     print(f"| {HEADER} |")
     print("|---|---|" + "---:|" * (HEADER.count("|") - 1))
     for row in rows:
-        print(row)
+        print(printable(row))
 
 
 def result_row(folder: Path) -> str:

@@ -260,6 +260,23 @@ def test_film_names_a_damaged_drive(tmp_path: Path) -> None:
     assert f"{drive}/drive.json: should be keys and values" in line
 
 
+@pytest.mark.parametrize("named", [".", "drive.csv"])
+@pytest.mark.parametrize("name", ["log's pipe", "log's folder"])
+def test_film_names_a_log_that_is_no_regular_file(name: str, named: str, tmp_path: Path) -> None:
+    drive = write_drive(tmp_path / "drive")
+    _, damage, words = DRIVES[name]
+    damage(drive / "drive.csv")
+    line = only_line(run(tmp_path, str(drive / named), module="zoo.film", timeout=60))
+    assert f"{drive}/drive.csv: " in line
+    assert f"{words}, no regular file" in line
+
+
+def test_film_names_a_recordings_log_that_is_a_pipe(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "driving_log.csv")
+    line = only_line(run(tmp_path, str(tmp_path), module="zoo.film", timeout=60))
+    assert f"{tmp_path}/driving_log.csv: is a named pipe" in line
+
+
 SWEEPS = {
     "list": (text("[]"), "keys and values"),
     "text for jobs": (field("jobs", value="x"), "jobs: should be a list"),

@@ -16,6 +16,7 @@ from datamodules.errors import InputError
 from datamodules.image import (
     MOST_IMAGE_BYTES,
     MOST_PIXELS,
+    MOST_SCANS,
     decode_image,
     find_size_fault,
     read_image,
@@ -30,6 +31,7 @@ from simulator.errors import SimulatorError
 from simulator.track_file import read_track
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import only_line, run
+from tests.zoo.drive.scans import SCANS, many_scans
 from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.checkpoints.keras_weights import read_keras_file
@@ -174,6 +176,46 @@ def test_an_image_of_too_many_pixels_is_refused_by_check_and_training_alike(
         read_image(path)
     assert str(caught.value) == said
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("scans", [10_796, MOST_SCANS + 1])
+def test_an_image_of_too_many_scans_is_refused_by_check_and_training_alike(
+    scans: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cv2.imdecode", None)
+    path = tmp_path / "image.jpg"
+    path.write_bytes(many_scans(scans))
+    found = look_at_image(str(path))
+    assert f"the JPEG has {scans:,} scans, more than {MOST_SCANS}" in str(found)
+    with pytest.raises(ValueError, match="scans") as caught:
+        read_image(path)
+    assert str(caught.value) == found
+
+
+@pytest.mark.parametrize("scans", [SCANS, MOST_SCANS])
+def test_a_progressive_image_within_the_limit_is_decoded(scans: int, tmp_path: Path) -> None:
+    path = tmp_path / "image.jpg"
+    path.write_bytes(many_scans(scans))
+    assert look_at_image(str(path)) == (320, 320)
+    assert read_image(path).shape == (160, 320, 3)
+
+
+@pytest.mark.parametrize(
+    "module", ["datamodules.check", pytest.param("zoo", marks=pytest.mark.slow)]
+)
+def test_a_scan_bomb_is_named_with_its_row(module: str, replaced: Written, tmp_path: Path) -> None:
+    image = replaced.image(7)
+    image.write_bytes(many_scans(10_796))
+    if module == "zoo":
+        places = (f"data.root={replaced.folder}", "data.cache=null", "hydra.run.dir=run")
+        said = only_line(run(tmp_path, *SMALL, *places, timeout=100))
+    else:
+        result = run(tmp_path, str(replaced.folder), module=module, timeout=60)
+        assert result.returncode == 1
+        (said,) = [line for line in result.stdout.splitlines() if "scans" in line]
+    assert f"{replaced.log}, row 8: " in said
+    assert image.name in said
+    assert "10,796 scans" in said
 
 
 def test_an_image_at_the_limit_is_none_too_many() -> None:

@@ -13,6 +13,7 @@ import torch
 from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
+from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import command, environment, only_line, run
@@ -151,6 +152,79 @@ def test_what_runs_or_writes_elsewhere_is_refused_by_its_key(key: str, value: ob
         check_saved_config(config, "x.ckpt")
     trust = str(raised.value).rpartition("trust=")[2]
     check_saved_config(config, "x.ckpt", [trust])
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("trainer.devices", 1_000_000),
+        ("trainer.devices", "1000000"),
+        ("trainer.num_nodes", 1_000_000),
+        ("data.workers", 1_000_000),
+        ("data.workers", 10**400),
+        ("data.batch_size", 10**12),
+        ("data.samples_per_epoch", 10**12),
+        ("model.size", [10**6, 200]),
+    ],
+)
+def test_what_asks_for_too_much_of_a_machine_is_refused_by_its_key(key: str, value: object) -> None:
+    config = OmegaConf.create(compose_config([]))
+    OmegaConf.update(config, key, value, merge=False, force_add=True)
+    with pytest.raises(InputError, match=re.escape(key)) as raised:
+        check_saved_config(config, "x.ckpt")
+    assert "is above" in str(raised.value)
+    trust = str(raised.value).rpartition("trust=")[2]
+    check_saved_config(config, "x.ckpt", [trust])
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("trainer.devices", most) for most in (64, "auto", -1, [0, 1])]
+    + [("data.workers", 64), ("data.batch_size", 1_000_000), ("data.samples_per_epoch", None)],
+)
+def test_what_a_large_machine_has_is_not_too_much(key: str, value: object) -> None:
+    config = OmegaConf.create(compose_config([]))
+    OmegaConf.update(config, key, value, merge=False)
+    check_saved_config(config, "x.ckpt")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("trainer.devices", 10**6), ("data.workers", 10**6), ("model.width", 1e9)],
+)
+def test_a_strangers_config_does_not_exhaust_the_machine(
+    name: str, key: str, value: object, strangers: Path, capsys: pytest.CaptureFixture
+) -> None:
+    change(strangers, key, value)
+    start, arguments = COMMANDS[name]
+    assert run_command(name, start, arguments) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    # A repeated run is a process of its own, which says why above.
+    words = "see above" if name == "zoo.rerun" else "parameters"
+    assert (words if key == "model.width" else key) in line
+
+
+@pytest.mark.parametrize(
+    ("model", "settings"),
+    [
+        ("nvidia", {"width": 1e12}),
+        ("nvidia", {"width": 1e4}),
+        ("nvidia", {"width": 1e308}),
+        ("commaai", {"width": 1e5}),
+        ("lenet", {"width": 1e6}),
+        ("tiny", {"width": 1e12}),
+        ("vgg", {"units": 10**12}),
+    ],
+)
+def test_a_network_of_too_many_parameters_is_refused_before_it_takes_memory(
+    model: str, settings: dict
+) -> None:
+    config = compose_config([f"model={model}"])["model"]
+    view = View([60, 20], config["colour"], config["size"])
+    make_network(config, view)
+    with pytest.raises(InputError, match=r"limit is 1,000,000,000|float infinity"):
+        make_network(config | settings, view)
 
 
 def test_a_track_of_a_persons_own_may_be_anywhere() -> None:

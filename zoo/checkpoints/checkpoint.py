@@ -4,6 +4,7 @@ import pickle
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import torch
 from torch import Tensor, nn
@@ -72,19 +73,30 @@ def load_plain(path: Path) -> object:
     """
     try:
         with open_binary(path, MOST_BYTES) as file:
-            begin = file.read(4)
+            return _load_plain(file, path)
     except OSError as error:
         reason = error.strerror or error
         raise InputError(f"{path}: cannot be read ({reason}); name another file") from None
+
+
+def _load_plain(file: BinaryIO, path: Path) -> object:
+    """Return what an opened file of torch holds; the path, which may be another's by now, is text.
+
+    Raises:
+        InputError: see `load_plain`.
+        OSError: the file cannot be read.
+    """
+    begin = file.read(4)
     if not begin:
         raise InputError(f"{path}: is empty (0 bytes); {_ANOTHER}")
     is_zip = begin.startswith(b"PK")
-    if is_zip and not zipfile.is_zipfile(path):  # what ends a ZIP file is not there
+    if is_zip and not zipfile.is_zipfile(file):  # what ends a ZIP file is not there
         raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
     if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
         raise InputError(f"{path}: is no file of torch; {_ANOTHER}")
+    file.seek(0)
     try:
-        return torch.load(path, map_location="cpu", weights_only=True)
+        return torch.load(file, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:
         raise InputError(
             f"{path}: refused, it is damaged or carries code, and none of it was run; use a "

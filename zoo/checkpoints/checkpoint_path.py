@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from datamodules.errors import InputError
+from datamodules.terminal import error_line
 
 LATEST = "latest"
 OUTPUTS = Path("outputs")  # below the current folder
@@ -34,7 +35,7 @@ def find_checkpoint(named: str | Path) -> Path:
         raise InputError(f"{path}: cannot be read ({reason}); name another checkpoint") from None
     if str(named) == LATEST:
         found = checkpoint_of(latest_run())
-        print(f"{LATEST}: {found}", file=sys.stderr, flush=True)
+        print(error_line(LATEST, found), file=sys.stderr, flush=True)
         return found
     runs = runs_below(OUTPUTS)
     hint = f"`{LATEST}` is {checkpoint_of(runs[-1])}" if runs else "python -m zoo trains one"
@@ -53,7 +54,7 @@ def find_run(named: str | Path) -> Path:
     if str(named) != LATEST or path.exists():
         return path
     found = latest_run()
-    print(f"{LATEST}: {found}", file=sys.stderr, flush=True)
+    print(error_line(LATEST, found), file=sys.stderr, flush=True)
     return found
 
 

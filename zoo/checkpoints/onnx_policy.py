@@ -3,14 +3,13 @@
 The frame goes through the same `View` as in training; only the network is run by onnxruntime.
 """
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from datamodules.errors import InputError
-from datamodules.regular_file import open_binary
+from datamodules.regular_file import read_regular
 from datamodules.view import View
 
 if TYPE_CHECKING:
@@ -96,16 +95,20 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
     except ImportError:
         raise InputError(f"{path}: driving it needs onnxruntime: {INSTALL}") from None
     try:
-        if not os.path.getsize(path):  # noqa: PTH202
-            raise InputError(f"{path}: is empty (0 bytes); export it again")
-        open_binary(path, MOST_BYTES).close()
+        model = read_regular(path, MOST_BYTES)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if not model:
+        raise InputError(f"{path}: is empty (0 bytes); export it again")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.log_severity_level = 4  # what is wrong is raised; it need not be on the terminal, too
+    # Weights in files of their own are looked for beside the model, and nowhere else.
+    options.add_session_config_entry(
+        "session.model_external_initializers_file_folder_path", str(path.absolute().parent)
+    )
     try:
-        return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # bytes of any kind make it fail in any way
         reason = type(error).__name__
         raise InputError(

@@ -6,8 +6,9 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError
-from zoo.cli.early_interrupt import raise_again
+from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
 from zoo.cli.stop_errors import StoppedError
 
@@ -17,7 +18,6 @@ from zoo.cli.stop_errors import StoppedError
 MOST_PATH = 4096  # characters without a comma or a bracket; Linux' limit on a path
 MOST_DIGITS = 4300  # of a number; Python's limit
 MOST_LEVELS = 64  # of brackets
-MOST_LINE = 4000  # characters of an error's line
 
 # What libraries raise, each in its own class, where the system has no more memory.
 _MEMORY = re.compile(
@@ -41,6 +41,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     try:
         raise_again()
         check_arguments(arguments)
+        guard_rich()
         command(arguments)
         if output:
             output.flush()
@@ -69,10 +70,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         )
     if failure is None:
         return 0
-    line = " ".join(str(failure).split())
-    if len(line) > MOST_LINE:
-        line = f"{line[: MOST_LINE // 2]} ... {line[-MOST_LINE // 2 :]}"
-    print(f"{name}: {line}", file=sys.stderr)
+    print(error_line(name, failure), file=sys.stderr)
     return 130 if isinstance(failure, StoppedError) else 1
 
 

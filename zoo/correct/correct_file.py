@@ -1,9 +1,21 @@
 """`correct.json`: the rounds of a correction."""
 
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from zoo.runs.bounded_files import read_json
-from zoo.runs.record_fields import Fields, Figures, Whole, check_fields, plain
+from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, plain
+
+
+class Driven(Figures):
+    """A track's figures, with those by which rounds are compared."""
+
+    autonomy: Pair
+    interventions: Pair
+    cte_mean_m: Pair
+    cte_max_m: Pair
 
 
 class Round(Fields):
@@ -12,7 +24,7 @@ class Round(Fields):
     number: Whole
     checkpoint: str
     corrections: Whole
-    tracks: dict[str, Figures]
+    tracks: Annotated[dict[str, Driven], Field(min_length=1)]
 
 
 class Correction(Fields):

@@ -127,7 +127,7 @@ def open_progress(
 
 def _read_round(found: dict, seeds: int | None) -> Round:
     tracks = {name: read_figures(one, seeds) for name, one in found["tracks"].items()}
-    return Round(**found | {"tracks": tracks})
+    return Round(found["number"], found["checkpoint"], found["corrections"], tracks)
 
 
 def rounds_table(rounds: list[Round]) -> Table:

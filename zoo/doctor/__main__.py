@@ -13,9 +13,10 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError
+from datamodules.terminal import error_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
-from zoo.cli.early_interrupt import raise_again
 from zoo.doctor import inputs, installation, machine, renderer, round_trip
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 
@@ -101,9 +102,9 @@ def print_finding(finding: Finding) -> None:
             text, width - len(indent), break_long_words=False, break_on_hyphens=False
         )
     first, *rest = lines or [""]
-    print(f"{state}{finding.what:<{NAME_WIDTH}}{first}")
+    print(f"{state}{finding.what:<{NAME_WIDTH}}{printable(first)}")
     for line in rest:
-        print(indent + line)
+        print(indent + printable(line))
     sys.stdout.flush()
 
 
@@ -121,7 +122,7 @@ def main(arguments: list[str]) -> int:
             counts[finding.state] += 1
             print_finding(finding)
     except (ValueError, InputError) as error:
-        print(f"zoo.doctor: {error}", file=sys.stderr)
+        print(error_line("zoo.doctor", error), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("zoo.doctor: stopped", file=sys.stderr)

@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Callable
 
+from datamodules.terminal import printable
+
 MOST_DETAIL = 300  # characters
 
 
@@ -44,16 +46,3 @@ class Notices:
     def count_lines(self) -> list[str]:
         """How often there was trouble of each kind, for the end of a drive."""
         return [f"{count:,} times: {kind}" for kind, count in self.counts.items() if count > 1]
-
-
-def printable(text: str) -> str:
-    r"""Return a text that cannot command a terminal: all but printable characters are escaped.
-
-    >>> print(printable("\x1b[2Jis é\u202e"))
-    \x1b[2Jis é\u202e
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        one if one.isprintable() else one.encode("unicode_escape").decode() for one in text
-    )

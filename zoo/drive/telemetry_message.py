@@ -11,7 +11,13 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, decode_image, jpeg_size
+from datamodules.image import (
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
+    decode_image,
+    find_scan_fault,
+    jpeg_size,
+)
 
 NUMBERS = ("steering_angle", "throttle", "speed")
 # Limits before an image is decoded, in the thread that answers all clients: 400 kB of progressive
@@ -151,10 +157,8 @@ def _affordable_size(picture: bytes) -> tuple[int, int]:
     width, height = _picture_size(picture)
     if width * height > MAX_PIXELS:
         raise ValueError(f"the image is {width} x {height}, the limit is {MAX_PIXELS:,} pixels")
-    # Coded data never holds an SOS marker's two bytes, so there are no more scans than this.
-    scans = picture.count(b"\xff\xda") if picture.startswith(b"\xff\xd8") else 1
-    if scans > MAX_SCANS:
-        raise ValueError(f"the JPEG has {scans:,} scans, the limit is {MAX_SCANS}")
+    if fault := find_scan_fault(picture, MAX_SCANS):
+        raise ValueError(fault)
     return width, height
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from datamodules.terminal import printable
 from zoo.cli.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
 from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import two_lines, with_deviation
@@ -258,5 +259,5 @@ def unranked_lines(unranked: Sequence[Unranked], under: Path | None) -> list[str
         ]
         if those:
             more = f" and {len(those) - NAMED} more" if len(those) > NAMED else ""
-            lines.append(f"{len(those)} {words}: {', '.join(named)}{more}")
+            lines.append(printable(f"{len(those)} {words}: {', '.join(named)}{more}"))
     return lines

@@ -1,11 +1,17 @@
 """Construct the network that a config names."""
 
+import math
+from collections.abc import Callable, Sequence
+
+import torch
 from torch import nn
+from torch.overrides import TorchFunctionMode
 
 from datamodules.errors import InputError
 from datamodules.view import View
 from zoo.runs.saved_config import ALLOWED, own_class
 
+MOST_PARAMETERS = 1_000_000_000  # of a network; VGG16's have 138 million
 VIEW_KEYS = ("colour", "size")
 # Of a model's config, not for its constructor.
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
@@ -27,6 +33,28 @@ def make_network(model: dict, view: View) -> nn.Module:
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
     try:
-        return network_class((channels, height, width), **settings)
-    except (TypeError, ValueError) as error:
+        with _FewParameters():
+            return network_class((channels, height, width), **settings)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(str(error)) from None
+
+
+class _FewParameters(TorchFunctionMode):
+    """A context that refuses a network of more than `MOST_PARAMETERS` before it takes memory."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def __torch_function__(
+        self, function: Callable, types: object, args: tuple = (), kwargs: dict | None = None
+    ) -> object:
+        """Count what layers allocate for their parameters: each begins as `torch.empty(sizes)`."""
+        if function is torch.empty:
+            self.count += math.prod(args[0] if isinstance(args[0], Sequence) else args)
+            if self.count > MOST_PARAMETERS:
+                raise InputError(
+                    f"model: its settings make a network of {self.count:,} parameters or more, the "
+                    f"limit is {MOST_PARAMETERS:,}; set smaller ones"
+                )
+        return function(*args, **(kwargs or {}))

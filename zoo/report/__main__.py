@@ -7,6 +7,7 @@ has its pictures beside it.
 import sys
 
 from datamodules.errors import InputError
+from datamodules.terminal import printable
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
@@ -26,8 +27,8 @@ def report(arguments: list[str]) -> None:
     run = find_run(arguments[0])
     with loading("writing the report"):
         page = write_report(run)
-    print(page)
-    print(page.with_name(MARKDOWN))
+    for path in (page, page.with_name(MARKDOWN)):
+        print(printable(str(path)))
 
 
 if __name__ == "__main__":

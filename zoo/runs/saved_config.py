@@ -99,6 +99,15 @@ FOLDER_KEYS = ("save_dir", "root_dir")  # of loggers; a run's go into its own fo
 # Of the trainer: they write elsewhere, or replace what a run sets.
 TRAINER_KEYS = ("callbacks", "default_root_dir", "logger", "plugins", "profiler")
 STRATEGIES = re.compile(r"auto|single_device|ddp\w*|fsdp\w*")
+# Of numbers that take processes or memory before anything can be seen of a training.
+MOST = {
+    ("trainer", "devices"): 64,
+    ("trainer", "num_nodes"): 64,
+    ("data", "workers"): 64,
+    ("data", "batch_size"): 1_000_000,
+    ("data", "samples_per_epoch"): 1_000_000_000,
+    ("model", "size"): 4096,  # height and width of the view
+}
 RECORDINGS = "outputs"  # a saved config's data.record.out is a new folder below it
 _INTERPOLATION = re.compile(r"(?<!\\)(?:\\\\)*(\$\{)")
 _PLAIN = re.compile(r"\$\{[\w.\[\]]+\}")
@@ -232,6 +241,9 @@ def _refused(keys: Keys, value: object, config: Mapping) -> tuple[str | None, st
         is_text = isinstance(value, str | bytes | os.PathLike) and keys[-1] not in READ_KEYS
         if is_text and _leads_out(os.fsdecode(value)):
             return "leads out of the run's folder", key
+    place = keys[:-1] if keys[:-1] in MOST else keys  # a list's items stand below its key
+    if (most := MOST.get(place)) and _exceeds(value, most):
+        return f"is above {most:,}, which a saved config may ask for", key
     if section == "trainer":
         if len(keys) > 1 and keys[1] in TRAINER_KEYS and value not in (None, False):
             return "lets the trainer write elsewhere than a run does", key
@@ -243,6 +255,20 @@ def _refused(keys: Keys, value: object, config: Mapping) -> tuple[str | None, st
         if not below and not (Path(path) / RECIPE).is_file():
             return f"would record outside of {RECORDINGS}/", key
     return None, key
+
+
+def _exceeds(value: object, most: int) -> bool:
+    """Return whether a number, or a text that Lightning takes for one, is above a limit.
+
+    >>> [_exceeds(one, 64) for one in (64, 65, "65", 1e300, True, "auto", -1, "0,1", None)]
+    [False, True, True, True, False, False, False, False, False]
+    """
+    try:
+        return float(value) > most
+    except OverflowError:
+        return True
+    except (TypeError, ValueError):  # a list, a word
+        return False
 
 
 def _walk(node: object, keys: Keys = ()) -> Iterator[tuple[Keys, object]]:

@@ -14,6 +14,7 @@ import lightning
 import torch
 
 from datamodules.errors import InputError
+from datamodules.terminal import error_line
 from zoo.cli.stop_errors import PrunedError, StoppedError
 from zoo.runs.status import write_status
 
@@ -122,7 +123,7 @@ class Watch(lightning.Callback):
             reason = self.reason()
             if self.others and reason:
                 write_status(self.folder, "failed", reason=reason)
-                print(f"zoo: {reason}", file=sys.stderr, flush=True)
+                print(error_line("zoo", reason), file=sys.stderr, flush=True)
             for process in self.others:
                 process.kill()
             os._exit(1)  # the main thread waits in a collective operation, for ever

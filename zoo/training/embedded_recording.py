@@ -74,9 +74,15 @@ def _record(folder: Path, recipe: dict, console: Console) -> None:
 def _check_recipe(folder: Path, recipe: dict) -> None:
     from zoo.runs.bounded_files import read_json
 
-    found = read_json(folder / RECIPE)
-    if found != json.loads(json.dumps(recipe)):
+    path, wanted = folder / RECIPE, json.loads(json.dumps(recipe))
+    found = read_json(path)
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: should be keys and values; remove {folder} to record again")
+    other = [
+        key for key in {**wanted, **found} if key not in found or found[key] != wanted.get(key)
+    ]
+    if other:
         raise InputError(
-            f"{folder}: was recorded with other options than data.record now has: remove it, or "
-            "set data.record.out to another folder"
+            f"{path}: {other[0]} is not data.record.{other[0]}: {folder} was recorded with other "
+            "options than data.record now has: remove it, or set data.record.out to another folder"
         )

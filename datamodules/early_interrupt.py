@@ -1,0 +1,30 @@
+"""Ctrl-C while Python still imports a command's modules: one line instead of an import's trace."""
+
+import os
+import signal
+import sys
+
+
+def stop_quietly(package: str) -> None:
+    """Let Ctrl-C end `python -m PACKAGE...` in one line, unless something else is set for it."""
+    is_ours = _named_module().partition(".")[0] == package
+    importing = sys.argv[:1] == ["-m"]  # so Python calls a command while it imports what it needs
+    if is_ours and importing and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _stop)
+
+
+def raise_again() -> None:
+    """Let Ctrl-C raise KeyboardInterrupt again, which a command handles."""
+    if signal.getsignal(signal.SIGINT) is _stop:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _named_module() -> str:
+    given = sys.orig_argv
+    return given[given.index("-m") + 1] if "-m" in given[:-1] else ""
+
+
+def _stop(*_: object) -> None:
+    line = f"{_named_module()}: stopped\n"
+    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, line.encode())
+    os._exit(130)

@@ -1,0 +1,48 @@
+"""Texts of files and folders on a terminal: their control characters are shown, not obeyed."""
+
+
+def printable(text: str) -> str:
+    r"""Return a text that cannot command a terminal: all but printable characters are escaped.
+
+    >>> print(printable("\x1b[2Jis é\u202e"))
+    \x1b[2Jis é\u202e
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode() for one in text
+    )
+
+
+def error_line(name: str, error: object, most: int = 4000) -> str:
+    r"""Return the one line that a command prints for an error.
+
+    Args:
+        name: command.
+        error: exception or text; its ends of lines become blanks.
+        most: characters, beyond which the middle is left out.
+
+    >>> print(error_line("check", "a\x1b[2J:\nno such folder"))
+    check: a\x1b[2J: no such folder
+    """
+    line = printable(" ".join(str(error).split()))
+    if len(line) > most:
+        line = f"{line[: most // 2]} ... {line[-most // 2 :]}"
+    return f"{name}: {line}"
+
+
+def guard_rich() -> None:
+    """Make rich escape the control characters of all texts that it prints, in any console.
+
+    rich removes five of them from every text by a table, and writes its own later. The table has
+    no public name: without it rich prints as it did before.
+    """
+    import rich.control
+
+    table = getattr(rich.control, "_CONTROL_STRIP_TRANSLATE", {})
+    marks = (
+        "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # of direction
+    )
+    for code in [*range(32), *range(127, 160), *map(ord, marks)]:
+        if chr(code) not in "\t\n":
+            table.setdefault(code, printable(chr(code)))

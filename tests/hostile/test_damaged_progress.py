@@ -1,0 +1,141 @@
+"""Damaged files of a correction and of a recording that the package makes."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from tests.hostile.test_damaged_files import data, field, folder, huge, pipe, text
+from tests.zoo.commands import only_line, run
+from zoo.cli.compose import compose_config
+from zoo.cli.run_command import run_command
+from zoo.correct.correct_options import CorrectOptions
+from zoo.correct.correct_rounds import Progress, Round, open_progress
+from zoo.training.embedded_recording import RECIPE, apply_recording
+
+Damage = Callable[[Path], object]
+TRACKS = ("rounds", 0, "tracks", "lake")
+FIGURES = {
+    "autonomy": [0.5, 0.1],
+    "interventions": [1.0, None],
+    "cte_mean_m": [0.3, 0.1],
+    "cte_max_m": [1.0, 0.1],
+    "drives": 2,
+    "drives_without_intervention": 1,
+}
+
+ANY = {
+    "empty": (text(""), "is no JSON"),
+    "truncated": (lambda path: path.write_text(path.read_text()[:-20]), "is no JSON"),
+    "list": (text("[]"), "should be keys and values"),
+    "null": (text("null"), "should be keys and values"),
+    "not UTF-8": (data(b'{"options": "\xff"}'), "byte 14 is no UTF-8"),
+    "5,000 digits": (text(f'{{"options": {"9" * 5000}}}'), "is no JSON"),
+    "deep": (text("[" * 100_000), "deeper than 64"),
+    "rather deep": (text('{"options":' + "[" * 80 + "]" * 80 + "}"), "deeper than 64"),
+    "NUL in text": (text('{"options": "a\\u0000"}'), "NUL"),
+    "folder": (folder, ""),
+    "pipe": (pipe, ""),
+    "2 GB": (huge, "2,000,000,000 bytes"),
+}
+
+CORRECT = ANY | {
+    "text for rounds": (field("rounds", value="x"), "rounds: should be a list"),
+    "number for round": (field("rounds", value=[1]), "rounds.0: should be keys"),
+    "NaN for number": (field("rounds", 0, "number", value=float("nan")), "rounds.0.number"),
+    "400 digits": (field("rounds", 0, "corrections", value=10**400), "rounds.0.corrections"),
+    "number for path": (field("rounds", 0, "checkpoint", value=3), "rounds.0.checkpoint"),
+    "list of tracks": (field("rounds", 0, "tracks", value=[]), "rounds.0.tracks"),
+    "no tracks": (field("rounds", 0, "tracks", value={}), "rounds.0.tracks"),
+    "text for figure": (field(*TRACKS, "autonomy", value="x"), "rounds.0.tracks.lake.autonomy"),
+    "NaN for figure": (
+        field(*TRACKS, "cte_mean_m", value=[float("nan"), 0]),
+        "rounds.0.tracks.lake.cte_mean_m: should be a finite",
+    ),
+    "figure missing": (field(*TRACKS, value={}), "rounds.0.tracks.lake.autonomy: is missing"),
+    "null for identity": (field("identity", value=None), "identity: should be text"),
+    "list of options": (field("options", value=[]), "options: should be keys"),
+    "numbers for overrides": (field("overrides", value=[1]), "overrides.0: should be text"),
+}
+
+
+@pytest.mark.parametrize("name", CORRECT)
+def test_a_damaged_correction_is_named_and_left_as_it_is(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    checkpoint = tmp_path / "x.ckpt"
+    checkpoint.write_bytes(b"weights")
+    out, options = tmp_path / "out", CorrectOptions()
+
+    def again(_: list[str]) -> None:
+        open_progress(out, str(checkpoint), options, [])
+
+    new = open_progress(out, str(checkpoint), options, [])
+    first = Round(0, str(checkpoint), 0, {"lake": FIGURES})
+    Progress(new.identity, new.options, new.overrides, [first]).save(out)
+    assert run_command("zoo.correct", again, []) == 0
+    damage, words = CORRECT[name]
+    damage(out / "correct.json")
+    before = sorted(tmp_path.rglob("*"))
+
+    assert run_command("zoo.correct", again, []) == 1
+
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert str(out) in line
+    assert "correct.json" in line
+    assert words in line
+    assert len(line) < 500
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+RECIPES = ANY | {
+    "text for passes": (field("passes", value="x"), "passes is not data.record.passes"),
+    "NaN for laps": (field("passes", value=[{"laps": float("nan")}]), "data.record.passes"),
+    "400 digits": (field("passes", value=[{"laps": 10**400}]), "data.record.passes"),
+    "another key": (field("other", value=1), "other is not data.record.other"),
+    "no passes": (text("{}"), "passes is not data.record.passes"),
+}
+
+
+def recorded_lake(folder: Path) -> list[str]:
+    """Leave an empty recording's folder with its recipe; return what a command is told."""
+    overrides = ["data=lake", f"data.record.out={folder}"]
+    recipe = compose_config(overrides)["data"]["record"]
+    recipe.pop("out")
+    folder.mkdir()
+    (folder / RECIPE).write_text(json.dumps(recipe))
+    return overrides
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_damaged_recipe_is_named_and_nothing_is_recorded(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    overrides = recorded_lake(tmp_path / "laps")
+
+    def train(_: list[str]) -> None:
+        apply_recording(OmegaConf.create(compose_config(overrides)), Console(quiet=True))
+
+    assert run_command("zoo", train, []) == 0
+    damage, words = RECIPES[name]
+    damage(tmp_path / "laps" / RECIPE)
+
+    assert run_command("zoo", train, []) == 1
+
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert str(tmp_path / "laps") in line
+    assert RECIPE in line
+    assert words in line
+    assert len(line) < 500
+    assert [one.name for one in (tmp_path / "laps").iterdir()] == [RECIPE]
+
+
+@pytest.mark.slow
+def test_training_on_a_damaged_recipe_is_one_line(tmp_path: Path) -> None:
+    overrides = recorded_lake(tmp_path / "laps")
+    RECIPES["truncated"][0](tmp_path / "laps" / RECIPE)
+    line = only_line(run(tmp_path, "model=tiny", *overrides, timeout=100))
+    assert f"{RECIPE}: is no JSON" in line
