@@ -1,4 +1,4 @@
-"""`python -m simulator record|drive|client [key=value...]`; `--help` after any of them."""
+"""`python -m simulator record|drive|client [key=value...]`: the embedded simulator."""
 
 import difflib
 import importlib

@@ -1,0 +1,110 @@
+"""Draw `docs/architecture.png` from the imports: `python docs/draw_architecture.py`.
+
+A row is a room; the numbers in it count its imports of the rooms that name the columns. A room
+imports only rooms that stand above it: all numbers stand below the diagonal.
+"""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("agg")
+import matplotlib.pyplot as plt
+
+ROOT = Path(__file__).parents[1]
+# Those that import nothing of ours, then the rooms of zoo as pyproject.toml's layers have them.
+ORDER = [
+    "simulator",
+    "datamodules",
+    *(
+        f"zoo.{room}"
+        for room in (
+            *("cli", "runs", "models", "checkpoints", "drives", "saliency", "verdict", "evaluate"),
+            *("callbacks", "report", "training", "drive", "leaderboard", "sweep", "correct"),
+            *("doctor", "export"),
+        )
+    ),
+    "zoo",
+]
+
+
+def room_of(module: str) -> str:
+    """Return the room that a module is in.
+
+    >>> room_of("zoo.drives.intervals"), room_of("zoo.film"), room_of("datamodules.view")
+    ('zoo.drives', 'zoo', 'datamodules')
+    """
+    first, _, rest = module.partition(".")
+    inner = f"{first}.{rest.split('.')[0]}"
+    return inner if inner in ORDER else "zoo.models" if module == "zoo.losses" else first
+
+
+def imports_of(path: Path) -> list[str]:
+    """Return the modules of ours that a file imports, at its top or within functions."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found += [f"{node.module}.{one.name}" for one in node.names]
+        elif isinstance(node, ast.Import):
+            found += [one.name for one in node.names]
+    return [one for one in found if one.split(".")[0] in ("zoo", "datamodules", "simulator")]
+
+
+def read_house() -> tuple[Counter, Counter, Counter]:
+    """Return each room's files and lines, and the imports between two rooms."""
+    files, lines, arrows = Counter(), Counter(), Counter()
+    for package in ("zoo", "datamodules", "simulator"):
+        for path in sorted(ROOT.glob(f"{package}/**/*.py")):
+            _count(path, files, lines, arrows)
+    return files, lines, arrows
+
+
+def _count(path: Path, files: Counter, lines: Counter, arrows: Counter) -> None:
+    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    room = room_of(module)
+    files[room] += 1
+    lines[room] += len(path.read_text().splitlines())
+    if path.name == "__init__.py" and room == "zoo":
+        return
+    for one in imports_of(path):
+        if room_of(one) != room:
+            arrows[room, room_of(one)] += 1
+
+
+def draw(target: Path) -> None:
+    """Write the matrix of imports, rooms in their order on both sides."""
+    files, lines, arrows = read_house()
+    size = len(ORDER)
+    figure, axes = plt.subplots(figsize=(11, 8))
+    for (importer, imported), count in arrows.items():
+        row, column = ORDER.index(importer), ORDER.index(imported)
+        colour = "#3b6ea5" if column < row else "#cc0000"  # red: against the layers
+        shade = min(1, 0.2 + count / 40)
+        axes.add_patch(plt.Rectangle((column, row), 1, 1, color=colour, alpha=shade))
+        text = "white" if shade > 0.6 else "black"
+        axes.text(column + 0.5, row + 0.5, count, ha="center", va="center", fontsize=9, color=text)
+    for place in range(size):
+        axes.add_patch(plt.Rectangle((place, place), 1, 1, color="#dddddd"))
+    names = ["zoo/*.py" if room == "zoo" else room.replace(".", "/") for room in ORDER]
+    rows = [
+        f"{name}   {lines[room]:,} lines in {files[room]} files"
+        for name, room in zip(names, ORDER, strict=True)
+    ]
+    axes.set_yticks([place + 0.5 for place in range(size)], rows)
+    axes.set_xticks([place + 0.5 for place in range(size)], names, rotation=60, ha="left")
+    axes.xaxis.tick_top()
+    axes.tick_params(length=0)
+    axes.set_xlim(0, size)
+    axes.set_ylim(size, 0)
+    axes.grid(False)
+    axes.set_aspect("equal")
+    for side in axes.spines.values():
+        side.set_color("#bbbbbb")
+    figure.tight_layout()
+    figure.savefig(target, dpi=110)
+
+
+if __name__ == "__main__":
+    draw(Path(__file__).with_name("architecture.png"))

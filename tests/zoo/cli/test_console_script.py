@@ -1,0 +1,46 @@
+"""`drivezoo COMMAND`: the same commands under one name."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.zoo.commands import environment
+from zoo.cli.console_script import WRONG_USE, commands
+
+CALL = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
+
+
+def drivezoo(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Return what the installed script prints, which calls `main` as `CALL` does."""
+    return subprocess.run(
+        [sys.executable, "-c", CALL, *arguments],
+        cwd=cwd,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_every_command_has_a_name_and_a_purpose(tmp_path: Path) -> None:
+    lines = drivezoo(tmp_path, "--help").stdout.splitlines()
+    for name in ("train", "drive", "evaluate", "leaderboard", "film", "check", "simulator"):
+        (line,) = [one for one in lines if one.split()[:1] == [name]]
+        assert len(line.split()) > 3
+    assert "losses" not in commands()
+    assert "cli" not in commands()
+
+
+def test_a_command_is_that_of_python_m(tmp_path: Path) -> None:
+    result = drivezoo(tmp_path, "report", "no run=[1]")
+    assert result.returncode == 1
+    assert "no run=[1]" in result.stderr
+    assert drivezoo(tmp_path, "leaderboard", "--help").stdout.startswith("usage: ")
+
+
+def test_a_typo_is_one_line_and_wrong_use(tmp_path: Path) -> None:
+    result = drivezoo(tmp_path, "evalute")
+    assert result.returncode == WRONG_USE
+    (line,) = result.stderr.splitlines()
+    assert "did you mean evaluate?" in line

@@ -1,0 +1,55 @@
+"""`drivezoo COMMAND [argument] [key=value ...]`: every command under one name."""
+
+import ast
+import difflib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1]
+# Commands that do not have their name from a file of zoo.
+OTHERS = {"train": "zoo", "check": "datamodules.check", "simulator": "simulator"}
+HELP = ("-h", "--help", "help")
+WRONG_USE = 2
+
+
+def main() -> int:
+    """Run the command that the first argument names, as `python -m zoo.COMMAND` does."""
+    name, *rest = sys.argv[1:] or ["--help"]
+    modules = commands()
+    if name in HELP:
+        print_commands(modules)
+        return 0
+    if name not in modules:
+        near = difflib.get_close_matches(name, modules, n=1)
+        hint = f"did you mean {near[0]}?" if near else "drivezoo --help lists all"
+        print(f"drivezoo: there is no command {name!a}; {hint}", file=sys.stderr)
+        return WRONG_USE
+    command = [sys.executable, "-m", modules[name], *rest]
+    if os.name == "posix":
+        os.execv(sys.executable, command)
+    return subprocess.call(command)  # Windows' exec does not wait
+
+
+def commands() -> dict[str, str]:
+    """Return each command's module: what `python -m` runs, by the command's name."""
+    files = [path for path in PACKAGE.glob("*.py") if "__main__" in path.read_text()]
+    names = [path.stem for path in files if not path.stem.startswith("__")]
+    names += [path.parent.name for path in PACKAGE.glob("*/__main__.py")]
+    return OTHERS | {name: f"zoo.{name}" for name in sorted(names)}
+
+
+def print_commands(modules: dict[str, str]) -> None:
+    """Print the usage and what each command does, from its module's first line."""
+    print("usage: drivezoo COMMAND [argument] [key=value ...]\n")
+    for name, module in modules.items():
+        print(f"  {name:<12}{_purpose(module)}")
+    print("\nwhat a command takes: drivezoo COMMAND --help")
+
+
+def _purpose(module: str) -> str:
+    place = PACKAGE.parent.joinpath(*module.split("."))
+    path = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
+    first = (ast.get_docstring(ast.parse(path.read_text())) or "").partition("\n\n")[0]
+    return " ".join(first.split()).rpartition("`: ")[2].rstrip(".")
