@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
-from zoo.checkpoints.policy import network_inputs, quick_forward
+from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.cli.compose import choices, compose_config
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
