@@ -14,9 +14,9 @@ from datamodules.errors import InputError
 from datamodules.log_text import (
     MOST_LOG_BYTES,
     find_delimiter,
-    printable,
     printable_path,
     read_fields,
+    replace_undecoded,
 )
 from datamodules.regular_file import open_text
 
@@ -156,7 +156,7 @@ def _is_header(fields: list[str]) -> bool:
 def _column_order(log: Path, fields: list[str]) -> list[str]:
     """The names of the columns, from the header or, without one, from how many images a row has."""
     if _is_header(fields):
-        names = [printable(field).lower() for field in fields]
+        names = [replace_undecoded(field).lower() for field in fields]
         names = ["center" if name == "centre" else name for name in names]
         twice = [name for name in COLUMNS if names.count(name) > 1]
         if twice:

@@ -65,13 +65,14 @@ def _refuse_utf_16(log: Path) -> None:
 def printable_path(log: Path, line: int, path: str) -> str:
     """Return a path that can be printed, or raise InputError where its file cannot be found."""
     if found := _NO_TEXT.search(path):
+        name = replace_undecoded(found.group())
         raise InputError(
-            f"{log}, row {line}: the image name {printable(found.group())} is no UTF-8; save the "
-            "log as UTF-8, or delete the row"
+            f"{log}, row {line}: the image name {name} is no UTF-8; save the log as UTF-8, or "
+            "delete the row"
         )
-    return printable(path)
+    return replace_undecoded(path)
 
 
-def printable(text: str) -> str:
-    """Return a text without what `read_fields` could not decode."""
+def replace_undecoded(text: str) -> str:
+    """Return a text with a sign for each byte that `read_fields` could not decode."""
     return text.encode(errors="surrogateescape").decode(errors="replace").replace("\0", "\ufffd")

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.errors import InputError
-from datamodules.log_text import printable
+from datamodules.log_text import replace_undecoded
 from datamodules.regular_file import open_text
 from zoo.runs.whole_file import write_whole
 
@@ -194,7 +194,7 @@ def _texts(row: DriveRow) -> list[str]:
 
 def _value(path: Path, line: int, name: str, text: str) -> object:
     if name in ("driver", "frame"):
-        if "\0" in text or (not text.isascii() and printable(text) != text):
+        if "\0" in text or (not text.isascii() and replace_undecoded(text) != text):
             raise InputError(f"{path}, row {line}: {name} is {text[:40]!a}; delete the row")
         return text
     try:

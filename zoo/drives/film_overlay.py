@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from datamodules.samples import MAX_STEERING_DEG
+
 SCALE = 3  # 960 x 480
-MAX_STEERING_DEG = 25.0  # of the front wheels, at a steering of 1
 WHEEL_RATIO = 6.0  # the wheel drawn turns so much further than the front wheels
 WHITE, GREY, GREEN, RED, AMBER = (
     (255, 255, 255),
