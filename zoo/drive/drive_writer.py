@@ -10,7 +10,8 @@ from pathlib import Path
 
 from datamodules.errors import InputError
 from zoo.drive.notices import Notices
-from zoo.drives.drive_log import AppendedFile, DriveRow, DriveWriter, write_summary
+from zoo.drives.drive_log import AppendedFile, DriveWriter, write_summary
+from zoo.drives.drive_record import DriveRow
 
 RECORDING_LOG, IMAGE_FOLDER = "driving_log.csv", "IMG"
 WAITING = 512  # rows, with their pictures 8 MB; a disk that is slower than that loses some

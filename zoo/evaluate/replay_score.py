@@ -20,7 +20,8 @@ from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.arguments import read_arguments
 from zoo.cli.console_progress import loading
-from zoo.drives.drive_log import DriveRow, DriveWriter, write_summary
+from zoo.drives.drive_log import DriveWriter, write_summary
+from zoo.drives.drive_record import DriveRow
 from zoo.runs.whole_file import write_whole
 
 USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"

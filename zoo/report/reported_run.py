@@ -14,7 +14,7 @@ from zoo.runs.status import is_alive
 if TYPE_CHECKING:
     from datamodules.recording import Recording
     from zoo.checkpoints.checkpoint import Checkpoint
-    from zoo.drives.drive_log import Drive
+    from zoo.drives.drive_record import Drive
 
 
 @dataclass(frozen=True)
