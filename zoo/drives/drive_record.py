@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
+EMBEDDED, SOCKET, REPLAY = "embedded", "socket", "replay"  # where a drive took place
 # Of the columns that are not float64.
 TYPES = {"client": np.int64, "driver": np.str_, "frame": np.str_, "intervention": np.bool_}
 
@@ -53,6 +54,7 @@ class Drive:
         intervention: bool [N].
         folder: place that it was read from, to which `frame` is relative; None before it is kept.
         summary: content of `drive.json`; empty where the drive was cut off.
+        source: EMBEDDED, SOCKET or REPLAY; empty where it is not known.
         track: name of the track; empty where it is not known.
         seed: seed of start and weather.
         lane_m: distance from the centreline that counts as leaving the lane.
@@ -80,6 +82,7 @@ class Drive:
     latency_ms: np.ndarray
     folder: Path | None = None
     summary: dict = field(default_factory=dict)
+    source: str = ""
     track: str = ""
     seed: int = 0
     lane_m: float = math.nan

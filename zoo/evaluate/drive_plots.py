@@ -1,5 +1,7 @@
 """Where a drive went, and how far off the middle."""
 
+import math
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -42,7 +44,8 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
     figure = Figure(figsize=(8, 3), layout="constrained")
     axis = figure.subplots()
     step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
-    step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
+    if math.isfinite(drive.length_m):  # a lap begins at 0 again
+        step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
     driven = np.cumsum(np.abs(step))
     error = drive.cross_track_m
     lost = drive.intervention

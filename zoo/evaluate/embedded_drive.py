@@ -1,4 +1,4 @@
-"""One drive of a policy in the embedded world, from which all figures are taken."""
+"""One drive of a policy in the embedded world."""
 
 import math
 import time
@@ -8,9 +8,8 @@ import numpy as np
 
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World
-from zoo.drives.drive_metrics import autonomy
-from zoo.drives.drive_record import Drive, DriveRow
-from zoo.drives.interventions import STALLED_BELOW_MPH, InterventionRule
+from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
+from zoo.drives.interventions import InterventionRule
 from zoo.drives.speed_controller import SpeedController, limit_pedal
 
 SLOWEST_MPH = 3.0  # a drive that averages less is given up
@@ -97,6 +96,7 @@ def drive_closed_loop(
             lap_began_s = world.time
     return Drive.of(
         rows,
+        source=EMBEDDED,
         track=world.track.name,
         seed=seed,
         lane_m=lane,
@@ -120,32 +120,3 @@ def start_of(world: World, seed: int, speed_mph: float) -> Start:
         heading_deg=rng.uniform(-3, 3),
         speed_mph=speed_mph,
     )
-
-
-def score(drive: Drive) -> dict[str, float]:
-    """The figures of a drive; the same for the same seed, but for `latency_ms`.
-
-    `autonomy` is NVIDIA's, 0..1. `m_per_intervention` is infinite without one; `lap_s` is NaN
-    without a whole lap. `steering_per_s` is how much the steering changes in a second, up and down
-    added: the smoothness. `stalled` is the share of time below 1 mph.
-    """
-    cte, steering, mph = drive.cross_track_m, drive.steering, drive.speed_mph
-    seconds = float(drive.time_s[-1])
-    interventions = int(drive.intervention.sum())
-    return {
-        "autonomy": autonomy(interventions, seconds),
-        "interventions": interventions,
-        "m_per_intervention": drive.driven_m / interventions if interventions else math.inf,
-        "driven_m": drive.driven_m,
-        "driven_s": seconds,
-        "laps": drive.driven_m / drive.length_m,
-        "lap_s": float(np.mean(drive.lap_s)) if drive.lap_s else math.nan,
-        "cte_mean_m": float(np.abs(cte).mean()),
-        "cte_rms_m": float(np.sqrt((cte**2).mean())),
-        "cte_max_m": float(np.abs(cte).max()),
-        "beyond_1m": float((np.abs(cte) > 1).mean()),
-        "steering_per_s": float(np.abs(np.diff(steering)).sum() / seconds) if seconds else math.nan,
-        "speed_mph": float(mph.mean()),
-        "stalled": float((mph < STALLED_BELOW_MPH).mean()),
-        "latency_ms": float(np.median(drive.latency_ms)),
-    }

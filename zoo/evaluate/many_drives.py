@@ -18,9 +18,10 @@ from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.metrics import measure, steering_per_s
 from zoo.drives.speed_controller import PI, Network, SpeedController
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
-from zoo.evaluate.embedded_drive import Policy, drive_closed_loop, score, start_of
+from zoo.evaluate.embedded_drive import Policy, drive_closed_loop, start_of
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.process_pool import drive_in_processes
 from zoo.runs.plots import save_figure
@@ -147,7 +148,7 @@ def drive_once(
         drive = kept.write(drive)
     finally:
         torch.set_num_threads(threads)
-    figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
+    figures = {"track": world.track.name, "seed": setup.seed, **measure(drive)}
     if drive.nan_frames:
         figures["nan_frames"] = drive.nan_frames
     if folder is not None:
@@ -214,7 +215,7 @@ def _expert_steering_per_s(setup: Setup) -> float:
     world = open_setup(setup, "none")
     expert = Expert(world.track)
     drive = drive_setup(lambda _, mph: expert(world), world, setup)
-    return score(drive)["steering_per_s"]
+    return steering_per_s(drive)
 
 
 def _leave(folder: Path, world: World, drive: Drive, figures: dict) -> None:

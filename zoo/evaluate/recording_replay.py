@@ -28,10 +28,10 @@ from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
-from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.evaluate.camera_warp import Warp
-from zoo.evaluate.embedded_drive import Policy, score
+from zoo.evaluate.embedded_drive import Policy
 
 MARGIN_M = 1.0  # NVIDIA's
 GREATEST_MARGIN_M = 2.0  # farther off, a warped frame has little to do with what would be seen
@@ -167,25 +167,18 @@ def replay(
             car.step(steering, float(recording.steering[row]), metres, steps)
         place.step(float(recording.steering[row]), metres)
         now_s += seconds
+    change = float(np.abs(np.diff(recording.steering)).sum())
     return Drive.of(
         rows,
+        source=REPLAY,
         track=", ".join(recording.names),
         lane_m=margin_m,
-        length_m=place.metres,
         driven_m=place.metres,
         nan_frames=nan_frames,
+        expert_steering_per_s=change / now_s,
         xy=np.array(xy),
         distance_m=np.array(distance_m),
     )
-
-
-def score_replay(drive: Drive, recording: Recording) -> dict[str, float]:
-    """The closed loop's figures. The cross-track error is from the recorded path, a lap is not
-    known, and the expert is who drove the recording."""
-    figures = score(drive)
-    change = float(np.abs(np.diff(recording.steering)).sum())
-    unknown = {"laps": math.nan, "lap_s": math.nan}
-    return figures | unknown | {"expert_steering_per_s": change / figures["driven_s"]}
 
 
 def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np.ndarray:

@@ -60,9 +60,10 @@ def replay_recording(
         import torch
 
         from zoo.checkpoints.policy import load_policy
+        from zoo.drives.metrics import REPLAYS, measure
         from zoo.evaluate.drive_plots import error_over_distance
-        from zoo.evaluate.drives_table import REPLAY_ROWS, drives_table, mean_and_spread, nan_line
-        from zoo.evaluate.recording_replay import replay, score_replay
+        from zoo.evaluate.drives_table import drives_table, mean_and_spread, nan_line
+        from zoo.evaluate.recording_replay import replay
         from zoo.runs.plots import save_figure
 
         policy = load_policy(checkpoint)
@@ -70,7 +71,7 @@ def replay_recording(
     torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other
     with _Shown(recording, options, console) as shown:
         drive = replay(policy, recording, options.margin, options.frame_rate, shown)
-    figures = score_replay(drive, recording)
+    figures = measure(drive)
     figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
     writer = DriveWriter(shown.folder)
     writer.add(shown.rows)
@@ -84,7 +85,7 @@ def replay_recording(
         f"{figures['interventions']} interventions"
     )
     save_figure(error_over_distance(drive, title), shown.folder / "error.png")
-    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAY_ROWS))
+    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAYS))
     for line in keyboard_lines(recording):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from datamodules.errors import InputError
+from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import Spread, mean_and_deviation, read_figures
 from zoo.runs.status import is_alive, read_status
 from zoo.runs.trained_recordings import TrainedOn, read_trained_on
@@ -45,8 +46,8 @@ class Run:
         seed: the training seed.
         trained_on: its recordings.
         autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
-        tracks: by track, its `autonomy`, `cte_mean_m`, `interventions` and `driven_s`, means over
-            its drives.
+        tracks: by track, the metrics that the leaderboard shows, and `driven_s`: means over its
+            drives.
         counts: by track, its drives without an intervention; none where that is not known.
         mph: the speed that was held; None where it drove with its own throttle, or was not driven.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
@@ -120,7 +121,7 @@ def load_run(folder: Path) -> Run | None:
     if open_loop is None:
         return None
     tracks, mph = _driven(metrics.get("drive"))
-    shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
+    shown = (*_shown_metrics(), "driven_s")
     config, overrides, runtime = _configs(folder)
     trained_on = read_trained_on(config, runtime.cwd, metrics)
     return Run(
@@ -241,7 +242,7 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
         values = [_over_tracks(run, shared, track_key) for run in runs]
         figures[key] = _spread(values)
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
-        for key in ("autonomy", "cte_mean_m", "interventions"):
+        for key in _shown_metrics():
             values = [run.tracks.get(track, {}).get(key) for run in runs]
             figures[f"{track}/{key}"] = _spread(values)
         counts = [run.counts.get(track) for run in runs]
@@ -250,6 +251,10 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
             kept, drives = (sum(column) for column in zip(*map(astuple, counts), strict=True))
             figures[f"{track}/drives"] = Count(kept, drives)
     return Entry(tuple(runs), figures)
+
+
+def _shown_metrics() -> list[str]:
+    return [one.name for one in leaderboard_metrics()]
 
 
 def _over_tracks(run: Run, shared: Sequence[str], key: str) -> float | None:

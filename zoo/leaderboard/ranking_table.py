@@ -10,6 +10,8 @@ from rich.table import Table
 
 from zoo.cli.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
 from zoo.drives.intervals import count_with_interval
+from zoo.drives.metric_registry import LOWER, Metric
+from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import two_lines, with_deviation
 from zoo.leaderboard.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.runs.trained_recordings import recording_names
@@ -22,38 +24,48 @@ PLACES = ("data.root", "data.images", "data.cache", "seed")
 
 @dataclass(frozen=True)
 class Column:
-    """A figure of the ranking: its heading, where it stands in `Entry.figures`, how it is said."""
+    """A figure of the ranking.
+
+    Attributes:
+        heading: its words.
+        key: place in `Entry.figures`.
+        form: format of its value.
+        less: less of it is better.
+    """
 
     heading: str
     key: str
     form: str
+    less: bool = False
 
 
 def columns(entries: Sequence[Entry]) -> list[Column]:
     """Of all that some entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
     labels = {track: Path(track).stem if "/" in track else track for track in tracks}
-    found = [
-        Column(f"autonomy, {label}", f"{track}/autonomy", "{:.1%}")
-        for track, label in labels.items()
-    ]
+    first, *others = leaderboard_metrics()
+    found = [_column(first, track, label) for track, label in labels.items()]
     drives = [
         Column(f"drives without intervention, {label}", f"{track}/drives", "")
         for track, label in labels.items()
     ]
     if len(tracks) > 1:
-        found = [Column("autonomy", "autonomy", "{:.1%}"), *drives, *found]
+        found = [Column(first.label, first.name, first.form), *drives, *found]
     else:
         found += drives
     for track, label in labels.items():
-        found.append(Column(f"error, {label} (m)", f"{track}/cte_mean_m", "{:.2f}"))
-        found.append(Column(f"interventions, {label}", f"{track}/interventions", "{:.1f}"))
+        found += [_column(one, track, label) for one in others]
     found += [
-        Column("val MSE", "val_mse", "{:.4f}"),
-        Column("test MSE", "test_mse", "{:.4f}"),
-        Column("seconds", "wall_s", "{:,.0f}"),
+        Column("val MSE", "val_mse", "{:.4f}", less=True),
+        Column("test MSE", "test_mse", "{:.4f}", less=True),
+        Column("seconds", "wall_s", "{:,.0f}", less=True),
     ]
     return [one for one in found if any(entry.figures.get(one.key) for entry in entries)]
+
+
+def _column(metric: Metric, track: str, label: str) -> Column:
+    heading = metric.column_heading(label)
+    return Column(heading, f"{track}/{metric.name}", metric.form, metric.direction == LOWER)
 
 
 def said(figures: dict, column: Column) -> str:
