@@ -12,11 +12,14 @@ from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import PERSON, SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import LOWER, metric
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
+from zoo.drives.metrics_page import metrics_page
 from zoo.evaluate.drives_table import mean_and_spread, table_rows
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
+from zoo.results import print_results
 
 KEPT = Path(__file__).parents[1] / "runs" / "run_of_0_1_0" / "drives" / "lake-0"
+PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
 # Version 0.1.0 measured this of `drive_by_speed`.
 MEASURED = {
     "autonomy": 0.0,
@@ -71,9 +74,17 @@ def test_a_new_metric_is_measured_averaged_and_shown() -> None:
         figures = [measure(one) for one in drives]
         assert mean_and_spread(figures)["hardest_turn"][0] == 0.375
         assert table_rows()["hardest_turn"] == ("hardest turn, 1", "{:.2f}")
+        assert "| `hardest_turn` | hardest turn | 1 | lower is better | Greatest" in metrics_page()
         assert leaderboard_metrics()[-1].column_heading("lake") == "hardest turn, lake (1)"
     finally:
         del METRICS["hardest_turn"]
+
+
+def test_the_page_of_metrics_is_that_of_the_registry(capsys: pytest.CaptureFixture) -> None:
+    print_results(["--metrics"])
+    assert PAGE.read_text() == capsys.readouterr().out, (
+        "run python -m zoo.results --metrics > docs/metrics.md"
+    )
 
 
 def test_two_metrics_of_one_name_are_refused() -> None:
