@@ -19,9 +19,11 @@ from datamodules.errors import InputError
 from datamodules.log_text import printable
 from datamodules.regular_file import open_text
 from zoo.drives.drive_record import TYPES, Drive, DriveRow
+from zoo.drives.metrics import measure
 from zoo.runs.whole_file import write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
+VERSION = 1  # of drive.json; files of before have none
 MOST_BYTES = 256_000_000  # of a log: days of driving
 
 
@@ -78,12 +80,24 @@ class AppendedFile:
 
 
 def write_summary(folder: Path, summary: dict) -> None:
-    """Write `drive.json`; NaN becomes null, which JSON has instead."""
+    """Write `drive.json`, see `zoo.drives.drive_file`; NaN becomes null, which JSON has instead."""
+    summary = {"version": VERSION, **summary}
     write_whole(folder / SUMMARY_NAME, json.dumps(_without_nan(summary), indent=2) + "\n")
 
 
-def write_drive(folder: Path, drive: Drive, figures: dict) -> None:
+def summarize(drive: Drive) -> dict:
+    """Return a drive's track, seed and metrics; `nan_frames` where the policy steered NaN."""
+    figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
+    return figures | ({"nan_frames": drive.nan_frames} if drive.nan_frames else {})
+
+
+def write_drive(folder: Path, drive: Drive, **more: object) -> None:
     """Write a drive that has ended: `drive.csv`, and its figures as `drive.json`.
+
+    Args:
+        folder: of the drive.
+        drive: rows and what else is known.
+        **more: further keys of `drive.json`.
 
     Raises:
         InputError: the folder holds a drive already.
@@ -92,7 +106,7 @@ def write_drive(folder: Path, drive: Drive, figures: dict) -> None:
     writer = DriveWriter(folder)
     writer.add(drive.rows)
     writer.close()
-    write_summary(folder, figures)
+    write_summary(folder, {"drive": drive.source, **summarize(drive), **more})
 
 
 def read_drive(folder: Path | str) -> Drive:
@@ -122,6 +136,7 @@ def read_drive(folder: Path | str) -> Drive:
         **{name: np.array(columns[name], TYPES.get(name, np.float64)) for name in COLUMNS},
         folder=folder,
         summary=summary,
+        source=summary.get("drive") or "",
         track=summary.get("track") or "",
         seed=summary.get("seed") or 0,
     )

@@ -55,6 +55,11 @@ class Metric:
         """The format of a value, for `str.format`."""
         return "{:.1%}" if self.unit == SHARE else f"{{:.{self.decimals}f}}"
 
+    @property
+    def whole(self) -> bool:
+        """Whether the figure of a drive is a whole number: its function is annotated `-> int`."""
+        return self.function.__annotations__.get("return") is int
+
     def row(self, table: str) -> tuple[str, str]:
         """Return heading and format in a table, DRIVES or REPLAYS."""
         named = self.label if self.unit in (SHARE, COUNT) else f"{self.label}, {self.unit}"

@@ -16,9 +16,9 @@ from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
-from zoo.drives.drive_log import write_drive
+from zoo.drives.drive_log import summarize, write_drive
 from zoo.drives.drive_record import Drive, DriveRow
-from zoo.drives.metrics import measure, steering_per_s
+from zoo.drives.metrics import steering_per_s
 from zoo.drives.speed_controller import PI, Network, SpeedController
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.embedded_drive import Policy, drive_closed_loop, start_of
@@ -148,9 +148,7 @@ def drive_once(
         drive = kept.write(drive)
     finally:
         torch.set_num_threads(threads)
-    figures = {"track": world.track.name, "seed": setup.seed, **measure(drive)}
-    if drive.nan_frames:
-        figures["nan_frames"] = drive.nan_frames
+    figures = summarize(drive)
     if folder is not None:
         _leave(folder, world, drive, figures)
     world.pictures.close()
@@ -219,7 +217,7 @@ def _expert_steering_per_s(setup: Setup) -> float:
 
 
 def _leave(folder: Path, world: World, drive: Drive, figures: dict) -> None:
-    write_drive(folder, drive, figures)
+    write_drive(folder, drive)
     title = (
         f"{world.track.name}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"

@@ -20,7 +20,7 @@ from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.arguments import read_arguments
 from zoo.cli.console_progress import loading
-from zoo.drives.drive_log import DriveWriter, write_summary
+from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import DriveRow
 from zoo.runs.whole_file import write_whole
 
@@ -73,11 +73,9 @@ def replay_recording(
         drive = replay(policy, recording, options.margin, options.frame_rate, shown)
     figures = measure(drive)
     figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-    writer = DriveWriter(shown.folder)
-    writer.add(shown.rows)
-    writer.close()
     about = {"checkpoint": str(checkpoint), "recording": list(recording.names)}
-    write_summary(shown.folder, about | figures)
+    kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
+    write_drive(shown.folder, kept, **about)
     metrics = about | {"margin_m": options.margin, "replay": figures}
     write_whole(shown.folder / "metrics.json", json.dumps(metrics, indent=1) + "\n")
     title = (
