@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from datamodules.errors import InputError
+from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import Spread, mean_and_deviation, read_figures
 from zoo.runs.status import is_alive, read_status
@@ -36,7 +37,7 @@ class Count:
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run, as its folder tells it.
+    """A finished run, as its folder tells it, or a drive, see `zoo.leaderboard.ranked_drive`.
 
     Attributes:
         name: of its experiment, or its model.
@@ -50,7 +51,9 @@ class Run:
             drives.
         counts: by track, its drives without an intervention; none where that is not known.
         mph: the speed that was held; None where it drove with its own throttle, or was not driven.
+        wall_s: seconds of training; None for a drive alone.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
+        source: where it was driven, as in `Drive`; empty where it was not.
     """
 
     folder: Path
@@ -67,8 +70,9 @@ class Run:
     mph: float | None
     val_mse: float | None
     test_mse: float | None
-    wall_s: float
+    wall_s: float | None
     curves: dict[str, dict[int, float]] = field(repr=False)
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,7 @@ def load_run(folder: Path) -> Run | None:
         test_mse=open_loop.get("test", {}).get("mse"),
         wall_s=float(metrics.get("wall_s") or 0),
         curves=read_curves(folder, CURVES),
+        source=EMBEDDED if tracks else "",
     )
 
 
@@ -210,12 +215,16 @@ def shared_tracks(runs: Sequence[Run]) -> list[str]:
 
 def protocols(runs: Sequence[Run]) -> list[str]:
     """How the runs were driven, in words, where that is not the same for all."""
-    said = {
-        f"{', '.join(run.tracks)} {f'at {run.mph:g} mph' if run.mph else 'with its own throttle'}"
-        for run in runs
-        if run.tracks
-    }
+    said = {f"{', '.join(run.tracks)} {_how(run)}" for run in runs if run.tracks}
     return sorted(said) if len(said) > 1 else []
+
+
+def _how(run: Run) -> str:
+    """Return where and how fast a run was driven."""
+    if run.source == REPLAY:
+        return "in a replay"
+    how = f"at {run.mph:g} mph" if run.mph else "with its own throttle"
+    return f"on a socket {how}" if run.source == SOCKET else how
 
 
 def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:

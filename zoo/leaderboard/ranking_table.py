@@ -9,10 +9,12 @@ from rich.console import Console
 from rich.table import Table
 
 from zoo.cli.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
+from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.intervals import count_with_interval
 from zoo.drives.metric_registry import LOWER, Metric
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import two_lines, with_deviation
+from zoo.leaderboard.ranked_drive import read_drives
 from zoo.leaderboard.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.runs.trained_recordings import recording_names
 
@@ -129,7 +131,7 @@ def shown_setting(value: str | None) -> str:
 
 def training_seeds(entry: Entry) -> str:
     """Return `1`, or `1, 2, 3` and in a second line `(n = 3)`: of the runs of an entry."""
-    listed = ", ".join(str(run.seed) for run in entry.runs)
+    listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
     return f"{listed}\n(n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
 
 
@@ -141,6 +143,9 @@ def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
     ]
     if is_named(entries, setting_columns(entries)):
         found.append(Cells("model", tuple(entry.first.name for entry in entries)))
+    sources = tuple(entry.first.source or "-" for entry in entries)
+    if set(sources) - {"-", EMBEDDED}:
+        found.append(Cells("drive", sources))
     recordings = [entry.first.trained_on for entry in entries]
     if len(set(recordings)) > 1:
         names = recording_names(recordings)
@@ -210,7 +215,12 @@ def below(folder: Path, under: Path | None) -> str:
 
 
 def print_ranking(
-    folders: Sequence[Path], title: str, under: Path, console: Console, page: str
+    folders: Sequence[Path],
+    title: str,
+    under: Path,
+    console: Console,
+    page: str,
+    drives: Sequence[Path] = (),
 ) -> tuple[list[Entry], list[Unranked]]:
     """Read, rank, print; what can't be ranked is counted and named in a line each kind.
 
@@ -220,8 +230,11 @@ def print_ranking(
         under: folders are said below it.
         console: for the table and the lines below it.
         page: where all columns are found.
+        drives: folders of drives, to be ranked beside the runs.
     """
     runs, unranked = read_runs(folders)
+    driven, unread = read_drives(drives)
+    runs, unranked = [*runs, *driven], [*unranked, *unread]
     entries = rank(runs)
     if entries:
         table, left_out = ranking_table(entries, title, under, console.width)
