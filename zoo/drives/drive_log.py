@@ -6,7 +6,6 @@ world, the replay of a recording. All metrics, films and reports read it, and no
 
 import csv
 import io
-import json
 import math
 import os
 from collections.abc import Iterable
@@ -20,7 +19,7 @@ from datamodules.log_text import printable
 from datamodules.regular_file import open_text
 from zoo.drives.drive_record import TYPES, Drive, DriveRow
 from zoo.drives.metrics import measure
-from zoo.runs.whole_file import write_whole
+from zoo.runs.whole_file import json_text, write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
 VERSION = 1  # of drive.json; files of before have none
@@ -82,7 +81,7 @@ class AppendedFile:
 def write_summary(folder: Path, summary: dict) -> None:
     """Write `drive.json`, see `zoo.drives.drive_file`; NaN becomes null, which JSON has instead."""
     summary = {"version": VERSION, **summary}
-    write_whole(folder / SUMMARY_NAME, json.dumps(_without_nan(summary), indent=2) + "\n")
+    write_whole(folder / SUMMARY_NAME, json_text(summary))
 
 
 def summarize(drive: Drive) -> dict:
@@ -176,12 +175,4 @@ def _value(path: Path, line: int, name: str, text: str) -> object:
     if math.isinf(value) or (whole and not (whole[0] <= value <= whole[1] and value % 1 == 0)):
         what = "whole number" if whole else "number"
         raise InputError(f"{path}, row {line}: {name} is {text[:40]!r}, not a {what}")
-    return value
-
-
-def _without_nan(value: object) -> object:
-    if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
     return value

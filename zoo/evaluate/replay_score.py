@@ -4,7 +4,6 @@ No simulator takes part: see `zoo.evaluate.recording_replay`.
 """
 
 import datetime
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +21,6 @@ from zoo.cli.arguments import read_arguments
 from zoo.cli.console_progress import loading
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import DriveRow
-from zoo.runs.whole_file import write_whole
 
 USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"
 FRAMES = "frames"
@@ -64,6 +62,7 @@ def replay_recording(
         from zoo.evaluate.drive_plots import error_over_distance
         from zoo.evaluate.drives_table import drives_table, mean_and_spread, nan_line
         from zoo.evaluate.recording_replay import replay
+        from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.plots import save_figure
 
         policy = load_policy(checkpoint)
@@ -77,7 +76,7 @@ def replay_recording(
     kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
     write_drive(shown.folder, kept, **about)
     metrics = about | {"margin_m": options.margin, "replay": figures}
-    write_whole(shown.folder / "metrics.json", json.dumps(metrics, indent=1) + "\n")
+    write_metrics_file(shown.folder, metrics)
     title = (
         f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"

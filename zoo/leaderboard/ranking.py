@@ -14,8 +14,9 @@ import numpy as np
 from datamodules.errors import InputError
 from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
 from zoo.drives.metrics import leaderboard_metrics
-from zoo.evaluate.drives_table import Spread, mean_and_deviation, read_figures
+from zoo.evaluate.drives_table import mean_and_deviation
 from zoo.runs.status import is_alive, read_status
+from zoo.runs.track_figures import Spread
 from zoo.runs.trained_recordings import TrainedOn, read_trained_on
 
 if TYPE_CHECKING:
@@ -231,8 +232,7 @@ def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
     """Return figures by track and the speed; none where the run was scored in another way."""
     if not drive or not drive.get("tracks"):
         return {}, None
-    seeds = drive.get("seeds")
-    tracks = {name: read_figures(one, seeds) for name, one in drive["tracks"].items() if one}
+    tracks = {name: one for name, one in drive["tracks"].items() if one}
     return tracks, drive.get("speed_mph")
 
 
