@@ -177,7 +177,7 @@ def serve(name: str, pipe: Connection) -> None:
         server.close()
         scribe.close({})
     found = [float(np.median(one)) if one else float("nan") for one in (looked, times)]
-    pipe.send((driver.tally.figures()["latency_ms"], found[0], 1000 * found[1]))
+    pipe.send((driver.tally.figures()["latency_percentiles_ms"], found[0], 1000 * found[1]))
 
 
 def noting_looks(sent: Callable, times: list[float], looked: list[float]) -> Callable:

@@ -29,7 +29,7 @@ from simulator.rig import CAMERAS
 from simulator.world import Start, open_world
 from zoo.checkpoints.policy import Policy, load_policy
 from zoo.evaluate.camera_warp import Warp
-from zoo.evaluate.recording_replay import replay, score_replay
+from zoo.evaluate.recording_replay import replay
 
 OUT = Path("outputs/replay_validation")
 POSES = ((0.0, 3.0), (0.0, -6.0), (0.25, 0.0), (0.5, 0.0), (0.5, 3.0), (-0.9, -5.0), (0.4, -8.0))
@@ -71,12 +71,13 @@ def drive_and_replay(checkpoint: str, recording_folder: str) -> dict[str, dict[s
     """The figures of one checkpoint: `replay`, `same` (speed and margin), `evaluate`."""
     import torch
 
+    from zoo.drives.metrics import measure
     from zoo.drives.speed_controller import PI
-    from zoo.evaluate.embedded_drive import drive_closed_loop, score
+    from zoo.evaluate.embedded_drive import drive_closed_loop
 
     torch.set_num_threads(1)
     recording, policy = read_recordings(recording_folder), load_policy(checkpoint)
-    found = {"replay": score_replay(replay(policy, recording), recording)}
+    found = {"replay": measure(replay(policy, recording))}
     found["replay"]["mse"] = mean_squared_error(policy, recording)
     speed_mph = float(np.median(recording.speed_mph))
     for name, mph, margin_m in (("same", speed_mph, 1.0), ("evaluate", 15.0, None)):
@@ -85,7 +86,7 @@ def drive_and_replay(checkpoint: str, recording_folder: str) -> dict[str, dict[s
             world = open_world("lake")
             pedal = PI(mph, kp=0.1, ki=0.002)
             drive = drive_closed_loop(policy, world, pedal, 0, 1.0, margin_m=margin_m)
-            kept.write_text(json.dumps(score(drive)))
+            kept.write_text(json.dumps(measure(drive)))
         found[name] = json.loads(kept.read_text())
     return found
 

@@ -17,7 +17,7 @@ from timing import Row, median_ratio, medians, run_part, take_turns
 from datamodules.cores import usable_cores
 from simulator.world import Start
 from zoo.checkpoints.checkpoint import PREFIX, make_card
-from zoo.evaluate.embedded_drive import ScoredDrive
+from zoo.drives.drive_record import Drive
 from zoo.evaluate.many_drives import Setup, drive_all, drive_once, drive_setup, open_setup
 
 LAPS, SHORT_LAPS = 0.2, 0.02
@@ -53,7 +53,7 @@ def measure(short: bool) -> list[Row]:
             policy(frame, 20.0)
         return time.process_time() - began
 
-    found: list[ScoredDrive] = []
+    found: list[Drive] = []
     turns = take_turns(
         {"scored s": scored, "rendering s": rendered, "network s": predicted}, rounds
     )

@@ -22,6 +22,7 @@ from zoo.cli.run_command import run_command
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS
 from zoo.drives.drive_metrics import LONGEST_STEP_S, autonomy
+from zoo.drives.drive_record import FALLBACK, PERSON
 from zoo.drives.film_overlay import draw_overlay
 
 USUAL_FPS = 15.0  # of the simulator's recorder, where the pictures carry no time
@@ -153,7 +154,7 @@ def _pictures(shots: list[Shot], faults: list[str], console: Console) -> Iterato
 
 def _shots_of_drive(folder: Path) -> list[Shot]:
     drive = drive_log.read_drive(folder)
-    notes = {drive_log.PERSON: "a person drives", drive_log.FALLBACK: "trouble: braking"}
+    notes = {PERSON: "a person drives", FALLBACK: "trouble: braking"}
     # Of several simulators at once the one with most pictures: taking turns they would flicker.
     with_picture = drive.client[drive.frame != ""]
     client = np.bincount(with_picture).argmax() if len(with_picture) else 0

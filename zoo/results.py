@@ -1,4 +1,7 @@
-"""`python -m zoo.results RUN_FOLDER...`: finished runs side by side, as a Markdown table."""
+"""`python -m zoo.results RUN_FOLDER...`: finished runs side by side, as a Markdown table.
+
+With `--metrics`, the page of all metrics of a drive, `docs/metrics.md`.
+"""
 
 import sys
 from pathlib import Path
@@ -8,11 +11,14 @@ from datamodules.terminal import printable
 from zoo.cli.arguments import is_help
 from zoo.cli.run_command import run_command
 
-USAGE = "usage: python -m zoo.results RUN_FOLDER..."
+METRICS = "--metrics"
+USAGE = f"usage: python -m zoo.results RUN_FOLDER... | {METRICS}"
 HELP = f"""{USAGE}
 
 Prints a Markdown table of finished runs, a row for each: parameters, samples per second, and the
-test figures beside those of always zero and of the mean."""
+test figures beside those of always zero and of the mean.
+
+  {METRICS}   print docs/metrics.md instead: the definition of each metric of a drive"""
 HEADER = (
     "experiment | split | parameters | samples/s | s/epoch | best of epochs "
     "| test MSE (zero, mean) | test MAE (zero, mean) | test balanced MAE (zero, mean)"
@@ -20,13 +26,18 @@ HEADER = (
 
 
 def print_results(arguments: list[str]) -> None:
-    """A row for each run's folder.
+    """Print a row for each run's folder, or the page of metrics.
 
     Raises:
         InputError: a folder without the figures of a finished run.
     """
     if is_help(arguments):
         print(HELP)
+        return
+    if arguments == [METRICS]:
+        from zoo.drives.metrics_page import metrics_page
+
+        print(metrics_page(), end="")
         return
     if not arguments:
         raise InputError(f"name the folders of finished runs; {USAGE}")

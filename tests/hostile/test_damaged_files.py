@@ -13,7 +13,8 @@ from tests.zoo.commands import only_line, run
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.drives.drive_log import DriveRow, DriveWriter, read_drive, write_summary
+from zoo.drives.drive_log import DriveWriter, read_drive, write_summary
+from zoo.drives.drive_record import DriveRow
 from zoo.leaderboard.ranking import rank, read_runs
 from zoo.report.reported_run import read_run
 from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml

@@ -14,7 +14,8 @@ from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.drives.drive_film import KeptFrames
-from zoo.drives.drive_log import PERSON, DriveRow, DriveWriter
+from zoo.drives.drive_log import DriveWriter
+from zoo.drives.drive_record import PERSON, DriveRow
 from zoo.drives.film_overlay import GREEN, RED, draw_overlay
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps

@@ -153,9 +153,9 @@ class ClosedLoop(lightning.Callback):
             ]
         finally:
             torch.set_num_threads(threads)
-        error = np.abs([row.cross_track_m for one in drives for row in one.rows])
-        interventions = sum(row.intervention for one in drives for row in one.rows)
-        driven_s = sum(one.rows[-1].time_s for one in drives)
+        error = np.abs(np.concatenate([one.cross_track_m for one in drives]))
+        interventions = sum(int(one.intervention.sum()) for one in drives)
+        driven_s = sum(float(one.time_s[-1]) for one in drives)
         self.last_s = time.perf_counter() - began
         self.spent_s += self.last_s
         self.drives += 1

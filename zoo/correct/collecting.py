@@ -18,7 +18,7 @@ from simulator.weather import read_weather
 from simulator.world import World
 from zoo.cli.console_progress import progress_bar
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
-from zoo.drives.drive_log import DriveRow
+from zoo.drives.drive_record import DriveRow
 from zoo.evaluate.embedded_drive import Policy
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
 from zoo.evaluate.process_pool import drive_in_processes

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from datamodules.errors import InputError
 from zoo.correct.correct_options import CorrectOptions
-from zoo.evaluate.drives_table import read_figures, with_deviation
+from zoo.evaluate.drives_table import with_deviation
+from zoo.runs.track_figures import read_figures
 from zoo.runs.whole_file import write_whole
 
 NAME = "correct.json"

@@ -21,7 +21,8 @@ from datamodules.errors import InputError
 from datamodules.recording import LOG_NAME, read_recordings
 from simulator.recorder import IMAGE_FOLDER, number_text
 from zoo.correct.correct_options import CorrectOptions
-from zoo.drives.drive_log import PERSON, POLICY, Drive, read_drive
+from zoo.drives.drive_log import read_drive
+from zoo.drives.drive_record import PERSON, POLICY, Drive
 
 LABELS, PICTURES = "labels.csv", "labels.png"
 COLUMNS = ("override", "image", "seconds_before", "sent", "steering")

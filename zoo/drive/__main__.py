@@ -77,6 +77,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         checkpoint=checkpoint,
         load=load,
         margin_m=settings.margin,
+        track=Path(settings.sim).stem if settings.sim else None,
     )
     token = secrets.token_urlsafe(16) if settings.expose else None
     server = DriveServer(driver, listener, LivePage(driver, token=token), settings.expose)

@@ -10,9 +10,18 @@ from pathlib import Path
 
 from datamodules.errors import InputError
 from zoo.drive.notices import Notices
-from zoo.drives.drive_log import AppendedFile, DriveRow, DriveWriter, write_summary
+from zoo.drives.drive_log import (
+    LOG_NAME,
+    AppendedFile,
+    DriveWriter,
+    read_drive,
+    write_summary,
+)
+from zoo.drives.drive_record import SOCKET, DriveRow
+from zoo.drives.metrics import measure
 
 RECORDING_LOG, IMAGE_FOLDER = "driving_log.csv", "IMG"
+MEASURED_BYTES = 10_000_000  # of a log, three hours; a longer one is measured by its readers
 WAITING = 512  # rows, with their pictures 8 MB; a disk that is slower than that loses some
 
 
@@ -72,7 +81,7 @@ class Scribe:
     def close(self, summary: dict, timeout_s: float = 10.0) -> bool:
         """Write what is waiting, and the summary; False if there was nothing to write, or no way.
 
-        `summary` gets `recorded_rows`.
+        `summary` gets `recorded_rows`, and the metrics of the rows beside its own keys.
         """
         self._queue.put(None)
         self._thread.join(timeout_s)
@@ -83,9 +92,12 @@ class Scribe:
             with contextlib.suppress(OSError):  # it was not made, or is not empty
                 self.folder.rmdir()
             return False
+        summary = {"drive": SOCKET, **summary, "recorded_rows": self.recorded}
         try:
-            write_summary(self.folder, summary | {"recorded_rows": self.recorded})
-        except OSError as error:
+            write_summary(self.folder, summary)  # first: measuring takes a while
+            if (self.folder / LOG_NAME).stat().st_size <= MEASURED_BYTES:
+                write_summary(self.folder, measure(read_drive(self.folder)) | summary)
+        except (OSError, InputError) as error:
             self._failed(error)
         return True
 

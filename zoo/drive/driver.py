@@ -15,8 +15,8 @@ from zoo.drive.drive_writer import Scribe
 from zoo.drive.notices import Notices
 from zoo.drive.session import DrivingPolicy, Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
-from zoo.drives.drive_log import FALLBACK, PERSON, DriveRow
 from zoo.drives.drive_metrics import LONGEST_STEP_S, Tally, summary_lines
+from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 from zoo.drives.speed_controller import SpeedController, limit_pedal
 from zoo.drives.steering_filter import SteeringFilter
@@ -83,6 +83,7 @@ class Driver:
         load: makes a policy of a checkpoint's path, for `switch`.
         margin_m: distance from the centreline that counts as leaving the lane; None is the edge
             line, as the simulator sends it.
+        track: name of the track that is driven; None where it is not known.
     """
 
     def __init__(
@@ -96,10 +97,11 @@ class Driver:
         checkpoint: str = "",
         load: Callable[[Path], DrivingPolicy] | None = None,
         margin_m: float | None = None,
+        track: str | None = None,
     ) -> None:
         self.policy, self.scribe, self.notices = policy, scribe, notices
         self.recording, self.checkpoint, self.load = record, str(checkpoint), load
-        self.paused = False
+        self.paused, self.track = False, track
         self.tally = Tally()
         self.sessions: dict[str, Session] = {}
         self.clients = 0  # that ever connected
@@ -260,6 +262,7 @@ class Driver:
     def end(self, began: datetime) -> None:
         """Write the drive and tell what it came to."""
         figures = self.tally.figures() | {
+            "track": self.track,
             "checkpoint": self.checkpoint,
             "began": began.isoformat(timespec="seconds"),
             "clients": self.clients,

@@ -1,49 +1,53 @@
-"""`drive.json`: the figures of a drive."""
+"""`drive.json`: the figures of a drive, of one format wherever the drive took place.
+
+Beside the metrics of `zoo.drives.metrics`, a drive on a socket has its counts of telemetry and of
+interventions by kind, and percentiles of its latency.
+"""
 
 from pathlib import Path
-from typing import Annotated
 
-from pydantic import BeforeValidator
+from pydantic import create_model
 
+from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
+from zoo.drives.metrics import METRICS
 from zoo.runs.bounded_files import read_json
-from zoo.runs.record_fields import Fields, Number, Whole, check_fields, finite, plain
+from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 
-def _latency(value: object) -> object:
-    for one in value.values() if isinstance(value, dict) else [value]:
-        if isinstance(one, bool) or not isinstance(one, int | float | None):
-            raise ValueError("should be a number, or numbers by percentile")
-        finite(one)
-    return value
+class Known(Fields):
+    """What is known of a drive beside its metrics."""
 
-
-Latency = Annotated[object, BeforeValidator(_latency)]  # of a scored drive, or of one on a socket
-
-
-class Summary(Fields):
-    """What `zoo.drives.drive_log.write_summary` wrote, of a drive on a socket or a scored one."""
-
+    version: Whole | None = None
+    drive: str | None = None
     track: str | None = None
     seed: Whole | None = None
     nan_frames: Whole | None = None
-    autonomy: Number | None = None
-    interventions: Whole | None = None
-    m_per_intervention: Number | None = None
-    driven_m: Number | None = None
-    driven_s: Number | None = None
-    laps: Number | None = None
-    lap_s: Number | None = None
-    cte_mean_m: Number | None = None
-    cte_rms_m: Number | None = None
-    cte_max_m: Number | None = None
-    beyond_1m: Number | None = None
-    steering_per_s: Number | None = None
-    expert_steering_per_s: Number | None = None
-    speed_mph: Number | None = None
-    stalled: Number | None = None
-    latency_ms: Latency | None = None
+    checkpoint: str | None = None
+    set_mph: Number | None = None
+    latency_percentiles_ms: dict[str, Number | None] | None = None
+
+
+Summary = create_model(
+    "Summary",
+    __base__=Known,
+    **{name: ((Whole if one.whole else Number) | None, None) for name, one in METRICS.items()},
+)
 
 
 def read_summary_file(path: Path) -> dict:
-    """Return a drive's figures as plain containers; raises InputError."""
-    return plain(check_fields(Summary, read_json(path), path))
+    """Return a drive's figures as plain containers of this version's keys; raises InputError."""
+    found = read_json(path)
+    return plain(check_fields(Summary, _upgraded(found), path))
+
+
+def _upgraded(found: object) -> object:
+    """Return what this version would have written in place of a file without a version."""
+    if not isinstance(found, dict) or "version" in found:
+        return found
+    sources = {"telemetry": SOCKET, "recording": REPLAY, "track": EMBEDDED}
+    source = next((one for key, one in sources.items() if key in found), None)
+    found = {"drive": source, **found} if source else dict(found)
+    if isinstance(found.get("latency_ms"), dict):
+        found["latency_percentiles_ms"] = found["latency_ms"]
+        found["latency_ms"] = found["latency_ms"].get("p50")
+    return found

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from datamodules.errors import InputError
-from zoo.drives.drive_log import DriveRow
 from zoo.drives.drive_metrics import autonomy
+from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.film_overlay import draw_overlay
 
 FILM_NAME = "film.mp4"
@@ -54,11 +54,14 @@ class KeptFrames(AbstractContextManager):
         if self.film:
             self.film.__exit__(kind, error, trace)
 
-    def write(self, rows: list[DriveRow]) -> None:
-        """Write the worst moments' frames and name them in the drive's rows, in place."""
-        if self.folder:
-            for number, name in self.moments.write(self.folder).items():
-                rows[number] = replace(rows[number], frame=name)
+    def write(self, drive: Drive) -> Drive:
+        """Write the worst moments' frames; return the drive with their names."""
+        if not self.folder:
+            return drive
+        frame = drive.frame.astype(object)
+        for number, name in self.moments.write(self.folder).items():
+            frame[number] = name
+        return replace(drive, frame=frame.astype(np.str_))
 
 
 class WorstMoments:

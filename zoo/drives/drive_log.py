@@ -6,11 +6,10 @@ world, the replay of a recording. All metrics, films and reports read it, and no
 
 import csv
 import io
-import json
 import math
 import os
 from collections.abc import Iterable
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -18,74 +17,17 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.log_text import replace_undecoded
 from datamodules.regular_file import open_text
-from zoo.runs.whole_file import write_whole
+from zoo.drives.drive_record import TYPES, Drive, DriveRow
+from zoo.drives.metrics import measure
+from zoo.runs.whole_file import json_text, write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
+VERSION = 1  # of drive.json; files of before have none
 MOST_BYTES = 256_000_000  # of a log: days of driving
-POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
-
-
-@dataclass(frozen=True)
-class DriveRow:
-    """A time step of a drive.
-
-    Attributes:
-        time_s: since the drive began.
-        client: which simulator it was, 1 is the first that connected.
-        driver: `policy`; `person` who overrode it; `fallback`, where something went wrong.
-        frame: the picture's path within the drive's folder; empty where it was not recorded.
-        steering: that was sent, -1..1.
-        throttle: that was sent, -1..1, negative brakes.
-        speed_mph: of the car; NaN where it is not known.
-        cross_track_m: from the centre line; NaN where it is not known.
-        intervention: a person, or the scoring, began to intervene in this step.
-        latency_ms: from the frame's arrival to the reply's departure; NaN where there was none.
-    """
-
-    time_s: float
-    client: int = 1
-    driver: str = POLICY
-    frame: str = ""
-    steering: float = 0.0
-    throttle: float = 0.0
-    speed_mph: float = math.nan
-    cross_track_m: float = math.nan
-    intervention: bool = False
-    latency_ms: float = math.nan
 
 
 COLUMNS = tuple(field.name for field in fields(DriveRow))
 _DECIMALS = {"time_s": 4, "latency_ms": 3}
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A drive as columns, in the order in which it took place.
-
-    Attributes:
-        folder: where it was read from; `frame` is relative to it.
-        summary: what `drive.json` holds; empty where the drive was cut off.
-        time_s, steering, throttle, speed_mph, cross_track_m, latency_ms: float64 [N].
-        client: int64 [N].
-        driver, frame: str [N].
-        intervention: bool [N].
-    """
-
-    folder: Path
-    summary: dict
-    time_s: np.ndarray
-    client: np.ndarray
-    driver: np.ndarray
-    frame: np.ndarray
-    steering: np.ndarray
-    throttle: np.ndarray
-    speed_mph: np.ndarray
-    cross_track_m: np.ndarray
-    intervention: np.ndarray
-    latency_ms: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.time_s)
 
 
 class DriveWriter:
@@ -137,8 +79,33 @@ class AppendedFile:
 
 
 def write_summary(folder: Path, summary: dict) -> None:
-    """Write `drive.json`; NaN becomes null, which JSON has instead."""
-    write_whole(folder / SUMMARY_NAME, json.dumps(_without_nan(summary), indent=2) + "\n")
+    """Write `drive.json`, see `zoo.drives.drive_file`; NaN becomes null, which JSON has instead."""
+    summary = {"version": VERSION, **summary}
+    write_whole(folder / SUMMARY_NAME, json_text(summary))
+
+
+def summarize(drive: Drive) -> dict:
+    """Return a drive's track, seed and metrics; `nan_frames` where the policy steered NaN."""
+    figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
+    return figures | ({"nan_frames": drive.nan_frames} if drive.nan_frames else {})
+
+
+def write_drive(folder: Path, drive: Drive, **more: object) -> None:
+    """Write a drive that has ended: `drive.csv`, and its figures as `drive.json`.
+
+    Args:
+        folder: of the drive.
+        drive: rows and what else is known.
+        **more: further keys of `drive.json`.
+
+    Raises:
+        InputError: the folder holds a drive already.
+        OSError: it cannot be written to, or the disk is full.
+    """
+    writer = DriveWriter(folder)
+    writer.add(drive.rows)
+    writer.close()
+    write_summary(folder, {"drive": drive.source, **summarize(drive), **more})
 
 
 def read_drive(folder: Path | str) -> Drive:
@@ -162,12 +129,15 @@ def read_drive(folder: Path | str) -> Drive:
             columns[name].append(_value(path, line, name, text))
     from zoo.drives.drive_file import read_summary_file
 
-    summary = folder / SUMMARY_NAME
-    types = {"client": np.int64, "driver": np.str_, "frame": np.str_, "intervention": np.bool_}
+    path = folder / SUMMARY_NAME
+    summary = read_summary_file(path) if path.exists() else {}
     return Drive(
-        folder,
-        read_summary_file(summary) if summary.exists() else {},
-        **{name: np.array(columns[name], types.get(name, np.float64)) for name in COLUMNS},
+        **{name: np.array(columns[name], TYPES.get(name, np.float64)) for name in COLUMNS},
+        folder=folder,
+        summary=summary,
+        source=summary.get("drive") or "",
+        track=summary.get("track") or "",
+        seed=summary.get("seed") or 0,
     )
 
 
@@ -205,12 +175,4 @@ def _value(path: Path, line: int, name: str, text: str) -> object:
     if math.isinf(value) or (whole and not (whole[0] <= value <= whole[1] and value % 1 == 0)):
         what = "whole number" if whole else "number"
         raise InputError(f"{path}, row {line}: {name} is {text[:40]!r}, not a {what}")
-    return value
-
-
-def _without_nan(value: object) -> object:
-    if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
     return value

@@ -97,13 +97,13 @@ class Tally:
             self.speed_s += elapsed_s * speed_mph
 
     def figures(self) -> dict:
-        """For `drive.json`, plain."""
+        """Return what `drive.json` has of a drive on a socket, plain."""
         driven = self.driven_s
         return {
             "driven_s": driven,
             "telemetry": self.telemetry,
             "telemetry_per_s": self.telemetry / self.served_s if self.served_s else math.nan,
-            "latency_ms": {f"p{p}": self.latency.percentile(p) for p in (50, 95, 99)},
+            "latency_percentiles_ms": {f"p{p}": self.latency.percentile(p) for p in (50, 95, 99)},
             "mean_speed_mph": self.speed_s / driven if driven else math.nan,
             "interventions": self.interventions,
             **{key: self.counts[kind] for kind, key in KEYS.items()},
@@ -123,7 +123,7 @@ def summary_lines(figures: dict) -> list[str]:
     ]
     latency = [
         text
-        for name, value in figures["latency_ms"].items()
+        for name, value in figures["latency_percentiles_ms"].items()
         for text in _known(f"{name} {{:.1f}} ms", value)
     ]
     return [

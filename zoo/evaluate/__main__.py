@@ -4,7 +4,6 @@ Drives it in the embedded world, several drives in parallel, without a simulator
 """
 
 import datetime
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,6 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.arguments import shown_help
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-from zoo.runs.whole_file import write_whole
 
 if TYPE_CHECKING:
     from zoo.evaluate.evaluate_options import EvaluateOptions
@@ -43,6 +41,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         from zoo.evaluate.many_drives import Setup, check_throttle
         from zoo.evaluate.robustness import perturbations_named, sweeps
         from zoo.evaluate.track_scores import score_on_tracks
+        from zoo.runs.metrics_file import write_metrics_file
         from zoo.verdict.evidence import read_evidence
         from zoo.verdict.judgement import judge, print_verdict
 
@@ -70,8 +69,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         _show_sweeps(results, usual, folder, console)
     verdict = judge(scores.drives, read_evidence(checkpoint, policy.config))
     metrics["verdict"] = verdict.plain()
-    text = json.dumps(metrics, indent=1, allow_nan=False)
-    write_whole(folder / "metrics.json", f"{text}\n")
+    write_metrics_file(folder, metrics)
     console.print(str(folder), highlight=False, markup=False, soft_wrap=True)
     if nan := nan_line(list(scores.by_setup.values())):
         raise InputError(f"{checkpoint}: {nan}")

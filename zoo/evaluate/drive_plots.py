@@ -1,15 +1,17 @@
 """Where a drive went, and how far off the middle."""
 
+import math
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from simulator.track import Track
-from zoo.evaluate.embedded_drive import ScoredDrive
+from zoo.drives.drive_record import Drive
 from zoo.runs.plots import BLUE, GREY, ORANGE
 
 
-def birds_eye(track: Track, drive: ScoredDrive, title: str) -> Figure:
+def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
     """The car's way on the track, coloured by its cross-track error, interventions marked."""
     closed = np.vstack([track.xyz, track.xyz[:1]])
     extent = np.ptp(closed[:, :2], axis=0)
@@ -17,15 +19,15 @@ def birds_eye(track: Track, drive: ScoredDrive, title: str) -> Figure:
     figure = Figure(figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained")
     axis = figure.subplots()
     axis.plot(closed[:, 0], closed[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
-    way = np.array(drive.xy)
-    error = np.abs([row.cross_track_m for row in drive.rows])
+    way = drive.xy
+    error = np.abs(drive.cross_track_m)
     lines = LineCollection(
         np.stack([way[:-1], way[1:]], 1), array=error[1:], cmap="viridis", lw=2.2
     )
     lines.set_clim(0, max(1.0, drive.lane_m / 2))
     axis.add_collection(lines)
     figure.colorbar(lines, ax=axis, label="cross-track error (m)", shrink=0.7, extend="max")
-    lost = np.array([row.intervention for row in drive.rows])
+    lost = drive.intervention
     if lost.any():
         axis.scatter(*way[lost].T, marker="x", s=70, color=ORANGE, lw=2.5, zorder=3)
     axis.plot(*way[0], marker="o", color="black", ms=6, zorder=3)
@@ -37,15 +39,16 @@ def birds_eye(track: Track, drive: ScoredDrive, title: str) -> Figure:
     return figure
 
 
-def error_over_distance(drive: ScoredDrive, title: str) -> Figure:
+def error_over_distance(drive: Drive, title: str) -> Figure:
     """Cross-track error along the drive, right positive, with the lane's limits."""
     figure = Figure(figsize=(8, 3), layout="constrained")
     axis = figure.subplots()
     step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
-    step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
+    if math.isfinite(drive.length_m):  # a lap begins at 0 again
+        step = (step + drive.length_m / 2) % drive.length_m - drive.length_m / 2
     driven = np.cumsum(np.abs(step))
-    error = np.array([row.cross_track_m for row in drive.rows])
-    lost = np.array([row.intervention for row in drive.rows])
+    error = drive.cross_track_m
+    lost = drive.intervention
     axis.axhspan(-drive.lane_m, drive.lane_m, color=GREY, alpha=0.12, lw=0)
     axis.axhline(0, color=GREY, lw=0.8)
     axis.plot(driven, np.where(np.roll(lost, 1), np.nan, error), color=BLUE, lw=1.2)

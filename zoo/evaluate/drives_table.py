@@ -8,43 +8,14 @@ from rich.table import Table
 from rich.text import Text
 
 from zoo.drives.intervals import count_with_interval
+from zoo.drives.metrics import DRIVES, METRICS
+from zoo.runs.track_figures import Spread
 
-Spread = tuple[float, float | None]  # mean; sample standard deviation, None without one
-
-# The order of the table; what each means is in the README, under Scoring.
-ROWS = {
-    "autonomy": ("autonomy", "{:.1%}"),
+# Beside the metrics, in the table of drives: what is counted over drives.
+COUNTS = {
     "drives_without_intervention": ("drives without intervention", ""),
     "drives": ("drives (start seeds)", "{}"),
-    "interventions": ("interventions", "{:.1f}"),
-    "m_per_intervention": ("metres per intervention", "{:.0f}"),
-    "laps": ("laps", "{:.2f}"),
-    "lap_s": ("lap time, s", "{:.1f}"),
-    "cte_mean_m": ("cross-track error, mean, m", "{:.2f}"),
-    "cte_rms_m": ("cross-track error, RMS, m", "{:.2f}"),
-    "cte_max_m": ("cross-track error, max, m", "{:.2f}"),
-    "beyond_1m": ("time beyond 1 m", "{:.1%}"),
-    "steering_per_s": ("steering change, 1/s", "{:.2f}"),
-    "expert_steering_per_s": ("  the expert's", "{:.2f}"),
-    "speed_mph": ("speed, mph", "{:.1f}"),
-    "stalled": ("time stalled", "{:.1%}"),
-    "latency_ms": ("latency, median, ms", "{:.1f}"),
 }
-# Laps are not known in a replay, and the speed is the recorded one: neither is the network's.
-REPLAY_ROWS = {
-    "autonomy": ("autonomy", "{:.1%}"),
-    "interventions": ("interventions", "{:.0f}"),
-    "m_per_intervention": ("metres per intervention", "{:.0f}"),
-    "driven_s": ("time replayed, s", "{:.1f}"),
-    "cte_mean_m": ("off the recorded path, mean, m", "{:.2f}"),
-    "cte_rms_m": ("off the recorded path, RMS, m", "{:.2f}"),
-    "cte_max_m": ("off the recorded path, max, m", "{:.2f}"),
-    "steering_per_s": ("steering change, 1/s", "{:.2f}"),
-    "expert_steering_per_s": ("  the recorded driver's", "{:.2f}"),
-    "latency_ms": ("latency, median, ms", "{:.1f}"),
-}
-WITHOUT = {"m_per_intervention": "no intervention", "lap_s": "no whole lap"}
-POOLED = ("m_per_intervention", "expert_steering_per_s")  # one figure for all drives
 
 
 def mean_and_deviation(values: Sequence[float]) -> Spread:
@@ -72,15 +43,15 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
         lost = [one["interventions"] for one in drives]
         found["drives_without_intervention"] = sum(not one for one in lost)
     for key in drives[0]:
-        if key in ("track", "seed", "nan_frames"):
+        if key not in METRICS:
             continue
-        values = [one[key] for one in drives if one[key] is not None]
+        values = [one[key] for one in drives if one[key] is not None and math.isfinite(one[key])]
         found[key] = mean_and_deviation(values) if values else None
         if values and len(values) < len(drives):
             found[key] = found[key][0], None
-    if found.get("m_per_intervention"):
-        driven = sum(one["driven_m"] for one in drives)
-        found["m_per_intervention"] = driven / sum(lost), None
+    for key, one in METRICS.items():
+        if one.pool and found.get(key):
+            found[key] = one.pool(drives), None
     return found
 
 
@@ -99,42 +70,6 @@ def nan_line(drives: list[dict]) -> str | None:
         f"the network steered NaN in {frames:,} frames ({names}): the car went straight on there, "
         "and the figures say nothing of the network; train again with a smaller optim.lr"
     )
-
-
-def read_figures(figures: Mapping, drives: int | None) -> dict[str, Spread | int | None]:
-    """Return a track's figures from a file of this or an earlier version.
-
-    Earlier versions wrote no `drives` and the population deviation: it is converted where the
-    number of drives is known, and left out where it is not.
-
-    Args:
-        figures: as `mean_and_spread` returns them, or `[mean, population deviation]` by key.
-        drives: number of start seeds that an earlier version drove with; None if not known.
-
-    >>> read_figures({"autonomy": [0.9, 0.1], "interventions": [1, 1]}, 2)
-    {'autonomy': (0.9, 0.14142135623730953), 'interventions': (1, 1.4142135623730951), 'drives': 2}
-    >>> read_figures({"autonomy": [1.0, 0.0], "interventions": [0, 0.0]}, None)
-    {'autonomy': (1.0, None), 'interventions': (0, None)}
-    """
-    if "drives" in figures:
-        return {
-            key: tuple(value) if isinstance(value, list) else value
-            for key, value in figures.items()
-        }
-    scale = math.sqrt(drives / (drives - 1)) if drives and drives > 1 else None
-    found: dict[str, Spread | int | None] = {}
-    for key, value in figures.items():
-        if value is None:
-            found[key] = None
-            continue
-        known = scale and value[1] is not None and key not in (*POOLED, "lap_s")
-        found[key] = value[0], value[1] * scale if known else None
-    if drives:
-        found["drives"] = drives
-        lost = found.get("interventions")
-        if lost and (lost[0] == 0 or drives == 1):
-            found["drives_without_intervention"] = drives if lost[0] == 0 else 0
-    return found
 
 
 def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:
@@ -162,32 +97,45 @@ def two_lines(count: str) -> str:
     return count.replace(": ", ":\n")
 
 
-def drives_table(tracks: dict[str, dict], rows: Mapping[str, tuple[str, str]] = ROWS) -> Table:
+def table_rows(table: str = DRIVES) -> dict[str, tuple[str, str]]:
+    """Return a table's rows in order: heading and format of a value, by figure.
+
+    Args:
+        table: DRIVES, or REPLAYS for the metrics of a replay, without counts of drives.
+    """
+    rows = {key: one.row(table) for key, one in METRICS.items() if table in one.tables}
+    if table == DRIVES:
+        first = next(iter(rows))
+        rows = {first: rows[first], **COUNTS, **rows}
+    return rows
+
+
+def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
     """Return a table with a column for each track; rows that no track has are left out.
 
     Args:
         tracks: by name, the track's figures as `mean_and_spread` returns them.
-        rows: by figure, its label and how its value is formatted.
+        table: DRIVES or REPLAYS.
     """
-    caption = None
+    rows, caption = table_rows(table), None
     if any(one.get("drives", 1) > 1 for one in tracks.values()) and "drives" in rows:
         caption = "±: sample standard deviation over start seeds"
-    table = Table(caption=caption, caption_justify="left")
-    table.add_column("driving", no_wrap=True)
+    shown = Table(caption=caption, caption_justify="left")
+    shown.add_column("driving", no_wrap=True)
     for track in tracks:
-        table.add_column(Text(track))
+        shown.add_column(Text(track))
     for key, (label, form) in rows.items():
         if any(key in figures for figures in tracks.values()):
             cells = [_cell(figures, key, form) for figures in tracks.values()]
             if key == "drives_without_intervention" and len(tracks) > 1:
                 cells = map(two_lines, cells)
-            table.add_row(label, *cells)
-    return table
+            shown.add_row(label, *cells)
+    return shown
 
 
 def _cell(figures: Mapping, key: str, form: str) -> str:
     if figures.get(key) is None:
-        return WITHOUT.get(key, "-")
+        return METRICS[key].without if key in METRICS else "-"
     if key == "drives":
         return str(figures[key])
     if key == "drives_without_intervention":

@@ -16,10 +16,12 @@ from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
-from zoo.drives.drive_log import DriveRow, DriveWriter, write_summary
+from zoo.drives.drive_log import summarize, write_drive
+from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.metrics import steering_per_s
 from zoo.drives.speed_controller import PI, Network, SpeedController
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
-from zoo.evaluate.embedded_drive import Policy, ScoredDrive, drive_closed_loop, score, start_of
+from zoo.evaluate.embedded_drive import Policy, drive_closed_loop, start_of
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.process_pool import drive_in_processes
 from zoo.runs.plots import save_figure
@@ -143,12 +145,10 @@ def drive_once(
         check_throttle(policy, setup.throttle)
         with KeptFrames(folder, setup.frame_rate, setup.film_speed) as kept:
             drive = drive_setup(policy, world, setup, kept, report)
-        kept.write(drive.rows)
+        drive = kept.write(drive)
     finally:
         torch.set_num_threads(threads)
-    figures = {"track": world.track.name, "seed": setup.seed, **score(drive)}
-    if drive.nan_frames:
-        figures["nan_frames"] = drive.nan_frames
+    figures = summarize(drive)
     if folder is not None:
         _leave(folder, world, drive, figures)
     world.pictures.close()
@@ -177,7 +177,7 @@ def drive_setup(
     setup: Setup,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
     report: Callable[[float], None] | None = None,
-) -> ScoredDrive:
+) -> Drive:
     """Drive a policy as a setup says, in a world that was opened for it; `show` and `report` as in
     `drive_closed_loop`."""
     speed: SpeedController = speed_controller(setup.speed_mph)
@@ -213,14 +213,11 @@ def _expert_steering_per_s(setup: Setup) -> float:
     world = open_setup(setup, "none")
     expert = Expert(world.track)
     drive = drive_setup(lambda _, mph: expert(world), world, setup)
-    return score(drive)["steering_per_s"]
+    return steering_per_s(drive)
 
 
-def _leave(folder: Path, world: World, drive: ScoredDrive, figures: dict) -> None:
-    writer = DriveWriter(folder)
-    writer.add(drive.rows)
-    writer.close()
-    write_summary(folder, figures)
+def _leave(folder: Path, world: World, drive: Drive, figures: dict) -> None:
+    write_drive(folder, drive)
     title = (
         f"{world.track.name}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"

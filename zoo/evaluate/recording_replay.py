@@ -28,10 +28,10 @@ from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
-from zoo.drives.drive_log import DriveRow
+from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.evaluate.camera_warp import Warp
-from zoo.evaluate.embedded_drive import Policy, ScoredDrive, score
+from zoo.evaluate.embedded_drive import Policy
 
 MARGIN_M = 1.0  # NVIDIA's
 GREATEST_MARGIN_M = 2.0  # farther off, a warped frame has little to do with what would be seen
@@ -100,7 +100,7 @@ def replay(
     margin_m: float = MARGIN_M,
     frame_rate: float | None = None,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
-) -> ScoredDrive:
+) -> Drive:
     """Let a policy steer a virtual car along a recording, at the recorded speed.
 
     It begins anew, on the path, where the recording has a pause or another one begins. Time goes
@@ -126,7 +126,10 @@ def replay(
             f"a replay needs {SHORTEST_S:g} s, since an intervention counts for {INTERVENTION_S:g}"
         )
     speed_mps = recording.speed_mph * MPS_PER_MPH
-    drive = ScoredDrive(", ".join(recording.names), 0, margin_m, 0.0)
+    rows: list[DriveRow] = []
+    xy: list[tuple[float, float]] = []
+    distance_m: list[float] = []
+    nan_frames = 0
     warp, car = Warp(), VirtualCar()
     now_s, place = 0.0, _Path()
     for row in range(len(recording)):
@@ -135,7 +138,7 @@ def replay(
         began = time.perf_counter()
         steering = policy(frame, float(recording.speed_mph[row]))[0]
         latency_ms = 1000 * (time.perf_counter() - began)
-        drive.nan_frames += bool(np.isnan(steering))
+        nan_frames += bool(np.isnan(steering))
         steering = float(np.clip(np.nan_to_num(steering), -1, 1))
         lost = abs(car.cte_m) > margin_m or car.lost
         shown = DriveRow(
@@ -147,9 +150,9 @@ def replay(
             intervention=lost,
             latency_ms=latency_ms,
         )
-        drive.rows.append(shown)
-        drive.xy.append(place.beside(car.cte_m))
-        drive.distance_m.append(place.metres)
+        rows.append(shown)
+        xy.append(place.beside(car.cte_m))
+        distance_m.append(place.metres)
         if show:
             show(frame, shown)
         if math.isnan(elapsed[row]):
@@ -164,17 +167,18 @@ def replay(
             car.step(steering, float(recording.steering[row]), metres, steps)
         place.step(float(recording.steering[row]), metres)
         now_s += seconds
-    drive.driven_m = drive.length_m = place.metres
-    return drive
-
-
-def score_replay(drive: ScoredDrive, recording: Recording) -> dict[str, float]:
-    """The closed loop's figures. The cross-track error is from the recorded path, a lap is not
-    known, and the expert is who drove the recording."""
-    figures = score(drive)
     change = float(np.abs(np.diff(recording.steering)).sum())
-    unknown = {"laps": math.nan, "lap_s": math.nan}
-    return figures | unknown | {"expert_steering_per_s": change / figures["driven_s"]}
+    return Drive.of(
+        rows,
+        source=REPLAY,
+        track=", ".join(recording.names),
+        lane_m=margin_m,
+        driven_m=place.metres,
+        nan_frames=nan_frames,
+        expert_steering_per_s=change / now_s,
+        xy=np.array(xy),
+        distance_m=np.array(distance_m),
+    )
 
 
 def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np.ndarray:

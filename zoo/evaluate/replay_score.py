@@ -4,7 +4,6 @@ No simulator takes part: see `zoo.evaluate.recording_replay`.
 """
 
 import datetime
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +19,8 @@ from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.arguments import read_arguments
 from zoo.cli.console_progress import loading
-from zoo.drives.drive_log import DriveRow, DriveWriter, write_summary
-from zoo.runs.whole_file import write_whole
+from zoo.drives.drive_log import write_drive
+from zoo.drives.drive_record import DriveRow
 
 USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"
 FRAMES = "frames"
@@ -59,9 +58,11 @@ def replay_recording(
         import torch
 
         from zoo.checkpoints.policy import load_policy
+        from zoo.drives.metrics import REPLAYS, measure
         from zoo.evaluate.drive_plots import error_over_distance
-        from zoo.evaluate.drives_table import REPLAY_ROWS, drives_table, mean_and_spread, nan_line
-        from zoo.evaluate.recording_replay import replay, score_replay
+        from zoo.evaluate.drives_table import drives_table, mean_and_spread, nan_line
+        from zoo.evaluate.recording_replay import replay
+        from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.plots import save_figure
 
         policy = load_policy(checkpoint)
@@ -69,21 +70,19 @@ def replay_recording(
     torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other
     with _Shown(recording, options, console) as shown:
         drive = replay(policy, recording, options.margin, options.frame_rate, shown)
-    figures = score_replay(drive, recording)
+    figures = measure(drive)
     figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-    writer = DriveWriter(shown.folder)
-    writer.add(shown.rows)
-    writer.close()
     about = {"checkpoint": str(checkpoint), "recording": list(recording.names)}
-    write_summary(shown.folder, about | figures)
+    kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
+    write_drive(shown.folder, kept, **about)
     metrics = about | {"margin_m": options.margin, "replay": figures}
-    write_whole(shown.folder / "metrics.json", json.dumps(metrics, indent=1) + "\n")
+    write_metrics_file(shown.folder, metrics)
     title = (
         f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"
     )
     save_figure(error_over_distance(drive, title), shown.folder / "error.png")
-    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAY_ROWS))
+    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAYS))
     for line in keyboard_lines(recording):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)

@@ -16,14 +16,17 @@ HELP = f"""{USAGE}
 Ranks every run below the folders, the best driver first, in the terminal and as a page,
 {PAGE} in the first of them.
 
-  FOLDER=outputs   of runs, sweeps, or of many of these; any number of them"""
+  FOLDER=outputs   of runs, sweeps, or of many of these; any number of them. Of a folder that you
+                   name and that holds no run, the drives are ranked: outputs/drives for those
+                   on a socket"""
 # No run is in there, and a recording has many files.
 SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
+OF_DRIVES = {"drives", "evaluation"}
 
 
 def show_leaderboard(arguments: list[str]) -> None:
     """Rank every run below the folders, by autonomy, then cross-track error; print the table and
-    write it as a page into the first folder.
+    write it as a page into the first folder. Named folders without a run give their drives.
 
     Raises:
         InputError: a folder that is none, or no run below them.
@@ -41,11 +44,14 @@ def show_leaderboard(arguments: list[str]) -> None:
         if not root.is_dir():
             raise InputError(f"{root}: no such folder; {USAGE}")
     folders = sorted(set(run_folders(roots)))
-    if not folders:
+    named = [Path(one) for one in arguments]
+    drives = sorted({one for root in named for one in drive_folders(root)})
+    if not folders and not drives:
         raise InputError(f"{', '.join(map(str, roots))}: no run in there; python -m zoo makes one")
     console = wide_console()
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
-    entries, unranked = print_ranking(folders, title, roots[0], console, PAGE)
+    title += f", {len(drives)} drives" if drives else ""
+    entries, unranked = print_ranking(folders, title, roots[0], console, PAGE, drives)
     try:
         page = write_page(roots[0] / PAGE, "Leaderboard", entries, unranked, roots[0])
     except OSError as error:
@@ -61,11 +67,24 @@ def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
         ):
             yield root
             continue
-        yield from run_folders(
-            path
-            for path in root.iterdir()
-            if path.is_dir() and path.name not in SKIPPED and not path.name.startswith(".")
-        )
+        yield from run_folders(_inside(root, SKIPPED))
+
+
+def drive_folders(root: Path) -> list[Path]:
+    """Return every drive's folder below a folder that holds no run."""
+    from zoo.leaderboard.ranked_drive import is_drive
+
+    if any(run_folders([root])):
+        return []
+    if is_drive(root):
+        return [root]
+    return [one for inner in _inside(root, SKIPPED - OF_DRIVES) for one in drive_folders(inner)]
+
+
+def _inside(root: Path, skipped: set[str]) -> Iterator[Path]:
+    for path in root.iterdir():
+        if path.is_dir() and path.name not in skipped and not path.name.startswith("."):
+            yield path
 
 
 if __name__ == "__main__":

@@ -12,8 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from datamodules.errors import InputError
-from zoo.evaluate.drives_table import Spread, mean_and_deviation, read_figures
+from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
+from zoo.drives.metrics import leaderboard_metrics
+from zoo.evaluate.drives_table import mean_and_deviation
 from zoo.runs.status import is_alive, read_status
+from zoo.runs.track_figures import Spread
 from zoo.runs.trained_recordings import TrainedOn, read_trained_on
 
 if TYPE_CHECKING:
@@ -35,7 +38,7 @@ class Count:
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run, as its folder tells it.
+    """A finished run, as its folder tells it, or a drive, see `zoo.leaderboard.ranked_drive`.
 
     Attributes:
         name: of its experiment, or its model.
@@ -45,11 +48,13 @@ class Run:
         seed: the training seed.
         trained_on: its recordings.
         autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
-        tracks: by track, its `autonomy`, `cte_mean_m`, `interventions` and `driven_s`, means over
-            its drives.
+        tracks: by track, the metrics that the leaderboard shows, and `driven_s`: means over its
+            drives.
         counts: by track, its drives without an intervention; none where that is not known.
         mph: the speed that was held; None where it drove with its own throttle, or was not driven.
+        wall_s: seconds of training; None for a drive alone.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
+        source: where it was driven, as in `Drive`; empty where it was not.
     """
 
     folder: Path
@@ -66,8 +71,9 @@ class Run:
     mph: float | None
     val_mse: float | None
     test_mse: float | None
-    wall_s: float
+    wall_s: float | None
     curves: dict[str, dict[int, float]] = field(repr=False)
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,7 +126,7 @@ def load_run(folder: Path) -> Run | None:
     if open_loop is None:
         return None
     tracks, mph = _driven(metrics.get("drive"))
-    shown = ("autonomy", "cte_mean_m", "interventions", "driven_s")
+    shown = (*_shown_metrics(), "driven_s")
     config, overrides, runtime = _configs(folder)
     trained_on = read_trained_on(config, runtime.cwd, metrics)
     return Run(
@@ -147,6 +153,7 @@ def load_run(folder: Path) -> Run | None:
         test_mse=open_loop.get("test", {}).get("mse"),
         wall_s=float(metrics.get("wall_s") or 0),
         curves=read_curves(folder, CURVES),
+        source=EMBEDDED if tracks else "",
     )
 
 
@@ -209,20 +216,23 @@ def shared_tracks(runs: Sequence[Run]) -> list[str]:
 
 def protocols(runs: Sequence[Run]) -> list[str]:
     """How the runs were driven, in words, where that is not the same for all."""
-    said = {
-        f"{', '.join(run.tracks)} {f'at {run.mph:g} mph' if run.mph else 'with its own throttle'}"
-        for run in runs
-        if run.tracks
-    }
+    said = {f"{', '.join(run.tracks)} {_how(run)}" for run in runs if run.tracks}
     return sorted(said) if len(said) > 1 else []
+
+
+def _how(run: Run) -> str:
+    """Return where and how fast a run was driven."""
+    if run.source == REPLAY:
+        return "in a replay"
+    how = f"at {run.mph:g} mph" if run.mph else "with its own throttle"
+    return f"on a socket {how}" if run.source == SOCKET else how
 
 
 def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
     """Return figures by track and the speed; none where the run was scored in another way."""
     if not drive or not drive.get("tracks"):
         return {}, None
-    seeds = drive.get("seeds")
-    tracks = {name: read_figures(one, seeds) for name, one in drive["tracks"].items() if one}
+    tracks = {name: one for name, one in drive["tracks"].items() if one}
     return tracks, drive.get("speed_mph")
 
 
@@ -241,7 +251,7 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
         values = [_over_tracks(run, shared, track_key) for run in runs]
         figures[key] = _spread(values)
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
-        for key in ("autonomy", "cte_mean_m", "interventions"):
+        for key in _shown_metrics():
             values = [run.tracks.get(track, {}).get(key) for run in runs]
             figures[f"{track}/{key}"] = _spread(values)
         counts = [run.counts.get(track) for run in runs]
@@ -250,6 +260,10 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
             kept, drives = (sum(column) for column in zip(*map(astuple, counts), strict=True))
             figures[f"{track}/drives"] = Count(kept, drives)
     return Entry(tuple(runs), figures)
+
+
+def _shown_metrics() -> list[str]:
+    return [one.name for one in leaderboard_metrics()]
 
 
 def _over_tracks(run: Run, shared: Sequence[str], key: str) -> float | None:

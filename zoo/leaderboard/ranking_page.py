@@ -26,8 +26,6 @@ from zoo.leaderboard.ranking_table import (
 from zoo.report.report_page import hash_source
 from zoo.runs.whole_file import write_whole
 
-# Of these less is better: their axes stand upside down, so that up is good everywhere.
-LESS_IS_BETTER = ("cte", "interventions", "mse", "wall_s")
 CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
 
 
@@ -126,13 +124,12 @@ def _setting_axis(key: str) -> dict:
 
 
 def _figure_axis(column: Column) -> dict:
-    less = any(word in column.key for word in LESS_IS_BETTER)
     share = "%" in column.form
     return {
         "key": column.key,
         "heading": column.heading,
         "kind": "figure",
-        "less": less,
+        "less": column.less,  # such an axis stands upside down: up is good everywhere
         "share": share,
     }
 

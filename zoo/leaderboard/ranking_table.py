@@ -10,8 +10,12 @@ from rich.table import Table
 
 from datamodules.terminal import printable
 from zoo.cli.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
+from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.intervals import count_with_interval
+from zoo.drives.metric_registry import LOWER, Metric
+from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import two_lines, with_deviation
+from zoo.leaderboard.ranked_drive import read_drives
 from zoo.leaderboard.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.runs.trained_recordings import recording_names
 
@@ -23,38 +27,48 @@ PLACES = ("data.root", "data.images", "data.cache", "seed")
 
 @dataclass(frozen=True)
 class Column:
-    """A figure of the ranking: its heading, where it stands in `Entry.figures`, how it is said."""
+    """A figure of the ranking.
+
+    Attributes:
+        heading: its words.
+        key: place in `Entry.figures`.
+        form: format of its value.
+        less: less of it is better.
+    """
 
     heading: str
     key: str
     form: str
+    less: bool = False
 
 
 def columns(entries: Sequence[Entry]) -> list[Column]:
     """Of all that some entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
     labels = {track: Path(track).stem if "/" in track else track for track in tracks}
-    found = [
-        Column(f"autonomy, {label}", f"{track}/autonomy", "{:.1%}")
-        for track, label in labels.items()
-    ]
+    first, *others = leaderboard_metrics()
+    found = [_column(first, track, label) for track, label in labels.items()]
     drives = [
         Column(f"drives without intervention, {label}", f"{track}/drives", "")
         for track, label in labels.items()
     ]
     if len(tracks) > 1:
-        found = [Column("autonomy", "autonomy", "{:.1%}"), *drives, *found]
+        found = [Column(first.label, first.name, first.form), *drives, *found]
     else:
         found += drives
     for track, label in labels.items():
-        found.append(Column(f"error, {label} (m)", f"{track}/cte_mean_m", "{:.2f}"))
-        found.append(Column(f"interventions, {label}", f"{track}/interventions", "{:.1f}"))
+        found += [_column(one, track, label) for one in others]
     found += [
-        Column("val MSE", "val_mse", "{:.4f}"),
-        Column("test MSE", "test_mse", "{:.4f}"),
-        Column("seconds", "wall_s", "{:,.0f}"),
+        Column("val MSE", "val_mse", "{:.4f}", less=True),
+        Column("test MSE", "test_mse", "{:.4f}", less=True),
+        Column("seconds", "wall_s", "{:,.0f}", less=True),
     ]
     return [one for one in found if any(entry.figures.get(one.key) for entry in entries)]
+
+
+def _column(metric: Metric, track: str, label: str) -> Column:
+    heading = metric.column_heading(label)
+    return Column(heading, f"{track}/{metric.name}", metric.form, metric.direction == LOWER)
 
 
 def said(figures: dict, column: Column) -> str:
@@ -118,7 +132,7 @@ def shown_setting(value: str | None) -> str:
 
 def training_seeds(entry: Entry) -> str:
     """Return `1`, or `1, 2, 3` and in a second line `(n = 3)`: of the runs of an entry."""
-    listed = ", ".join(str(run.seed) for run in entry.runs)
+    listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
     return f"{listed}\n(n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
 
 
@@ -130,6 +144,9 @@ def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
     ]
     if is_named(entries, setting_columns(entries)):
         found.append(Cells("model", tuple(entry.first.name for entry in entries)))
+    sources = tuple(entry.first.source or "-" for entry in entries)
+    if set(sources) - {"-", EMBEDDED}:
+        found.append(Cells("drive", sources))
     recordings = [entry.first.trained_on for entry in entries]
     if len(set(recordings)) > 1:
         names = recording_names(recordings)
@@ -199,7 +216,12 @@ def below(folder: Path, under: Path | None) -> str:
 
 
 def print_ranking(
-    folders: Sequence[Path], title: str, under: Path, console: Console, page: str
+    folders: Sequence[Path],
+    title: str,
+    under: Path,
+    console: Console,
+    page: str,
+    drives: Sequence[Path] = (),
 ) -> tuple[list[Entry], list[Unranked]]:
     """Read, rank, print; what can't be ranked is counted and named in a line each kind.
 
@@ -209,8 +231,11 @@ def print_ranking(
         under: folders are said below it.
         console: for the table and the lines below it.
         page: where all columns are found.
+        drives: folders of drives, to be ranked beside the runs.
     """
     runs, unranked = read_runs(folders)
+    driven, unread = read_drives(drives)
+    runs, unranked = [*runs, *driven], [*unranked, *unread]
     entries = rank(runs)
     if entries:
         table, left_out = ranking_table(entries, title, under, console.width)

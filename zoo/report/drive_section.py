@@ -23,7 +23,7 @@ from zoo.report.report_images import jpeg, read_frame
 from zoo.report.reported_run import Run
 
 if TYPE_CHECKING:
-    from zoo.drives.drive_log import Drive
+    from zoo.drives.drive_record import Drive
 
 FILMS_BYTES = 10_000_000  # of all that are put into the page: a third more as text
 SLOW_MACS = 1_000_000_000  # multiply-adds above which a saliency takes half a second

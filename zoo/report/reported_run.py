@@ -14,7 +14,7 @@ from zoo.runs.status import is_alive
 if TYPE_CHECKING:
     from datamodules.recording import Recording
     from zoo.checkpoints.checkpoint import Checkpoint
-    from zoo.drives.drive_log import Drive
+    from zoo.drives.drive_record import Drive
 
 
 @dataclass(frozen=True)
@@ -113,12 +113,11 @@ class Run:
     @cached_property
     def tracks(self) -> dict[str, dict]:
         """Every track's figures, see `mean_and_spread`; empty where nothing drove."""
-        from zoo.evaluate.drives_table import mean_and_spread, read_figures
+        from zoo.evaluate.drives_table import mean_and_spread
 
         scored = self.metrics.get("drive") or {}
         if scored.get("tracks"):
-            seeds = scored.get("seeds")
-            return {name: read_figures(one, seeds) for name, one in scored["tracks"].items()}
+            return {name: one for name, one in scored["tracks"].items() if one}
         names = dict.fromkeys(one.summary["track"] for one in self.drives)
         return {
             name: mean_and_spread([d.summary for d in self.drives if d.summary["track"] == name])

@@ -1,11 +1,14 @@
-"""`metrics.json`: a run's figures, as this and earlier versions wrote them."""
+"""`metrics.json`: the figures of a run, an evaluation or a replay, written and read here alone."""
 
 from pathlib import Path
 
 from zoo.runs.bounded_files import read_json
 from zoo.runs.record_fields import Fields, Figures, Number, Whole, check_fields, plain
+from zoo.runs.track_figures import read_figures
+from zoo.runs.whole_file import json_text, write_whole
 
 NAME = "metrics.json"
+VERSION = 1  # files of before have none
 
 
 class Scores(Fields):
@@ -43,8 +46,13 @@ class Code(Fields):
 
 
 class Metrics(Fields):
-    """What `metrics.json` holds; all may be missing in a file of another version."""
+    """What `metrics.json` holds; all may be missing in a file of another version.
 
+    An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
+    `checkpoint`, `recording`, `margin_m` and `replay`.
+    """
+
+    version: Whole | None = None
     model: str | None = None
     parameters: Whole | None = None
     open_loop: dict[str, Scores] | None = None
@@ -68,13 +76,37 @@ class Metrics(Fields):
     code: Code | None = None
     versions: dict[str, str | None] | None = None
     verdict: dict | None = None
+    checkpoint: str | None = None
+    drives: list[dict] | None = None
+    tracks: dict[str, Figures | None] | None = None
+    perturbed: dict[str, list[dict]] | None = None
+    recording: list[str] | None = None
+    margin_m: Number | None = None
+    replay: dict | None = None
+
+
+def write_metrics_file(folder: Path, metrics: dict) -> Path:
+    """Write `metrics.json` of this version; NaN becomes null, which JSON has instead."""
+    return write_whole(folder / NAME, json_text({"version": VERSION, **metrics}))
 
 
 def read_metrics_file(folder: Path) -> dict:
-    """Return a run's figures as plain containers, each of the type that `Metrics` names.
+    """Return the figures as plain containers, each of the type that `Metrics` names.
+
+    A file of an earlier version is upgraded: it returns what this version would have written.
 
     Raises:
         InputError: there is no `metrics.json`, or one that cannot be read.
     """
     path = folder / NAME
-    return plain(check_fields(Metrics, read_json(path), path))
+    found = plain(check_fields(Metrics, read_json(path), path))
+    return found if "version" in found else _upgraded(found)
+
+
+def _upgraded(found: dict) -> dict:
+    drive = found.get("drive")
+    if drive and drive.get("tracks"):
+        seeds = drive.get("seeds")
+        tracks = {name: one and read_figures(one, seeds) for name, one in drive["tracks"].items()}
+        found = found | {"drive": drive | {"tracks": tracks}}
+    return {"version": VERSION, **found}

@@ -1,15 +1,38 @@
 """Files that are replaced at once: a reader, and a kill at any moment, finds a whole one."""
 
+import json
+import math
 import os
 import re
 import secrets
 from pathlib import Path
+
+import numpy as np
 
 from datamodules.errors import InputError
 
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 # What versions before this module wrote next to their files.
 _EARLIER = re.compile(r".+\.ckpt\.part|\.(index\.html|report\.md|.+\.png)\.part")
+
+
+def json_text(value: object) -> str:
+    r"""Return JSON; what is not finite becomes null, which JSON has instead.
+
+    >>> json_text({"a": [float("nan"), 1]})
+    '{\n  "a": [\n    null,\n    1\n  ]\n}\n'
+    """
+    return json.dumps(_without_nan(value), indent=2, allow_nan=False) + "\n"
+
+
+def _without_nan(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _without_nan(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(one) for one in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
 
 
 def write_whole(path: Path, data: str | bytes | memoryview) -> Path:

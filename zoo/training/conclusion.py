@@ -1,13 +1,11 @@
 """What a training has come to: figures, table and plots of its best checkpoint."""
 
-import json
 import platform
 import time
 from importlib.metadata import version
 from pathlib import Path
 
 import lightning
-import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -24,7 +22,7 @@ from zoo.report.open_loop_table import metrics_table
 from zoo.report.write_up import write_report
 from zoo.runs import curves_files, plots
 from zoo.runs.code_fingerprint import code_fingerprint
-from zoo.runs.whole_file import write_whole
+from zoo.runs.metrics_file import write_metrics_file
 from zoo.training.candidates import Choice
 from zoo.training.open_loop import (
     baseline_metrics,
@@ -120,7 +118,7 @@ def report_outcome(
     evidence = evidence_of_run(folder, OmegaConf.to_container(config, resolve=True), metrics)
     verdict = judge(drive["drives"] if drive else [], evidence)
     metrics["verdict"] = verdict.plain()
-    write_whole(folder / "metrics.json", json.dumps(_without_nan(metrics), indent=2))
+    write_metrics_file(folder, metrics)
     if seconds:
         console.print(
             f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
@@ -152,12 +150,3 @@ def read_curves(folder: Path) -> dict[str, dict[int, float]]:
     """
     curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
     return curves | curves_files.read_curves(folder, curves)
-
-
-def _without_nan(value: object) -> object:
-    """JSON has no NaN: null stands for it."""
-    if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return value

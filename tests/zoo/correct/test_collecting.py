@@ -13,7 +13,7 @@ from simulator.world import World, open_world
 from tests.simulator.tracks import loop
 from zoo.correct.collecting import AskingPolicy, collect_drive, worth_keeping
 from zoo.correct.correct_options import CorrectOptions
-from zoo.drives.drive_log import DriveRow
+from zoo.drives.drive_record import DriveRow
 from zoo.evaluate.many_drives import Setup, drive_setup
 
 

@@ -17,7 +17,8 @@ from tests.zoo.commands import only_line, run
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.correct.__main__ import command
-from zoo.drives.drive_log import PERSON, DriveRow, DriveWriter
+from zoo.drives.drive_log import DriveWriter
+from zoo.drives.drive_record import PERSON, DriveRow
 from zoo.training.run import run_experiment
 
 # A few seconds of the lake, every frame of which is asked about.

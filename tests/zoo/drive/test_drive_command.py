@@ -22,7 +22,8 @@ from tests.zoo.drive.serve import served
 from zoo.checkpoints.policy import load_policy
 from zoo.drive.embedded_client import EmbeddedClient
 from zoo.drives.drive_log import read_drive
-from zoo.evaluate.embedded_drive import drive_closed_loop, score
+from zoo.drives.metrics import measure
+from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
 
 
@@ -186,7 +187,7 @@ def test_a_bad_network_gets_the_figures_of_an_evaluation(
     assert result.returncode == 0, result.stderr
     policy = load_policy(off_the_road)
     scored = drive_closed_loop(policy, open_world("lake"), speed_controller(9), 0, 0.03)
-    wanted = score(scored)["interventions"]
+    wanted = measure(scored)["interventions"]
 
     record = read_drive(tmp_path / "drive")
     assert wanted >= 2

@@ -1,5 +1,6 @@
 """The Drive: what is written can be read, whatever cut it off."""
 
+import json
 import math
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import pytest
 from datamodules.errors import InputError
 from zoo.drive.drive_writer import Scribe
 from zoo.drive.notices import Notices
-from zoo.drives.drive_log import DriveRow, DriveWriter, read_drive, write_summary
+from zoo.drives.drive_log import DriveWriter, read_drive, write_drive, write_summary
 from zoo.drives.drive_metrics import Tally
+from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET, Drive, DriveRow
+from zoo.drives.metrics import METRICS
 
 ROWS = [
     DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5),
@@ -24,7 +27,7 @@ def test_a_drive_is_read_as_it_was_written(tmp_path: Path) -> None:
     write_summary(tmp_path / "drive", {"autonomy": math.nan, "telemetry": 2})
     drive = read_drive(tmp_path / "drive")
     assert len(drive) == 2
-    assert drive.summary == {"autonomy": None, "telemetry": 2}
+    assert drive.summary == {"version": 1, "autonomy": None, "telemetry": 2}
     assert drive.frame.tolist() == ["IMG/a,b.jpg", ""]
     assert drive.driver.tolist() == ["policy", "person"]
     assert drive.client.tolist() == [1, 2]
@@ -37,6 +40,42 @@ def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:
     DriveWriter(tmp_path).add(ROWS)
     assert read_drive(tmp_path).summary == {}
     assert len(read_drive(tmp_path)) == 2
+
+
+def test_a_drive_on_a_socket_has_the_metrics_of_one_in_the_embedded_world(tmp_path: Path) -> None:
+    rows = [DriveRow(0.1 * number, speed_mph=9.0, cross_track_m=0.5) for number in range(4)]
+    write_drive(tmp_path / "embedded", Drive.of(rows, source=EMBEDDED, track="lake"))
+    scribe = Scribe(tmp_path / "socket", Notices())
+    for row in rows:
+        scribe.put(row, None)
+    scribe.close({"track": "lake", **Tally().figures()})
+    embedded, socket = (read_drive(tmp_path / name) for name in ("embedded", "socket"))
+    assert (embedded.source, socket.source) == (EMBEDDED, SOCKET)
+    assert embedded.track == socket.track == "lake"
+    assert METRICS.keys() & embedded.summary.keys() == METRICS.keys() & socket.summary.keys()
+    assert socket.summary["cte_mean_m"] == embedded.summary["cte_mean_m"] == 0.5
+
+
+def test_a_socket_drive_of_an_earlier_version_has_the_keys_of_today(tmp_path: Path) -> None:
+    DriveWriter(tmp_path).add(ROWS)
+    percentiles = {"p50": 1.5, "p95": 2.0, "p99": None}
+    old = {"telemetry": 2, "latency_ms": percentiles, "autonomy": 1.0}
+    (tmp_path / "drive.json").write_text(json.dumps(old))
+    drive = read_drive(tmp_path)
+    assert drive.source == SOCKET
+    assert drive.summary["latency_ms"] == 1.5
+    assert drive.summary["latency_percentiles_ms"] == percentiles
+
+
+@pytest.mark.parametrize(
+    ("old", "source"), [({"track": "lake"}, EMBEDDED), ({"recording": ["a"]}, REPLAY), ({}, "")]
+)
+def test_the_place_of_an_earlier_versions_drive_is_known(
+    tmp_path: Path, old: dict, source: str
+) -> None:
+    DriveWriter(tmp_path).add(ROWS)
+    (tmp_path / "drive.json").write_text(json.dumps(old))
+    assert read_drive(tmp_path).source == source
 
 
 def test_what_is_no_drive_is_named(tmp_path: Path) -> None:

@@ -7,7 +7,9 @@ import pytest
 from rich.console import Console
 
 from zoo.evaluate import drives_table as table_module
-from zoo.evaluate.drives_table import drives_table, mean_and_spread, read_figures
+from zoo.evaluate.drives_table import drives_table, mean_and_spread
+from zoo.runs import track_figures
+from zoo.runs.track_figures import read_figures
 
 
 def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
@@ -34,10 +36,10 @@ def row(text: str, label: str) -> str:
 
 
 def test_the_examples_in_the_docstrings_run() -> None:
-    results = doctest.testmod(table_module)
+    results = [doctest.testmod(one) for one in (table_module, track_figures)]
 
-    assert results.attempted > 5
-    assert not results.failed
+    assert sum(one.attempted for one in results) > 5
+    assert not any(one.failed for one in results)
 
 
 def test_the_spread_is_the_sample_deviation() -> None:

@@ -6,9 +6,11 @@ import pytest
 from simulator.expert import Expert
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop
+from zoo.drives.drive_record import Drive
+from zoo.drives.metrics import measure
 from zoo.drives.speed_controller import Constant
 from zoo.evaluate.drives_table import mean_and_spread
-from zoo.evaluate.embedded_drive import ScoredDrive, drive_closed_loop, score
+from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import Setup, drive_setup, expert_steering_per_s, speed_controller
 
 
@@ -21,13 +23,13 @@ def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None
     return 0.0, None
 
 
-def drive_straight_on(world: World, margin_m: float | None = None) -> ScoredDrive:
+def drive_straight_on(world: World, margin_m: float | None = None) -> Drive:
     return drive_closed_loop(straight_on, world, speed_controller(20), 0, 1, margin_m=margin_m)
 
 
 def test_a_policy_that_never_steers_is_put_back_at_every_bend(lake: World) -> None:
     drive = drive_straight_on(lake)
-    figures = score(drive)
+    figures = measure(drive)
 
     lost = [number for number, row in enumerate(drive.rows) if row.intervention]
     assert len(lost) == figures["interventions"] > 10
@@ -50,12 +52,12 @@ def test_the_expert_drives_all_by_itself(track: str) -> None:
     world = open_world(track, renderer="none")
     expert = Expert(world.track)
     drive = drive_setup(lambda *_: (expert(world)[0], None), world, Setup(track, speed_mph=20))
-    figures = score(drive)
+    figures = measure(drive)
     assert figures["autonomy"] == 1
     assert figures["interventions"] == 0
     assert figures["m_per_intervention"] == float("inf")
     assert figures["beyond_1m"] == 0
-    assert len(drive.lap_s) == drive.laps == 1
+    assert len(drive.lap_s) == 1
     assert figures["speed_mph"] == pytest.approx(20, abs=1)
     assert figures["steering_per_s"] == expert_steering_per_s(Setup(track, speed_mph=20))
 
@@ -63,7 +65,7 @@ def test_the_expert_drives_all_by_itself(track: str) -> None:
 def test_a_car_that_stands_still_is_an_intervention_every_five_seconds() -> None:
     world = World(loop())
     drive = drive_closed_loop(straight_on, world, Constant(0.0), 0, 0.05)
-    figures = score(drive)
+    figures = measure(drive)
     assert figures["stalled"] == 1
     first = next(row.time_s for row in drive.rows if row.intervention)
     assert first == pytest.approx(5.1, abs=0.1)
@@ -78,7 +80,7 @@ def test_the_margin_is_where_it_was_set(lake: World, margin: float) -> None:
     lost = np.array([row.intervention for row in drive.rows])
     assert (lost == (error > margin)).all()
     assert error.max() < margin + 0.5, "a frame's way beyond it"
-    assert lost.sum() > score(drive_straight_on(lake))["interventions"]
+    assert lost.sum() > measure(drive_straight_on(lake))["interventions"]
 
 
 def test_the_same_seed_gives_the_same_figures_and_another_seed_others(lake: World) -> None:
@@ -87,7 +89,7 @@ def test_the_same_seed_gives_the_same_figures_and_another_seed_others(lake: Worl
     for seed in (3, 3, 4):
         expert.reset(0)
         setup = Setup("lake", seed, laps=0.2, weather="random")
-        figures = score(drive_setup(lambda *_: (expert(lake)[0], None), lake, setup))
+        figures = measure(drive_setup(lambda *_: (expert(lake)[0], None), lake, setup))
         found.append({key: repr(v) for key, v in figures.items() if key != "latency_ms"})
     assert found[0] == found[1] != found[2]
 
@@ -111,9 +113,9 @@ def test_metres_per_intervention_are_of_all_drives_together() -> None:
 def test_frames_in_which_the_policy_steers_nan_are_counted(lake: World) -> None:
     drive = drive_closed_loop(lambda *_: (float("nan"), None), lake, speed_controller(15), 0, 0.01)
     assert drive.nan_frames == len(drive.rows) > 5
-    assert score(drive) == score(
+    assert measure(drive) == measure(
         drive_closed_loop(straight_on, lake, speed_controller(15), 0, 0.01)
-    ) | {"latency_ms": score(drive)["latency_ms"]}
+    ) | {"latency_ms": measure(drive)["latency_ms"]}
 
 
 def test_how_much_is_driven_is_reported_at_every_frame(lake: World) -> None:

@@ -12,7 +12,7 @@ from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
 from zoo.evaluate import track_scores
 from zoo.evaluate.__main__ import command
-from zoo.evaluate.drives_table import ROWS
+from zoo.evaluate.drives_table import table_rows
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
@@ -38,7 +38,7 @@ def test_the_figures_do_not_depend_on_the_number_of_workers(
 
     assert drives_of(tmp_path / "a=1") == drives_of(tmp_path / "b")
     assert [drive["seed"] for drive in drives_of(tmp_path / "b")] == [0, 1]
-    for label, _ in ROWS.values():
+    for label, _ in table_rows().values():
         assert label.strip() in printed
     assert "no whole lap" in printed
     assert str(tmp_path / "a=1") in printed.splitlines()

@@ -16,11 +16,11 @@ from simulator.rig import MPS_PER_MPH
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
 from zoo.drives.drive_log import read_drive
+from zoo.drives.metrics import measure
 from zoo.evaluate.recording_replay import (
     VirtualCar,
     curvature,
     replay,
-    score_replay,
     seconds_of_rows,
 )
 from zoo.evaluate.replay_score import ReplayOptions, keyboard_lines, replay_recording
@@ -52,7 +52,7 @@ def recording(folder):
 
 def test_who_steers_as_recorded_stays_on_the_path(recording):
     drive = replay(Recorded(recording), recording)
-    figures = score_replay(drive, recording)
+    figures = measure(drive)
 
     assert len(drive.rows) == len(drive.xy) == ROWS
     assert figures["autonomy"] == 1
@@ -73,7 +73,7 @@ def test_who_steers_farther_right_leaves_the_path_there_and_is_put_back(recordin
     assert lost.sum() > 2
     assert (cte[1:][lost[:-1]] == 0).all()
     autonomy = 1 - 6 * lost.sum() / drive.rows[-1].time_s
-    assert score_replay(drive, recording)["autonomy"] == max(0, autonomy)
+    assert measure(drive)["autonomy"] == max(0, autonomy)
 
 
 def test_a_smaller_margin_finds_more_interventions(recording):

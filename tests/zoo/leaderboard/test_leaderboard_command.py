@@ -5,6 +5,7 @@ import hashlib
 import html
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,10 @@ from rich.console import Console
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.cli.run_command import run_command
-from zoo.leaderboard.__main__ import run_folders, show_leaderboard
+from zoo.drives.drive_log import write_drive
+from zoo.drives.drive_record import SOCKET, Drive, DriveRow
+from zoo.leaderboard.__main__ import drive_folders, run_folders, show_leaderboard
+from zoo.leaderboard.ranked_drive import load_drive, read_drives
 from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
 from zoo.leaderboard.ranking_page import write_page
 from zoo.leaderboard.ranking_table import named_columns, print_ranking, ranking_table
@@ -35,6 +39,56 @@ def test_autonomy_ranks_first_then_error_then_validation(tmp_path: Path) -> None
     undriven = write_run(tmp_path / "e", None, val_mse=0.0001, overrides=("x=5",))
     order = ranked(undriven, better_mse, far, near, low)
     assert order == [["b"], ["d"], ["c"], ["a"], ["e"]]
+
+
+def write_socket_drive(folder: Path, track: str = "lake", off_m: float = 0.1) -> Path:
+    """A minute on a socket, with one intervention."""
+    rows = [DriveRow(0.5 * step, speed_mph=9.0, cross_track_m=off_m) for step in range(121)]
+    rows[60] = replace(rows[60], intervention=True)
+    write_drive(folder, Drive.of(rows, source=SOCKET, track=track), set_mph=20.0)
+    return folder
+
+
+def test_a_drive_on_a_socket_is_ranked_beside_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_run(Path("runs/good"), 1.0, cte_m=0.2)
+    write_run(Path("runs/bad"), 0.5, cte_m=0.2, overrides=("x=2",))
+    write_socket_drive(Path("drives/day/time"))
+    show_leaderboard(["runs", "drives"])
+    lines = re.findall(r"^│ [123] .*$", capsys.readouterr().out, re.MULTILINE)
+    (place,) = [number for number, one in enumerate(lines) if "socket" in one]
+    assert "90.0%" in lines[place]
+    assert "0.10" in lines[place]
+    assert "100.0%" in lines[place - 1]
+    assert "embedded" in lines[place - 1]
+    assert "50.0%" in lines[place + 1]
+    assert "socket" in Path("runs/leaderboard.html").read_text()
+
+
+def test_the_drives_of_a_folder_that_holds_runs_are_not_ranked(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run", 1.0)
+    write_socket_drive(run / "drives" / "lake-0")
+    assert drive_folders(tmp_path) == []
+    assert drive_folders(run / "drives") == [run / "drives" / "lake-0"]
+
+
+def test_a_drive_without_figures_is_measured(tmp_path: Path) -> None:
+    folder = write_socket_drive(tmp_path / "drive")
+    whole = load_drive(folder)
+    (folder / "drive.json").unlink()
+    (measured,) = load_drive(folder).tracks.values()
+    assert measured == pytest.approx(whole.tracks["lake"])
+
+
+def test_a_damaged_drive_is_named_and_the_others_are_ranked(tmp_path: Path) -> None:
+    drives = [write_socket_drive(tmp_path / name) for name in ("a", "b")]
+    (drives[0] / "drive.json").write_text("[]")
+    found, unranked = read_drives(drives)
+    assert [one.folder for one in found] == drives[1:]
+    assert [(one.folder, one.why) for one in unranked] == [(drives[0], "damaged")]
+    assert unranked[0].reason.startswith("drive.json: ")
 
 
 def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) -> None:

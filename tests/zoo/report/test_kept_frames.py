@@ -12,7 +12,8 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.drives.drive_film import FILM_SIZE, WorstMoments, badness
-from zoo.drives.drive_log import DriveRow, read_drive
+from zoo.drives.drive_log import read_drive
+from zoo.drives.drive_record import DriveRow
 from zoo.evaluate.__main__ import command
 from zoo.film import make_film
 

@@ -1,0 +1,122 @@
+"""The metrics of a drive: today's figures, and a new one that appears wherever metrics do."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simulator.world import open_world
+from zoo.drives.drive_log import read_drive
+from zoo.drives.drive_record import PERSON, SOCKET, Drive, DriveRow
+from zoo.drives.metric_registry import LOWER, metric
+from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
+from zoo.drives.metrics_page import metrics_page
+from zoo.evaluate.drives_table import mean_and_spread, table_rows
+from zoo.evaluate.embedded_drive import drive_closed_loop
+from zoo.evaluate.many_drives import speed_controller
+from zoo.results import print_results
+
+KEPT = Path(__file__).parents[1] / "runs" / "run_of_0_1_0" / "drives" / "lake-0"
+PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
+# Version 0.1.0 measured this of `drive_by_speed`.
+MEASURED = {
+    "autonomy": 0.0,
+    "interventions": 6,
+    "m_per_intervention": 39.64870424639569,
+    "driven_m": 237.89222547837414,
+    "driven_s": 27.46,
+    "laps": 0.20048787357342235,
+    "lap_s": math.nan,
+    "cte_mean_m": 0.8696236985415546,
+    "cte_rms_m": 1.2610058193713747,
+    "cte_max_m": 3.27970947702204,
+    "beyond_1m": 0.3269689737470167,
+    "steering_per_s": 0.02454315963864464,
+    "speed_mph": 19.564375905255844,
+    "stalled": 0.0,
+}
+
+
+def drive_by_speed() -> Drive:
+    """Drive a fifth of the lake with a policy that steers by its speed."""
+    world = open_world("lake", renderer="none")
+    return drive_closed_loop(
+        lambda _, mph: ((mph - 19.5) * 0.05, None), world, speed_controller(20), 3, 0.2
+    )
+
+
+def test_a_drives_figures_are_those_of_version_0_1_0() -> None:
+    figures = measure(drive_by_speed())
+    assert figures.pop("latency_ms") > 0
+    assert figures == pytest.approx(MEASURED, rel=1e-12, nan_ok=True)
+    assert list(figures) == list(MEASURED)
+
+
+def test_the_rows_of_a_kept_drive_give_the_figures_beside_them() -> None:
+    written = json.loads((KEPT / "drive.json").read_text())
+    figures = measure(read_drive(KEPT))
+    of_world = ("driven_m", "m_per_intervention", "laps", "lap_s")  # not in the rows
+    for name in METRICS.keys() & written.keys() - set(of_world):
+        assert figures[name] == pytest.approx(written[name], abs=1e-3 if "ms" in name else 2e-5)
+
+
+def test_a_new_metric_is_measured_averaged_and_shown() -> None:
+
+    @metric("hardest turn", "1", LOWER, "a test", column=9)
+    def hardest_turn(drive: Drive) -> float:
+        """Greatest steering either way."""
+        return float(np.abs(drive.steering).max())
+
+    try:
+        drives = [Drive.of([DriveRow(0.0, steering=value)]) for value in (-0.5, 0.25)]
+        figures = [measure(one) for one in drives]
+        assert mean_and_spread(figures)["hardest_turn"][0] == 0.375
+        assert table_rows()["hardest_turn"] == ("hardest turn, 1", "{:.2f}")
+        assert "| `hardest_turn` | hardest turn | 1 | lower is better | Greatest" in metrics_page()
+        assert leaderboard_metrics()[-1].column_heading("lake") == "hardest turn, lake (1)"
+    finally:
+        del METRICS["hardest_turn"]
+
+
+def test_the_page_of_metrics_is_that_of_the_registry(capsys: pytest.CaptureFixture) -> None:
+    print_results(["--metrics"])
+    assert PAGE.read_text() == capsys.readouterr().out, (
+        "run python -m zoo.results --metrics > docs/metrics.md"
+    )
+
+
+def test_two_metrics_of_one_name_are_refused() -> None:
+    def autonomy(drive: Drive) -> float:
+        """Another one."""
+        return 0.0
+
+    with pytest.raises(ValueError, match="autonomy"):
+        metric("another", "1", LOWER, "a test")(autonomy)
+
+
+def test_what_a_person_drove_on_the_socket_is_no_steering_of_the_policy() -> None:
+    rows = [
+        DriveRow(0.0, steering=0.5, speed_mph=10.0, cross_track_m=0.5),
+        DriveRow(0.5, driver=PERSON, intervention=True),
+        DriveRow(1.0, steering=0.25, speed_mph=20.0, cross_track_m=-0.25),
+    ]
+    figures = measure(Drive.of(rows, source=SOCKET))
+    assert figures["steering_per_s"] == 0.25
+    assert (figures["speed_mph"], figures["cte_mean_m"]) == (15.0, 0.375)
+    assert figures["interventions"] == 1
+
+
+def test_a_pause_on_the_socket_is_not_driven() -> None:
+    rows = [DriveRow(time_s, speed_mph=10.0) for time_s in (0.0, 1.0, 60.0, 61.0)]
+    figures = measure(Drive.of(rows, source=SOCKET))
+    assert figures["driven_s"] == 2.0
+    assert figures["driven_m"] == pytest.approx(2 * 4.4704)
+
+
+def test_autonomy_is_not_known_where_nothing_judged_the_drive() -> None:
+    rows = [DriveRow(0.0), DriveRow(60.0)]
+    assert math.isnan(measure(Drive.of(rows))["autonomy"])
+    rows[1] = DriveRow(60.0, driver=PERSON, intervention=True)
+    assert measure(Drive.of(rows))["autonomy"] == pytest.approx(0.9)

@@ -1,0 +1,75 @@
+"""Drives beside runs in the ranking: on a socket, in the embedded world, in a replay."""
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+from datamodules.errors import InputError
+from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive
+from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
+from zoo.leaderboard.ranking import Count, Run, Unranked
+from zoo.runs.trained_recordings import TrainedOn
+
+UNKNOWN = "unknown track"
+
+
+def read_drives(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
+    """Return each drive as an entry that can be ranked, or what is wrong with it."""
+    found, unranked = [], []
+    for folder in folders:
+        try:
+            found.append(load_drive(folder))
+        except InputError as error:
+            reason = str(error).removeprefix(f"{folder}/")
+            unranked.append(Unranked(folder, "damaged", reason))
+    return found, unranked
+
+
+def load_drive(folder: Path) -> Run:
+    """Return a drive as the ranking reads a run.
+
+    Figures that `drive.json` lacks, such as those of a drive that was cut off, are measured.
+
+    Raises:
+        InputError: its files cannot be read.
+    """
+    from zoo.drives.drive_file import read_summary_file
+
+    path = folder / SUMMARY_NAME
+    summary = read_summary_file(path) if path.is_file() else {}
+    shown = [*(one.name for one in leaderboard_metrics()), "driven_s"]
+    if any(name not in summary for name in shown):
+        summary = measure(read_drive(folder)) | summary
+    figures = {
+        name: float(summary[name])
+        for name in METRICS
+        if name in shown and summary.get(name) is not None and math.isfinite(summary[name])
+    }
+    track = summary.get("track") or ", ".join(summary.get("recording") or []) or UNKNOWN
+    counts = {}
+    if "autonomy" in figures:
+        counts[track] = Count(int(not figures["interventions"]), 1)
+    return Run(
+        folder=folder,
+        name=str(summary.get("checkpoint") or "-"),
+        overrides={},
+        settings=f"the drive in {folder.resolve()}",
+        seed=None,
+        trained_on=TrainedOn(),
+        parameters=None,
+        autonomy=figures.get("autonomy"),
+        cte_m=figures.get("cte_mean_m"),
+        tracks={track: figures},
+        counts=counts,
+        mph=summary.get("set_mph"),
+        val_mse=None,
+        test_mse=None,
+        wall_s=None,
+        curves={},
+        source=summary.get("drive") or "",
+    )
+
+
+def is_drive(folder: Path) -> bool:
+    """Return whether a folder holds a drive."""
+    return (folder / LOG_NAME).is_file()
