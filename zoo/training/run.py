@@ -1,12 +1,6 @@
 """One experiment: load, train, test, report. The main job."""
 
-import io
-import shlex
-import threading
 import time
-import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import lightning
@@ -16,16 +10,14 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.split import PARTS, write_split
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.checkpoints.initial_weights import load_weights
 from zoo.cli.console_progress import working
 from zoo.cli.process_ranks import is_first_process, needs_processes
-from zoo.cli.stop_errors import StoppedError
 from zoo.evaluate.track_scores import run_options
 from zoo.runs.code_fingerprint import code_fingerprint
-from zoo.runs.status import read_status, run_status
+from zoo.runs.status import run_status
 from zoo.runs.whole_file import refuse_links_out
 from zoo.training.build import apply_quick, build_data, build_module, build_trainer
 from zoo.training.candidates import choose_best, restore_monitored
@@ -33,8 +25,10 @@ from zoo.training.conclusion import report_outcome
 from zoo.training.distributed import ending_together
 from zoo.training.embedded_recording import apply_recording
 from zoo.training.frozen_layers import feed_cached_features, random_front_lines
+from zoo.training.interruptions import naming_lost_files, resume_command, stopped_error
 from zoo.training.openmp_threads import spinning_while_quiet
 from zoo.training.plan import set_pace
+from zoo.training.resume_point import ResumePoint, find_resume_point
 from zoo.training.steering_module import SteeringModule
 
 
@@ -57,9 +51,9 @@ def run_experiment(
     if resume:
         refuse_links_out(folder)
     first = is_first_process(needs_processes(config))
-    with _naming_files(folder):
+    with naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with _naming_files(folder), run_status(folder, first), _naming_files(folder):
+    with naming_lost_files(folder), run_status(folder, first), naming_lost_files(folder):
         started = time.perf_counter()
         code_fingerprint()  # of what is imported now; who edits it while it trains changes nothing
         console = Console(soft_wrap=True, quiet=not first)
@@ -75,14 +69,13 @@ def run_experiment(
             {"fingerprint": data.recording.fingerprint(), "rows": len(data.recording)},
         )
         module = build_module(config, data, card)
-        last = folder / "checkpoints" / "last.ckpt"
-        start = _checked_last(last, card, module) if resume and last.is_file() else None
+        start = find_resume_point(folder, card, console) if resume else None
+        if start is not None:
+            start.check_optimizer(module)
         if start is not None and first:
             restore_monitored(folder)
-        if resume and start is None and (best := _best(folder)).is_file():
-            console.print(f"begins again: {_without_last(best)}", highlight=False, markup=False)
         if start is not None:  # what is computed before training begins wants its weights, too
-            load_weights(module.network, str(start))
+            load_weights(module.network, str(start.path))
         elif config.model.weights is not None:
             said = load_weights(module.network, str(config.model.weights))
             console.print(f"weights: {said}", highlight=False, markup=False)
@@ -95,7 +88,7 @@ def run_experiment(
         set_pace(config, module, data, trainer, console)
         with spinning_while_quiet(torch.get_num_threads()):
             feed_cached_features(config, module, data, trainer, console)
-            with ending_together(trainer, folder, _resume_command(folder)):
+            with ending_together(trainer, folder, resume_command(folder)):
                 _fit(trainer, module, data, start, folder)
             if not trainer.is_global_zero:
                 return float("nan")
@@ -104,29 +97,6 @@ def run_experiment(
             return report_outcome(
                 config, score, choice, folder, module, data, trainer, console, started
             )
-
-
-def _checked_last(last: Path, card: dict, module: SteeringModule) -> Path:
-    """The checkpoint to resume from, read once without running anything in it."""
-    checkpoint = read_checkpoint_file(last)
-    before = checkpoint["drivezoo"]
-    if before["data"] != card["data"]:
-        raise InputError(
-            f"{last}: was trained on {before['data']['rows']} rows "
-            f"({before['data']['fingerprint']}), data.root now holds {card['data']['rows']} "
-            f"({card['data']['fingerprint']}); bring the recording back, or start a new run with "
-            f"model.weights={last}"
-        )
-    saved = checkpoint["optimizer_states"][0]["param_groups"]
-    made = module.configure_optimizers()["optimizer"].param_groups
-    then, now = ([len(group["params"]) for group in groups] for groups in (saved, made))
-    if then != now:
-        raise InputError(
-            f"{last}: its optimizer held groups of {then} parameters, with these settings (optim, "
-            f"model) and this version of drivezoo they are {now}: it cannot go on; set what it was "
-            f"begun with, or start a new run with model.weights={last}"
-        )
-    return last
 
 
 def _say_what_runs(
@@ -163,73 +133,22 @@ def _fit(
     trainer: lightning.Trainer,
     module: SteeringModule,
     data: DrivingData,
-    start: Path | None,
+    start: ResumePoint | None,
     folder: Path,
 ) -> None:
-    last = folder / "checkpoints" / "last.ckpt"
     try:
-        trainer.fit(module, datamodule=data, ckpt_path=start, weights_only=True)
+        path = start.path if start else None
+        trainer.fit(module, datamodule=data, ckpt_path=path, weights_only=True)
     except SystemExit:
         if not trainer.interrupted:
             raise
     except KeyboardInterrupt:
         pass
     if trainer.interrupted:
-        done = f"the epochs before {trainer.current_epoch + 1} are saved"
-        if not last.is_file():
-            best = _best(folder)
-            done = _without_last(best) if best.is_file() else "no epoch was complete yet"
-        if (finished := read_status(folder).get("finished_epochs")) is not None:
-            done += f"; metrics.json holds the figures of when it had finished {finished}"
-        raise StoppedError(f"stopped; {done}; go on with: {_resume_command(folder)}")
+        raise stopped_error(folder, trainer.current_epoch + 1)
     if trainer.max_epochs == 0:  # nothing to learn: only carry the weights over to a checkpoint
         for name in ("best", "last"):
             trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")
-
-
-@contextmanager
-def _naming_files(folder: Path) -> Iterator[None]:
-    """Raise InputError for a full disk, or a folder that was removed: which file, what is kept."""
-    before = threading.excepthook
-    # TensorBoard writes in a thread, and raises in ours what has failed there.
-    threading.excepthook = lambda failed: isinstance(failed.exc_value, OSError) or before(failed)
-    try:
-        yield
-    except OSError as error:
-        place = error.filename or _open_file(error) or folder
-        last, best = folder / "checkpoints" / "last.ckpt", _best(folder)
-        if not folder.is_dir():
-            remedy = f"{folder} was removed, with all that the run had saved; start it again"
-        else:
-            kept = f"{last} is kept"
-            if not last.is_file():
-                kept = _without_last(best) if best.is_file() else "no epoch was complete yet"
-            again = _resume_command(folder)
-            remedy = f"{kept}; free some space, or correct that, and go on with: {again}"
-        raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
-    finally:
-        threading.excepthook = before
-
-
-def _open_file(error: OSError) -> str | None:
-    """Return the file that the failed code had open: an error of writing names none."""
-    for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
-        for one in frame.f_locals.values():
-            if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):
-                return one.name
-    return None
-
-
-def _best(folder: Path) -> Path:
-    return folder / "checkpoints" / "best.ckpt"
-
-
-def _without_last(best: Path) -> str:
-    return f"{best} is kept, but there is no last.ckpt to go on from"
-
-
-def _resume_command(folder: Path) -> str:
-    return shlex.join(["python", "-m", "zoo", f"resume={folder}"])
 
 
 def _monitor(trainer: lightning.Trainer) -> str | None:
@@ -243,6 +162,6 @@ def _monitor(trainer: lightning.Trainer) -> str | None:
 
 
 def _take_best(module: SteeringModule, folder: Path) -> None:
-    best = _best(folder)
+    best = folder / "checkpoints" / "best.ckpt"
     if best.is_file():
         module.load_state_dict(read_checkpoint_file(best)["state_dict"])
