@@ -12,6 +12,7 @@ from hydra.utils import instantiate
 from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger
 from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
 
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
@@ -19,6 +20,7 @@ from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.models.make_network import VIEW_KEYS, make_network
+from zoo.training.embedded_recording import with_recording
 from zoo.training.steering_module import SteeringModule
 
 QUICK_EPOCHS = 3
@@ -27,14 +29,20 @@ PLACES = ("root", "images", "cache", "split")  # of `data`
 OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
 
 
-def apply_quick(config: DictConfig) -> None:
-    """With `quick=true`, cap epochs and samples in place: a first try in minutes.
+def settle_config(config: DictConfig, console: Console) -> DictConfig:
+    """Return the config to train by: quick where asked for, of a recording that is there."""
+    return with_recording(with_quick(config), console)
+
+
+def with_quick(config: DictConfig) -> DictConfig:
+    """Return a config whose epochs and samples are capped where `quick=true`, for a first try.
 
     Raises:
         InputError: `quick_samples` is not a whole number above 0.
     """
     if not config.quick:
-        return
+        return config
+    config = config.copy()
     samples = config.get("quick_samples", QUICK_SAMPLES_BEFORE)
     if type(samples) is not int or samples < 1:
         raise InputError(f"quick_samples={samples} is not a whole number above 0")
@@ -46,6 +54,7 @@ def apply_quick(config: DictConfig) -> None:
             node[key] = most
         elif isinstance(node[key], int | float):  # what is no number is refused further on
             node[key] = min(node[key], most)
+    return config
 
 
 def build_data(config: DictConfig) -> DrivingData:

@@ -19,11 +19,10 @@ from zoo.evaluate.track_scores import run_options
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
 from zoo.runs.whole_file import refuse_links_out
-from zoo.training.build import apply_quick, build_data, build_module, build_trainer
+from zoo.training.build import build_data, build_module, build_trainer, settle_config
 from zoo.training.candidates import choose_best, restore_monitored
 from zoo.training.conclusion import report_outcome
 from zoo.training.distributed import ending_together
-from zoo.training.embedded_recording import apply_recording
 from zoo.training.frozen_layers import feed_cached_features, random_front_lines
 from zoo.training.interruptions import naming_lost_files, resume_command, stopped_error
 from zoo.training.openmp_threads import spinning_while_quiet
@@ -57,10 +56,8 @@ def run_experiment(
         started = time.perf_counter()
         code_fingerprint()  # of what is imported now; who edits it while it trains changes nothing
         console = Console(soft_wrap=True, quiet=not first)
-        asked = config.copy()
-        apply_quick(config)
         score = run_options(config.get("score"))
-        apply_recording(config, console)
+        asked, config = config, settle_config(config, console)
         data = build_data(config)
         data.load(console)
         card = make_card(
