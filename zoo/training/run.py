@@ -10,6 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
+from datamodules.leak import Leak
 from datamodules.split import PARTS, write_split
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.checkpoints.initial_weights import load_weights
@@ -21,7 +22,15 @@ from zoo.runs.status import run_status
 from zoo.runs.whole_file import refuse_links_out
 from zoo.training.build import build_data, build_module, build_trainer, settle_config
 from zoo.training.candidates import choose_best, restore_monitored
-from zoo.training.conclusion import report_outcome
+from zoo.training.conclusion import (
+    TrainedRun,
+    drive_best,
+    evaluate_rows,
+    print_conclusion,
+    print_open_loop,
+    save_plots,
+    write_metrics,
+)
 from zoo.training.distributed import ending_together
 from zoo.training.frozen_layers import feed_cached_features, random_front_lines
 from zoo.training.interruptions import naming_lost_files, resume_command, stopped_error
@@ -81,7 +90,9 @@ def run_experiment(
         if first:
             write_split(folder / "split.csv", data.recording, data.split)
         trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
-        _say_what_runs(console, config, module, data, trainer)
+        with working("measuring train/validation similarity", console):
+            leaks = data.leaks()
+        _say_what_runs(console, config, module, data, leaks, trainer)
         set_pace(config, module, data, trainer, console)
         with spinning_while_quiet(torch.get_num_threads()):
             feed_cached_features(config, module, data, trainer, console)
@@ -91,9 +102,14 @@ def run_experiment(
                 return float("nan")
             choice = choose_best(score, _monitor(trainer), folder, console)
             _take_best(module, folder)
-            return report_outcome(
-                config, score, choice, folder, module, data, trainer, console, started
-            )
+            trained = TrainedRun(folder, card, data, leaks, module, trainer)
+            open_loop = evaluate_rows(module, data, console)
+            save_plots(open_loop, folder, console)
+            print_open_loop(open_loop, config.model.name, console)
+            drives = drive_best(trained, score, console)
+            metrics, verdict = write_metrics(trained, choice, open_loop, drives, started)
+            print_conclusion(folder, metrics, verdict, console)
+            return open_loop.figures.get("val", {}).get("mse", float("nan"))
 
 
 def _say_what_runs(
@@ -101,6 +117,7 @@ def _say_what_runs(
     config: DictConfig,
     module: SteeringModule,
     data: DrivingData,
+    leaks: dict[str, Leak],
     trainer: lightning.Trainer,
 ) -> None:
     height, width, _ = data.view.shape
@@ -110,19 +127,17 @@ def _say_what_runs(
         f"{config.model.name}: {parameters:,} parameters, sees {width} x {height} "
         f"{data.view.colour}, on {trainer.strategy.root_device}",
         f"split by {config.data.split}: {split} rows; {len(data.samples):,} training samples",
-        *_leak_lines(data, console),
+        *_leak_lines(leaks),
         *random_front_lines(config, module.network),
     ):
         console.print(line, highlight=False, markup=False)
 
 
-def _leak_lines(data: DrivingData, console: Console) -> list[str]:
-    with working("measuring train/validation similarity", console):
-        data.measured_leaks = data.leaks()
+def _leak_lines(leaks: dict[str, Leak]) -> list[str]:
     return [
         f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame, and differs"
         f" {leak.likeness:.0%} as much from the most alike as from any (medians)"
-        for part, leak in data.measured_leaks.items()
+        for part, leak in leaks.items()
     ]
 
 
