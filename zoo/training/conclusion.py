@@ -9,7 +9,6 @@ from pathlib import Path
 
 import lightning
 import numpy as np
-import torch
 from rich.console import Console
 
 from datamodules.driving import DrivingData
@@ -33,6 +32,7 @@ from zoo.training.open_loop import (
     predict_steering,
     side_response,
 )
+from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import Verdict, judge, print_verdict
@@ -54,6 +54,7 @@ class TrainedRun:
     card: dict
     data: DrivingData
     leaks: dict[str, Leak]
+    plan: TrainingPlan
     module: SteeringModule
     trainer: lightning.Trainer
 
@@ -156,8 +157,8 @@ def write_metrics(
         "seconds_per_epoch": seconds / module.train_epochs if seconds else None,
         "wall_s": time.perf_counter() - started,
         "seed": config["seed"],
-        "device": str(trainer.strategy.root_device),
-        "threads": torch.get_num_threads(),
+        "device": str(run.plan.device),
+        "threads": run.plan.threads,
         "data": {
             **run.card["data"],
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
