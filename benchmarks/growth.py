@@ -74,9 +74,16 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     """A training of lenet, one epoch, in the main job's stages; views and run go to `place`."""
     from datamodules.recording import read_recordings
     from datamodules.recording_report import report_lines
-    from zoo.training.build import build_data, build_module, build_trainer
+    from zoo.training.build import (
+        build_data,
+        build_feed,
+        build_module,
+        build_network,
+        build_trainer,
+    )
+    from zoo.training.host_settings import set_up_process
     from zoo.training.open_loop import predict_steering
-    from zoo.training.plan import set_pace
+    from zoo.training.plan import make_plan
 
     pipe.send(None)
     pipe.recv()
@@ -107,9 +114,13 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     seconds["building views"] -= seconds["reading the log"] + seconds["its report"]
     with timed("how near the parts are"):
         data.leaks()
-    module = build_module(config, data, {})
+    console = Console(quiet=True)
+    network = build_network(config, data.view, console)
     trainer = build_trainer(config, Path(place), has_validation=True)
-    set_pace(config, module, data, trainer, Console(quiet=True))
+    plan = make_plan(config, data, network, trainer, console)
+    module = build_module(config, network, plan, {}, console)
+    set_up_process(plan.threads)
+    data = build_feed(data, plan, console)
     with timed("an epoch"):
         trainer.fit(module, datamodule=data)
     with timed("validation"):

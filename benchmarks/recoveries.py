@@ -17,7 +17,7 @@ from rich.console import Console
 from datamodules.image import decode_image
 from datamodules.recording import Recording, read_recordings
 from zoo.checkpoints.policy import load_policy
-from zoo.training.embedded_recording import apply_recording
+from zoo.training.embedded_recording import with_recording
 from zoo.training.open_loop import open_loop_metrics, side_response
 
 RECORD = {
@@ -36,7 +36,7 @@ def measure_missing(folders: list[Path], console: Console) -> None:
     missing = [folder for folder in folders if not (folder / FILE).is_file()]
     if not missing:
         return
-    apply_recording(OmegaConf.create({"data": {"root": None, "record": RECORD}}), console)
+    with_recording(OmegaConf.create({"data": {"root": None, "record": RECORD}}), console)
     recording = read_recordings(RECORD["out"], None, "fail")
     rows = np.arange(0, len(recording), EVERY)
     frames = [

@@ -28,16 +28,18 @@ def measure(short: bool) -> list[Row]:
         f"trainer.max_epochs={epochs}",
         "trainer.accelerator=cpu",
     )
-    from zoo.training.build import build_data, build_module
+    from zoo.training.build import build_data, build_module, build_network
+    from zoo.training.plan import TrainingPlan
 
+    console, plan = Console(quiet=True), TrainingPlan(torch.device("cpu"))
     torch.set_num_threads(1)
     data = build_data(config)
-    data.load(Console(quiet=True))
+    data.load(console)
     batches = list(data.train_dataloader())
 
     def bare() -> float:
-        module = build_module(config, data, {})
-        network = module.network.train()
+        network = build_network(config, data.view, console).train()
+        module = build_module(config, network, plan, {}, console)
         optimizer = module.optimizer(list(network.parameters()))
         began = time.perf_counter()
         for _ in range(max(1, epochs // BARE)):
@@ -60,15 +62,20 @@ def measure(short: bool) -> list[Row]:
 
 def fit(config: object, data: DrivingData) -> float:
     """Seconds of the fit alone: the load is the cache's matter, the start-up another row's."""
-    from zoo.training.build import build_module, build_trainer
-    from zoo.training.plan import set_pace
+    from zoo.training.build import build_feed, build_module, build_network, build_trainer
+    from zoo.training.host_settings import set_up_process
+    from zoo.training.plan import make_plan
 
     folder = Path(OUT / "run")
     folder.mkdir(parents=True, exist_ok=True)
-    module = build_module(config, data, {})
+    console = Console(quiet=True)
+    network = build_network(config, data.view, console)
     trainer = build_trainer(config, folder, has_validation=True)
     trainer.callbacks = [one for one in trainer.callbacks if "pictures" not in type(one).__module__]
-    set_pace(config, module, data, trainer, Console(quiet=True))
+    plan = make_plan(config, data, network, trainer, console)
+    module = build_module(config, network, plan, {}, console)
+    set_up_process(plan.threads)
+    data = build_feed(data, plan, console)
     began = time.perf_counter()
     trainer.fit(module, datamodule=data)
     return time.perf_counter() - began

@@ -1,5 +1,6 @@
 """The datamodule: from recordings to the batches that a network trains, validates and tests on."""
 
+import copy
 import math
 from pathlib import Path
 
@@ -153,12 +154,12 @@ class DrivingData(lightning.LightningDataModule):
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
-        self.device: torch.device | None = None  # where training batches are made; None: on the CPU
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
         self.recording: Recording | None = None
-        self.features: RowViews | None = None  # fed in place of pictures (`datamodules.features`)
-        self.batches_together = 1  # more: training batches come in lists of so many
+        self._batch_device: torch.device | None = None
+        self.batches_per_step = 1
+        self.features: RowViews | None = None
 
     def load(self, console: Console) -> None:
         """Read the recordings, decode what is not in the cache, and deal the rows."""
@@ -220,22 +221,43 @@ class DrivingData(lightning.LightningDataModule):
         chance = 0.0 if self.flip == "both" else self.flip
         return TrainingBatches(self.views, self.samples, self.augment, chance, self.seed)
 
-    def make_batches_on(self, device: torch.device, console: Console) -> None:
-        """Make training batches on the device that trains, or on the CPU, as `augment_on` says.
+    def choose_batch_device(self, device: torch.device, console: Console) -> torch.device | None:
+        """Return where training batches are made, as `augment_on` says; None for the CPU.
+
+        Args:
+            device: the one that trains.
 
         Raises:
             InputError: `augment_on=device` with a transform that only the CPU can do.
         """
         if self.augment_on == "cpu" or (self.augment_on == "auto" and device.type == "cpu"):
-            return
+            return None
         missing = without_equivalent(self.augment.transforms)
         if missing and self.augment_on == "auto":
             console.print(
                 f"augmented on the CPU, which alone can do {', '.join(missing)}", highlight=False
             )
-            return
+            return None
         DeviceAugment(self.augment.transforms, self.augment.colour)
-        self.device = device
+        return device
+
+    def with_feed(
+        self,
+        batch_device: torch.device | None = None,
+        batches_per_step: int = 1,
+        features: RowViews | None = None,
+    ) -> "DrivingData":
+        """Return the same loaded data, fed in another way.
+
+        Args:
+            batch_device: where training batches are made; None for the CPU.
+            batches_per_step: above 1, training batches come in lists of so many.
+            features: fed in place of images (`datamodules.features`).
+        """
+        fed = copy.copy(self)
+        fed._batch_device, fed.batches_per_step = batch_device, batches_per_step
+        fed.features = features
+        return fed
 
     def train_dataloader(self) -> DataLoader:
         sampler = self.sampler()
@@ -243,13 +265,13 @@ class DrivingData(lightning.LightningDataModule):
             sampler = self.sampler(self.trainer.global_rank, self.trainer.world_size)
             # A run that goes on takes its first batch before Lightning names the epoch.
             sampler.set_epoch(self.trainer.current_epoch)
-        if self.batches_together > 1:
-            sampler = BatchesTogether(sampler, self.batches_together)
+        if self.batches_per_step > 1:
+            sampler = BatchesTogether(sampler, self.batches_per_step)
         batches, workers = self.training_batches(), self.workers
         if self.features is not None:
             batches = FeatureBatches(batches, self.features)
-        elif self.device is not None:
-            batches, workers = DeviceBatches(batches, self.device), 0
+        elif self._batch_device is not None:
+            batches, workers = DeviceBatches(batches, self._batch_device), 0
         return DataLoader(
             batches,
             batch_size=None,

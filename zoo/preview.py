@@ -27,14 +27,11 @@ def preview(arguments: list[str]) -> None:
     from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
     from zoo.cli.compose import compose_config, escape_interpolation, quote_paths
     from zoo.runs import plots
-    from zoo.training.build import apply_quick, build_data
-    from zoo.training.embedded_recording import apply_recording
+    from zoo.training.build import build_data, settle_config
 
     console = Console(soft_wrap=True)
     config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(arguments))))
-    apply_quick(config)
-    apply_recording(config, console)
-    data = build_data(config)
+    data = build_data(settle_config(config, console))
     data.load(console)
     folder = Path("outputs/preview")
     for name, figure in (

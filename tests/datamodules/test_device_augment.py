@@ -183,11 +183,10 @@ def test_views_that_do_not_fit_stay_where_they_are(data) -> None:
 )
 def test_where_batches_are_made(data, monkeypatch, setting, device, augment, made_on) -> None:
     console = Console(file=io.StringIO(), width=200)
-    monkeypatch.setattr(data, "device", None)
     monkeypatch.setattr(data, "augment_on", setting)
     monkeypatch.setattr(data, "augment", Augment(augment, "rgb"))
-    data.make_batches_on(torch.device(device), console)
-    assert data.device == (torch.device(made_on) if made_on else None)
+    chosen = data.choose_batch_device(torch.device(device), console)
+    assert chosen == (torch.device(made_on) if made_on else None)
     said = "augmented on the CPU, which alone can do GaussNoise\n" if len(augment) > 1 else ""
     assert console.file.getvalue() == said
 

@@ -1,18 +1,23 @@
 """Trainings in this process: without callbacks and loggers, or as the command runs them."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import lightning
 import pytest
-from omegaconf import OmegaConf
+import torch
+from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
+from datamodules.view import View
 from tests.recordings import Written
 from zoo.__main__ import zoo
 from zoo.cli.compose import compose_config
 from zoo.cli.run_command import run_command
-from zoo.training.build import build_data, build_module, build_trainer
-from zoo.training.plan import set_pace
+from zoo.training.build import build_data, build_feed, build_module, build_network, build_trainer
+from zoo.training.host_settings import set_up_process
+from zoo.training.plan import TrainingPlan, make_plan
 from zoo.training.steering_module import SteeringModule
 
 
@@ -34,14 +39,36 @@ def train_here(
     config.callbacks = config.logger = {}
     data = build_data(config)
     data.load(Console(quiet=True))
-    module = build_module(config, data, {})
     folder.mkdir(exist_ok=True)
-    trainer = build_trainer(config, folder, has_validation=True)
-    set_pace(config, module, data, trainer, console or Console(quiet=True))
-    if together:
-        data.batches_together = together
+    module, data, trainer = planned(config, data, folder, console, together)
     trainer.fit(module, datamodule=data)
     return module, data
+
+
+def module_of(config: DictConfig, view: View) -> SteeringModule:
+    """Return the module that a config trains, without a trainer."""
+    console = Console(quiet=True)
+    network = build_network(config, view, console)
+    return build_module(config, network, TrainingPlan(torch.device("cpu")), {}, console)
+
+
+def planned(
+    config: DictConfig,
+    data: DrivingData,
+    folder: Path,
+    console: Console | None = None,
+    together: int | None = None,
+) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
+    """Return all that a training needs, as the command builds it."""
+    console = console or Console(quiet=True)
+    network = build_network(config, data.view, console)
+    trainer = build_trainer(config, folder, has_validation=True)
+    plan = make_plan(config, data, network, trainer, console)
+    if together:
+        plan = replace(plan, batches_per_step=together)
+    module = build_module(config, network, plan, {}, console)
+    set_up_process(plan.threads)
+    return module, build_feed(data, plan, console), trainer
 
 
 # Small enough for seconds; blocks as short as the recording asks for.

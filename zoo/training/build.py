@@ -3,6 +3,7 @@
 import logging
 import os
 import warnings
+from functools import partial
 from pathlib import Path
 
 import lightning
@@ -12,13 +13,20 @@ from hydra.utils import instantiate
 from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger
 from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
+from datamodules.features import load_features
 from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
+from zoo.checkpoints.initial_weights import load_weights
 from zoo.models.make_network import VIEW_KEYS, make_network
+from zoo.training.compilation import compile_step
+from zoo.training.embedded_recording import with_recording
+from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
 
 QUICK_EPOCHS = 3
@@ -27,14 +35,20 @@ PLACES = ("root", "images", "cache", "split")  # of `data`
 OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
 
 
-def apply_quick(config: DictConfig) -> None:
-    """With `quick=true`, cap epochs and samples in place: a first try in minutes.
+def settle_config(config: DictConfig, console: Console) -> DictConfig:
+    """Return the config to train by: quick where asked for, of a recording that is there."""
+    return with_recording(with_quick(config), console)
+
+
+def with_quick(config: DictConfig) -> DictConfig:
+    """Return a config whose epochs and samples are capped where `quick=true`, for a first try.
 
     Raises:
         InputError: `quick_samples` is not a whole number above 0.
     """
     if not config.quick:
-        return
+        return config
+    config = config.copy()
     samples = config.get("quick_samples", QUICK_SAMPLES_BEFORE)
     if type(samples) is not int or samples < 1:
         raise InputError(f"quick_samples={samples} is not a whole number above 0")
@@ -46,6 +60,7 @@ def apply_quick(config: DictConfig) -> None:
             node[key] = most
         elif isinstance(node[key], int | float):  # what is no number is refused further on
             node[key] = min(node[key], most)
+    return config
 
 
 def build_data(config: DictConfig) -> DrivingData:
@@ -62,10 +77,33 @@ def build_data(config: DictConfig) -> DrivingData:
     return make(view=view, seed=config.seed, **places)
 
 
-def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringModule:
-    """The LightningModule around a freshly initialised network."""
+def build_network(
+    config: DictConfig, view: View, console: Console, weights: Path | None = None
+) -> nn.Module:
+    """Return the network with the weights that training begins with.
+
+    Args:
+        weights: those of a run that is resumed, in place of `model.weights`.
+    """
     torch.manual_seed(config.seed)
-    network = make_network(OmegaConf.to_container(config.model, resolve=True), data.view)
+    network = make_network(OmegaConf.to_container(config.model, resolve=True), view)
+    if weights is not None:
+        load_weights(network, str(weights))
+    elif config.model.weights is not None:
+        said = load_weights(network, str(config.model.weights))
+        console.print(f"weights: {said}", highlight=False, markup=False)
+    # The layout of the images; weights in another would be converted at every step.
+    return network.to(memory_format=torch.channels_last)
+
+
+def build_module(
+    config: DictConfig,
+    network: nn.Module,
+    plan: TrainingPlan,
+    card: dict,
+    console: Console,
+) -> SteeringModule:
+    """Return the LightningModule around a network."""
     optim = {key: v for key, v in config.optim.items() if key not in ("l2", "backbone_lr")}
     rate = config.optim.lr
     if not isinstance(rate, int | float) or rate <= 0:
@@ -79,12 +117,21 @@ def build_module(config: DictConfig, data: DrivingData, card: dict) -> SteeringM
         backbone_lr=config.optim.backbone_lr,
         seed=config.seed,
         card=card,
+        skips_front=plan.features is not None,
+        compile_loss=partial(compile_step, console=console) if plan.compiled_batch else None,
+        compiled_batch=plan.compiled_batch,
     )
     try:
         module.configure_optimizers()  # says now what it would refuse when training starts
     except (TypeError, ValueError) as error:
         raise InputError(f"optim or schedule: {error}; mend its settings") from None
     return module
+
+
+def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> DrivingData:
+    """Return the loaded data as the plan feeds them; compute the features that are not cached."""
+    features = load_features(plan.features, data.views, console) if plan.features else None
+    return data.with_feed(plan.batch_device, plan.batches_per_step, features)
 
 
 def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
@@ -112,7 +159,6 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
                     "callbacks.best.monitor=train/loss"
                 )
     _check_drives(callbacks)
-    keep_earlier_log(folder)
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.logger or {}).items():
         if settings:

@@ -1,17 +1,18 @@
-"""What a training has come to: figures, table and plots of its best checkpoint."""
+"""The end of a run: what evaluates, plots, drives, writes and prints its best checkpoint."""
 
 import platform
 import time
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 import lightning
-import torch
-from omegaconf import DictConfig, OmegaConf
+import numpy as np
 from rich.console import Console
 
 from datamodules.driving import DrivingData
 from datamodules.findings import find_oddities
+from datamodules.leak import Leak
 from datamodules.split import PARTS
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import read_checkpoint_file
@@ -30,31 +31,54 @@ from zoo.training.open_loop import (
     predict_steering,
     side_response,
 )
+from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
 from zoo.verdict.evidence import evidence_of_run
-from zoo.verdict.judgement import judge, print_verdict
+from zoo.verdict.judgement import Verdict, judge, print_verdict
 
 PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
-def report_outcome(
-    config: DictConfig,
-    score: RunScore | None,
-    choice: Choice | None,
-    folder: Path,
-    module: SteeringModule,
-    data: DrivingData,
-    trainer: lightning.Trainer,
-    console: Console,
-    started: float,
-) -> float:
-    """Write `metrics.json` and plots, drive as `score` says, print it all; `module` holds the best
-    weights.
+@dataclass(frozen=True)
+class TrainedRun:
+    """A trained network, with the weights of its best checkpoint, and what it was trained with.
 
-    Returns the validation MSE, NaN without validation rows.
+    Attributes:
+        folder: the run's.
+        card: see `zoo.checkpoints.checkpoint.make_card`.
+        leaks: train/validation similarity of `val` and `test`.
     """
+
+    folder: Path
+    card: dict
+    data: DrivingData
+    leaks: dict[str, Leak]
+    plan: TrainingPlan
+    module: SteeringModule
+    trainer: lightning.Trainer
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """The open-loop evaluation of a run's network, by part of the split.
+
+    Attributes:
+        figures: see `open_loop_metrics`.
+        baselines: the same of networks that look at nothing.
+        responses: of `val` and `test`, see `side_response`.
+        steering: of `val` and `test`, predicted and true, float32 [N].
+    """
+
+    figures: dict[str, dict]
+    baselines: dict[str, dict]
+    responses: dict[str, float | None]
+    steering: dict[str, tuple[np.ndarray, np.ndarray]]
+
+
+def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -> OpenLoop:
+    """Predict the rows of each part of the split, and of its side cameras but in training."""
     train_mean = float(data.recording.steering[data.split.train].mean())
-    figures, baselines, responses = {}, {}, {}
+    found = OpenLoop({}, {}, {}, {})
     for part in PARTS:
         rows = getattr(data.split, part)
         if not len(rows):
@@ -62,52 +86,80 @@ def report_outcome(
         batches = data.evaluation_batches(part)
         with working(f"predicting {part} rows", console):
             predicted = predict_steering(module, batches)
-        true = data.recording.steering[rows]
-        figures[part] = open_loop_metrics(predicted, true)
-        baselines[part] = baseline_metrics(true, train_mean)
-        if part != "train":
-            with working(f"predicting and plotting {part} rows", console):
+            true = data.recording.steering[rows]
+            found.figures[part] = open_loop_metrics(predicted, true)
+            found.baselines[part] = baseline_metrics(true, train_mean)
+            if part != "train":
                 sides = (predict_steering(module, side) for side in batches.sides())
-                responses[part] = side_response(*sides)
-                figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
-                plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
-    zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
-    curves = read_curves(folder)
-    if curves["train/loss"]:
-        figure = plots.training_curves(curves["train/loss"], curves["val/mse"], zero)
-        plots.save_figure(figure, folder / "plots" / "training_curves.png")
-    samples, seconds = module.train_samples, module.train_seconds
-    best = _best_epoch(folder) if curves["val/mse"] else None
-    console.print(metrics_table(config.model.name, figures, baselines))
-    if (response := responses.get("test")) is not None:
+                found.responses[part] = side_response(*sides)
+                found.steering[part] = predicted, true
+    return found
+
+
+def save_plots(open_loop: OpenLoop, folder: Path, console: Console) -> None:
+    """Plot predicted against true steering, and the losses by epoch, in `folder/plots`."""
+    with working("plotting", console):
+        for part, (predicted, true) in open_loop.steering.items():
+            figure = plots.predicted_against_true(predicted, true, f"{part}, best checkpoint")
+            plots.save_figure(figure, folder / "plots" / f"predicted_against_true_{part}.png")
+        curves, baselines = read_curves(folder), open_loop.baselines
+        zero = baselines.get("val", baselines["train"])["always zero"]["mse"]
+        if curves["train/loss"]:
+            figure = plots.training_curves(curves["train/loss"], curves["val/mse"], zero)
+            plots.save_figure(figure, folder / "plots" / "training_curves.png")
+
+
+def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
+    """Print the table of a network's open-loop figures."""
+    console.print(metrics_table(name, open_loop.figures, open_loop.baselines))
+    if (response := open_loop.responses.get("test")) is not None:
         console.print(
             f"response to the side cameras, test rows: {response:+.3f} (turns back if above 0)",
             highlight=False,
         )
-    closed_loop = best_drive(trainer, module, data.view)
-    drive = score_run(score, folder, console)
+
+
+def drive_best(run: TrainedRun, score: RunScore | None, console: Console) -> dict:
+    """Drive the best checkpoint as training's callback does and as `score` says, and print how.
+
+    Returns:
+        `closed_loop` and `drive` of `metrics.json`.
+    """
+    closed_loop = best_drive(run.trainer, run.module, run.data.view)
+    return {"drive": score_run(score, run.folder, console), "closed_loop": closed_loop}
+
+
+def write_metrics(
+    run: TrainedRun, choice: Choice | None, open_loop: OpenLoop, drives: dict, started: float
+) -> tuple[dict, Verdict]:
+    """Write `metrics.json`; return it and the verdict that it holds.
+
+    Args:
+        started: by `time.perf_counter`.
+    """
+    folder, module, data, trainer = run.folder, run.module, run.data, run.trainer
+    samples, seconds = module.train_samples, module.train_seconds
+    config = run.card["config"]
     metrics = {
-        "model": config.model.name,
+        "model": config["model"]["name"],
         "parameters": sum(p.numel() for p in module.network.parameters()),
-        "open_loop": figures,
-        "side_response": responses,
-        "baselines": baselines,
-        "drive": drive,
-        "closed_loop": closed_loop,
-        "leak": {part: vars(leak) for part, leak in data.measured_leaks.items()},
+        "open_loop": open_loop.figures,
+        "side_response": open_loop.responses,
+        "baselines": open_loop.baselines,
+        **drives,
+        "leak": {part: vars(leak) for part, leak in run.leaks.items()},
         "epochs": trainer.current_epoch,
         "train_samples": samples // max(module.train_epochs, 1) * trainer.current_epoch,
-        "best_epoch": best,
+        "best_epoch": _best_epoch(folder) if read_curves(folder)["val/mse"] else None,
         "choice": choice.plain() if choice else None,
         "samples_per_second": samples / seconds if seconds else None,
         "seconds_per_epoch": seconds / module.train_epochs if seconds else None,
         "wall_s": time.perf_counter() - started,
-        "seed": config.seed,
-        "device": str(trainer.strategy.root_device),
-        "threads": torch.get_num_threads(),
+        "seed": config["seed"],
+        "device": str(run.plan.device),
+        "threads": run.plan.threads,
         "data": {
-            "fingerprint": data.recording.fingerprint(),
-            "rows": len(data.recording),
+            **run.card["data"],
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
         "findings": [vars(one) for one in find_oddities(data.recording)],
@@ -115,13 +167,20 @@ def report_outcome(
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},
     }
-    evidence = evidence_of_run(folder, OmegaConf.to_container(config, resolve=True), metrics)
+    drive = drives["drive"]
+    evidence = evidence_of_run(folder, config, metrics)
     verdict = judge(drive["drives"] if drive else [], evidence)
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
-    if seconds:
+    return metrics, verdict
+
+
+def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Console) -> None:
+    """Write the report; print what training took, what was written, and the verdict."""
+    best = metrics["best_epoch"]
+    if metrics["samples_per_second"]:
         console.print(
-            f"{trainer.current_epoch} epochs, {samples / seconds:,.0f} samples/s, "
+            f"{metrics['epochs']} epochs, {metrics['samples_per_second']:,.0f} samples/s, "
             f"{metrics['wall_s']:.0f} s in all" + (f"; best after epoch {best}" if best else ""),
             highlight=False,
         )
@@ -134,7 +193,6 @@ def report_outcome(
     for line in [short_name(best_path), page] if best_path.is_file() else [page]:
         console.print(line, highlight=False, markup=False)
     print_verdict(verdict, console)
-    return figures.get("val", {}).get("mse", float("nan"))
 
 
 def _best_epoch(folder: Path) -> int | None:

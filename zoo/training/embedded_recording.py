@@ -13,8 +13,8 @@ from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import RECIPE
 
 
-def apply_recording(config: DictConfig, console: Console) -> None:
-    """Where `data.root` is not set but `data.record` is, make that recording and set the root.
+def with_recording(config: DictConfig, console: Console) -> DictConfig:
+    """Return a config whose `data.root`, if not set, is the recording of `data.record`, made here.
 
     Two runs that start at once make it once. A recording that was stopped is begun anew.
 
@@ -24,7 +24,7 @@ def apply_recording(config: DictConfig, console: Console) -> None:
     """
     wanted = config.data.get("record")
     if wanted is None or config.data.root is not None:
-        return
+        return config
     recipe = OmegaConf.to_container(wanted, resolve=True)
     folder = Path(recipe.pop("out"))
     try:
@@ -36,7 +36,9 @@ def apply_recording(config: DictConfig, console: Console) -> None:
     except OSError as error:
         raise InputError(f"{folder}: cannot record there: {error.strerror}") from None
     _check_recipe(folder, recipe)
+    config = config.copy()
     config.data.root = escape_interpolation(str(folder))
+    return config
 
 
 def _record(folder: Path, recipe: dict, console: Console) -> None:

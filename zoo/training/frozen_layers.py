@@ -7,7 +7,6 @@ half precision, features differ by up to 1/2048 of themselves; the README says w
 
 import hashlib
 
-import lightning
 import numpy as np
 import torch
 from omegaconf import DictConfig
@@ -16,23 +15,27 @@ from torch import nn
 
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
-from datamodules.features import FeaturePlan, Front, load_features, plan_features
-from zoo.training.steering_module import SteeringModule
+from datamodules.features import FeaturePlan, Front, plan_features
 
 KEY = "model.cache_features"
 AUTO_BYTES = 16_000_000_000  # `auto` takes no more of a disk or memory, nor more than half of it
 
 
-def feed_cached_features(
+def plan_cached_features(
     config: DictConfig,
-    module: SteeringModule,
+    network: nn.Module,
     data: DrivingData,
-    trainer: lightning.Trainer,
+    device: torch.device,
     console: Console,
-) -> None:
-    """Train and validate on features of the frozen front, as `model.cache_features` says.
+) -> FeaturePlan | None:
+    """Return which features of the frozen front to train on, as `model.cache_features` says.
 
-    The network must hold the weights that it will be trained with.
+    Args:
+        network: with the weights that it will be trained with.
+        device: where features are computed, and the network trains.
+
+    Returns:
+        The plan, nothing of which is computed yet; None to train on images.
 
     Raises:
         InputError: the setting is not auto, true or false; it is true where nothing is frozen, each
@@ -42,15 +45,14 @@ def feed_cached_features(
     if setting not in ("auto", True, False):
         raise InputError(f"{KEY}={setting} is not auto, true or false")
     if setting is False:
-        return
-    network = module.network
+        return None
     frozen = getattr(network, "frozen_front", None)
     if frozen is None:
         if setting is True:
             raise InputError(
                 f"{KEY}=true: no block of the network is frozen; set model.trainable_blocks=4"
             )
-        return
+        return None
     changes = [name for name, one in (config.data.augment or {}).items() if one]
     if changes:
         listed = ",".join(changes)
@@ -61,26 +63,26 @@ def feed_cached_features(
             )
         _say(console, f"frozen blocks are computed anew in every epoch, for augment=[{listed}]; "
              "with augment=[] they are once")  # fmt: skip
-        return
-    network.to(trainer.strategy.root_device)
+        return None
     plan = plan_features(
         data.recording,
         data.views,
         data.cameras,
         data.view,
-        _front(network, frozen, data),
+        _front(network.to(device), frozen, data),
         mirrored=data.flip != 0,
         cache=data.cache,
     )
-    if not _is_wanted(setting, plan, _draws(config, data), console):
-        return
-    data.features = load_features(plan, data.views, console)
-    module.skip_front(console)
+    return plan if _is_wanted(setting, plan, _draws(config, data), console) else None
 
 
-def random_front_lines(config: DictConfig, network: nn.Module) -> list[str]:
-    """A line where frozen weights are as they were drawn, which is seldom meant."""
-    if config.model.weights is not None or getattr(network, "frozen_front", None) is None:
+def random_front_lines(weights: str | None, network: nn.Module) -> list[str]:
+    """A line where frozen weights are as they were drawn, which is seldom meant.
+
+    Args:
+        weights: `model.weights`.
+    """
+    if weights is not None or getattr(network, "frozen_front", None) is None:
         return []
     return [
         "frozen blocks keep their random weights (model.weights=null), as random features; "

@@ -4,9 +4,20 @@ import ctypes
 import platform
 from pathlib import Path
 
+import torch
+
 # glibc's names for them, from malloc.h, and the largest block that its heap may hold.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
+
+
+def set_up_process(threads: int) -> None:
+    """Set memory and threads of this process for training."""
+    keep_freed_memory()
+    # With trainer.deterministic torch fills all memory that it takes, so that no memory is read
+    # before it is written: 4 to 7 % of PilotNet's step.
+    torch.utils.deterministic.fill_uninitialized_memory = False
+    torch.set_num_threads(threads)
 
 
 def keep_freed_memory() -> bool:

@@ -134,9 +134,7 @@ def _stops_early(config: DictConfig) -> bool:
 
 def _max_epochs(config: DictConfig) -> float:
     """Return how many epochs a config asks for; what is no number is refused before training."""
-    from zoo.training.build import apply_quick
+    from zoo.training.build import with_quick
 
-    config = config.copy()
-    apply_quick(config)
-    most = config.trainer.max_epochs
+    most = with_quick(config).trainer.max_epochs
     return most if isinstance(most, int | float) else float("inf")

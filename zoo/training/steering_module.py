@@ -6,12 +6,10 @@ from collections.abc import Callable
 import lightning
 import numpy as np
 import torch
-from rich.console import Console
 from torch import Tensor, nn
 
 from datamodules.batches import Batch
 from datamodules.errors import InputError
-from zoo.training.compilation import compile_step
 from zoo.training.open_loop import open_loop_metrics
 
 CHECK_EVERY = 20  # steps between looks at the loss: each look waits for the device
@@ -29,6 +27,9 @@ class SteeringModule(lightning.LightningModule):
         backbone_lr: the learning rate of the network's `backbone`, where it has one.
         seed: of dropout, by epoch, so that a resumed run repeats an unbroken one.
         card: plain containers that every checkpoint carries (see `zoo.checkpoints.checkpoint`).
+        skips_front: batches hold features of the network's frozen front in place of images.
+        compile_loss: compiles the loss of a batch, a function of it; None for no compilation.
+        compiled_batch: the size of the batches whose loss is compiled; others are few.
 
     A step of Lightning's may take several batches, a list of them, one optimizer step each: for a
     small network Lightning's own work costs more than the network's.
@@ -51,6 +52,9 @@ class SteeringModule(lightning.LightningModule):
         backbone_lr: float | None = None,
         seed: int = 1,
         card: dict | None = None,
+        skips_front: bool = False,
+        compile_loss: Callable[[Callable], Callable] | None = None,
+        compiled_batch: int | None = None,
     ) -> None:
         super().__init__()
         self.network, self.loss = network, loss
@@ -62,30 +66,22 @@ class SteeringModule(lightning.LightningModule):
         self._loss_sum: Tensor | float = 0.0
         self._loss_count: Tensor | int = 0
         self.validation: tuple[np.ndarray, np.ndarray] | None = None
-        self._compiled: Callable | None = None
-        self._compiled_size = 0
-        self.skips_front = False
+        self.skips_front, self._compiled_batch = skips_front, compiled_batch
+        self._compiled = compile_loss(self._plain_loss()) if compile_loss else None
 
     def forward(self, batch: Batch) -> Tensor:
         """Float32 [N, outputs], steering first."""
         return predict(self.network, batch, self.skips_front)
 
-    def compile_batches_of(self, size: int, console: Console) -> None:
-        """Compile the loss of training batches of `size`; others are few, and run as before."""
-        # All of it that the compiler is to look at.
+    def _plain_loss(self) -> Callable[[Batch], Tensor]:
+        """Return the loss of a batch as a function of all that a compiler is to look at."""
         network, loss, skips_front = self.network, self.loss, self.skips_front
 
         def batch_loss(batch: Batch) -> Tensor:
             predicted = predict(network, batch, skips_front)
             return loss(predicted, batch["targets"][:, : network.outputs])
 
-        self._compiled, self._compiled_size = compile_step(batch_loss, console), size
-
-    def skip_front(self, console: Console) -> None:
-        """From now on batches hold features of the network's frozen front in place of images."""
-        self.skips_front = True
-        if self._compiled:
-            self.compile_batches_of(self._compiled_size, console)
+        return batch_loss
 
     def on_train_epoch_start(self) -> None:
         self._samples_before = self.train_samples
@@ -122,7 +118,7 @@ class SteeringModule(lightning.LightningModule):
         if not count:  # of a batch that is smaller than there are processes
             loss = sum(0.0 * p.sum() for p in self.network.parameters() if p.requires_grad)
         else:
-            compiled = self._compiled and count == self._compiled_size
+            compiled = self._compiled and count == self._compiled_batch
             loss = (self._compiled if compiled else self._loss)(batch)
         if self.trainer.world_size > 1:
             return self._share_of_loss(loss, batch["targets"], count)

@@ -15,9 +15,10 @@ from datamodules.errors import InputError
 from simulator.errors import SimulatorError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
+from tests.zoo.trainings import module_of
 from zoo.callbacks.closed_loop import ClosedLoop
 from zoo.cli.compose import compose_config
-from zoo.training.build import build_data, build_module, build_trainer
+from zoo.training.build import build_data, build_trainer
 
 SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
 
@@ -43,7 +44,7 @@ def fit(
     config = OmegaConf.create(compose_config(small(recorded, *overrides)))
     data = build_data(config)
     data.load(console)
-    module = build_module(config, data, {})
+    module = module_of(config, data.view)
     trainer = build_trainer(config, folder, has_validation=True)
     trainer.fit(module, datamodule=data)
     return trainer, module.state_dict()
@@ -84,7 +85,7 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
 ) -> None:
     config = OmegaConf.create(compose_config(small(recorded, "model=nvidia")))
     data = build_data(config)
-    network = build_module(config, data, {}).network.train()
+    network = module_of(config, data.view).network.train()
     height, width, channels = data.view.shape
     network(torch.zeros(2, channels, height, width, dtype=torch.uint8)).sum().backward()
     gradients = [one.grad.clone() for one in network.parameters()]

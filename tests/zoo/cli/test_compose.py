@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from tests.recordings import Written
 from tests.zoo.commands import environment, only_line, run
+from tests.zoo.trainings import module_of
 from zoo.cli.compose import (
     PATH_KEYS,
     choices,
@@ -22,7 +23,7 @@ from zoo.cli.compose import (
     quote,
     quote_paths,
 )
-from zoo.training.build import build_data, build_module, build_trainer
+from zoo.training.build import build_data, build_trainer
 
 # Tracks are the simulator's: tests/simulator/test_track_file.py reads them all.
 GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name != "track")
@@ -46,7 +47,7 @@ def test_every_yaml_can_be_built(group: str, name: str, recorded: Written, tmp_p
     if (group, name) in OPTIONAL:
         assert config.logger[name]["_target_"].startswith("lightning.pytorch.loggers.")
         return
-    module = build_module(config, data, {})
+    module = module_of(config, data.view)
     assert module.configure_optimizers()["optimizer"].param_groups
     assert build_trainer(config, tmp_path, has_validation=True).callbacks
 

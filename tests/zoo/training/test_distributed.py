@@ -19,14 +19,15 @@ from datamodules.driving import DrivingData
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
+from tests.zoo.trainings import module_of
 from zoo.cli.compose import compose_config
 from zoo.losses import SteeringWeightedMSE
 from zoo.runs.status import read_status
-from zoo.training.build import build_data, build_module
+from zoo.training.build import build_data
 from zoo.training.conclusion import read_curves
 from zoo.training.distributed import ending_together
 from zoo.training.open_loop import open_loop_metrics, predict_steering
-from zoo.training.plan import set_pace
+from zoo.training.plan import make_plan
 from zoo.training.run import run_experiment
 
 # 267 samples: the last of 15 batches has one, of which one process gets none; the others are odd.
@@ -112,7 +113,7 @@ def validate_together(root: str, folder: str, world: int) -> None:
     config = OmegaConf.create(compose_config([*SETTINGS, root, "data.cache=null"]))
     data = build_data(config)
     data.load(Console(quiet=True))
-    module = build_module(config, data, {})
+    module = module_of(config, data.view)
     for rows in (2, 50):
         data.split = replace(data.split, val=data.split.train[:rows])
         own = Path(folder) / str(rows)
@@ -227,7 +228,7 @@ def test_more_processes_than_samples_in_a_batch_are_refused(
     data = loaded(recorded, tmp_path, "data.batch_size=1")
     said = "data.batch_size=1 is for all processes together, of which there are 2"
     with pytest.raises(InputError, match=said):
-        set_pace(None, None, data, Others(), None)
+        make_plan(None, data, None, Others(), None)
 
 
 class Others:

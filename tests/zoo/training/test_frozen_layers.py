@@ -16,11 +16,12 @@ from datamodules.image import decode_image
 from datamodules.samples import CENTER
 from datamodules.view import View
 from tests.recordings import Written
+from tests.zoo.trainings import planned
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.models.vgg import Vgg16
-from zoo.training.build import build_data, build_module, build_trainer
-from zoo.training.frozen_layers import feed_cached_features, fingerprint
+from zoo.training.build import build_data
+from zoo.training.frozen_layers import fingerprint
 from zoo.training.run import run_experiment
 from zoo.training.steering_module import SteeringModule
 
@@ -70,10 +71,8 @@ def prepare(
     """All that a training of `config` needs, features too."""
     data = build_data(config)
     data.load(Console(quiet=True))
-    module = build_module(config, data, {})
     config.callbacks = {}
-    trainer = build_trainer(config, folder, has_validation=True)
-    feed_cached_features(config, module, data, trainer, console)
+    module, data, trainer = planned(config, data, folder, console)
     assert (data.features is not None) == module.skips_front
     return module, data, trainer
 

@@ -1,15 +1,19 @@
 """A training's pace, which must not change what is learnt."""
 
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from rich.console import Console
 
 from tests.recordings import Written
-from tests.zoo.trainings import train_here
+from tests.zoo.trainings import planned, train_here
+from zoo.cli.compose import compose_config
 from zoo.training import plan
+from zoo.training.build import build_data
 from zoo.training.compilation import find_compiler
 from zoo.training.plan import TOGETHER
 
@@ -36,7 +40,7 @@ def train(
         together=together,
     )
     assert module.train_samples == 2 * len(data.samples)
-    return module.state_dict(), data.batches_together
+    return module.state_dict(), data.batches_per_step
 
 
 def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
@@ -92,3 +96,27 @@ def test_bf16_that_the_processor_does_not_know_is_said(
     overrides += ("trainer.accelerator=cpu", f"trainer.precision={precision}")
     train_here(recorded, tmp_path, *overrides, console=console)
     assert ("has no instructions for it" in console.file.getvalue()) is said
+
+
+def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> None:
+    """What is planned is in the objects that are built, and the loaded data stay as they were."""
+    overrides = ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu")
+    config = OmegaConf.create(compose_config([*overrides, f"data.root={recorded.folder}"]))
+    config.data.update(cache=str(tmp_path / "cache"), block_s=0.5, gap_s=0.1, batch_size=16)
+    loaded = build_data(config)
+    loaded.load(Console(quiet=True))
+    before = config.copy()
+    module, data, _ = planned(config, loaded, tmp_path)
+    assert (loaded.batches_per_step, data.batches_per_step) == (1, TOGETHER)
+    assert data.recording is loaded.recording
+    assert not module.skips_front
+    assert torch.get_num_threads() == 1
+    assert config == before
+
+
+def test_a_plan_prints_as_a_line() -> None:
+    cpu = plan.TrainingPlan(torch.device("cpu"))
+    assert cpu.line() == "plan: 32-true on cpu, 1 thread"
+    more = replace(cpu, processes=2, threads=4, batches_per_step=32, compiled_batch=64)
+    for word in ("2 processes", "4 threads", "32 batches per step", "compiled"):
+        assert word in more.line()

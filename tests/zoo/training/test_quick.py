@@ -9,15 +9,14 @@ from datamodules.errors import InputError
 from simulator.record_report import train_command
 from zoo.cli.compose import compose_config
 from zoo.cli.config_help import ABOUT
-from zoo.training.build import apply_quick
+from zoo.training.build import with_quick
 
 ROOT = Path(__file__).parents[3]
 
 
 def quick(*overrides: str) -> tuple[int, int]:
     """Epochs, and samples of each, of a quick training."""
-    config = OmegaConf.create(compose_config(["quick=true", *overrides]))
-    apply_quick(config)
+    config = with_quick(OmegaConf.create(compose_config(["quick=true", *overrides])))
     return config.trainer.max_epochs, config.data.samples_per_epoch
 
 
@@ -53,7 +52,7 @@ def test_explicit_keys_win_where_they_are_smaller():
 def test_a_run_from_before_quick_samples_keeps_its_length():
     config = OmegaConf.create(compose_config(["quick=true", "experiment=lenet"]))
     del config["quick_samples"]
-    apply_quick(config)
+    config = with_quick(config)
     assert (config.trainer.max_epochs, config.data.samples_per_epoch) == (3, 3_200)
 
 
@@ -61,3 +60,10 @@ def test_a_run_from_before_quick_samples_keeps_its_length():
 def test_a_number_of_samples_that_cannot_be_is_refused(value):
     with pytest.raises(InputError, match=f"quick_samples={value.replace('null', 'None')} is not"):
         quick(f"quick_samples={value}")
+
+
+def test_the_config_that_was_given_stays_as_it_was():
+    config = OmegaConf.create(compose_config(["quick=true"]))
+    before = config.copy()
+    assert with_quick(config) != before
+    assert config == before

@@ -7,15 +7,15 @@ from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
 from tests.recordings import Written
-from tests.zoo.trainings import train_here
+from tests.zoo.trainings import module_of, train_here
 from zoo.cli.compose import compose_config
-from zoo.training.build import build_data, build_module
+from zoo.training.build import build_data
 
 
 def groups(recorded: Written, *overrides: str) -> list[dict]:
     root = f"data.root={recorded.folder}"
     config = OmegaConf.create(compose_config([root, "model.weights=null", *overrides]))
-    module = build_module(config, build_data(config), {})
+    module = module_of(config, build_data(config).view)
     return module.configure_optimizers()["optimizer"].param_groups
 
 

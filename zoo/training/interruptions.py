@@ -1,0 +1,67 @@
+"""What a run that is stopped, or loses its disk, reports: what is kept, and how to resume."""
+
+import io
+import shlex
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from datamodules.errors import InputError
+from zoo.cli.stop_errors import StoppedError
+from zoo.runs.status import read_status
+
+
+@contextmanager
+def naming_lost_files(folder: Path) -> Iterator[None]:
+    """Raise InputError for a full disk, or a folder that was removed: which file, what is kept."""
+    before = threading.excepthook
+    # TensorBoard writes in a thread, and raises in ours what has failed there.
+    threading.excepthook = lambda failed: isinstance(failed.exc_value, OSError) or before(failed)
+    try:
+        yield
+    except OSError as error:
+        place = error.filename or _open_file(error) or folder
+        if not folder.is_dir():
+            remedy = f"{folder} was removed, with all that the run had saved; start it again"
+        else:
+            last = folder / "checkpoints" / "last.ckpt"
+            kept = f"{last} is kept" if last.is_file() else kept_without_last(folder)
+            again = resume_command(folder)
+            remedy = f"{kept}; free some space, or correct that, and go on with: {again}"
+        raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
+    finally:
+        threading.excepthook = before
+
+
+def _open_file(error: OSError) -> str | None:
+    """Return the file that the failed code had open: an error of writing names none."""
+    for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
+        for one in frame.f_locals.values():
+            if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):
+                return one.name
+    return None
+
+
+def resume_command(folder: Path) -> str:
+    """Return the command that resumes a run."""
+    return shlex.join(["python", "-m", "zoo", f"resume={folder}"])
+
+
+def kept_without_last(folder: Path) -> str:
+    """Return which checkpoint is kept in a run's folder that holds no `last.ckpt`."""
+    best = folder / "checkpoints" / "best.ckpt"
+    if not best.is_file():
+        return "no epoch was complete yet"
+    return f"{best} is kept, but there is no last.ckpt to go on from"
+
+
+def stopped_error(folder: Path, epoch: int) -> StoppedError:
+    """Return the error of a training that was stopped in `epoch`, 1 is the first."""
+    done = f"the epochs before {epoch} are saved"
+    if not (folder / "checkpoints" / "last.ckpt").is_file():
+        done = kept_without_last(folder)
+    if (finished := read_status(folder).get("finished_epochs")) is not None:
+        done += f"; metrics.json holds the figures of when it had finished {finished}"
+    return StoppedError(f"stopped; {done}; go on with: {resume_command(folder)}")
