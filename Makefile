@@ -25,6 +25,7 @@ test-all: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 
 # make train ARGS="experiment=tiny41 data.root=FOLDER"
 train: $(READY)
@@ -48,5 +49,5 @@ bench: $(READY)
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)
 
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
