@@ -15,12 +15,13 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 	@echo "set up in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
-# Two processes, a file of tests each; ARGS="-n 4" takes more. test-all runs the slow ones, too.
+# Two processes, a file of tests each; ARGS="-n 4" takes more. Prints the ten slowest tests.
+# test-all runs the slow ones, too.
 test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 -m "not slow" $(ARGS)
 
 test-all: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 $(ARGS)
 
 lint: $(READY)
 	$(BIN)/ruff check .
