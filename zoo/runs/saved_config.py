@@ -78,12 +78,7 @@ ALLOWED = {
         ),
     ),
     ("callbacks", "*"): Allowed(
-        own=(
-            "zoo.callbacks.closed_loop",
-            "zoo.callbacks.training_images",
-            "zoo.callbacks.progress",
-            "zoo.sweep.pruning",
-        ),
+        own=("zoo.callbacks.*", "zoo.sweep.pruning"),
         names=_of(
             "lightning.pytorch.callbacks",
             "DeviceStatsMonitor EarlyStopping LearningRateMonitor ModelCheckpoint ModelSummary "
