@@ -15,16 +15,19 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 	@echo "set up in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
-# Two processes, a file of tests each; ARGS="-n 4" takes more. test-all runs the slow ones, too.
+# Two processes, a file of tests each; ARGS="-n 4" takes more. Prints the ten slowest tests.
+# test-all runs the slow ones, too.
 test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 -m "not slow" $(ARGS)
 
 test-all: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 $(ARGS)
 
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
 
 # make train ARGS="experiment=tiny41 data.root=FOLDER"
 train: $(READY)
@@ -48,5 +51,5 @@ bench: $(READY)
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)
 
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -44,7 +44,8 @@ class Brightness(albumentations.ImageOnlyTransform):
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
         """`apply`'s arguments for each of a batch of `shape`."""
-        return [{"factor": factor} for factor in rng.uniform(*self.scale, shape[0])]
+        low, high = self.scale
+        return [{"factor": factor} for factor in rng.uniform(low, high, shape[0])]
 
     def change_one(self, picture: np.ndarray, factor: float) -> None:
         """`apply`, in place."""
@@ -62,8 +63,9 @@ class Shadow(albumentations.RandomShadow):
         low = np.array([left * shape[2], top * shape[1]], int)
         high = np.array([right * shape[2], bottom * shape[1]], int)
         fewest, most = self.num_shadows_limit
+        faintest, darkest = self.shadow_intensity_range
         corners = rng.integers(low, high, (shape[0], most, self.shadow_dimension, 2))
-        intensities = rng.uniform(*self.shadow_intensity_range, (shape[0], most))
+        intensities = rng.uniform(faintest, darkest, (shape[0], most))
         counts = rng.integers(fewest, most + 1, shape[0])
         return [
             {"vertices_list": corners[at, :count], "intensities": intensities[at, :count]}

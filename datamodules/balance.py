@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -143,7 +144,13 @@ class BalancedBatches:
     """
 
     def __init__(
-        self, samples: Samples, batch_size: int, seed: int, rank: int = 0, world: int = 1, **balance
+        self,
+        samples: Samples,
+        batch_size: int,
+        seed: int,
+        rank: int = 0,
+        world: int = 1,
+        **balance: Any,
     ) -> None:
         self.samples, self.batch_size, self.seed = samples, batch_size, seed
         self.rank, self.world, self.balance = rank, world, balance

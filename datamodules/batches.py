@@ -33,7 +33,7 @@ class TrainingBatches(Dataset):
 
     def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
         if isinstance(key, tuple):
-            return [self[one] for one in key]
+            return [self[one] for one in key]  # type: ignore[misc]
         samples, own = self.samples, key.own
         mirrored, steering, seed = self.draw(key)
         pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)

@@ -100,7 +100,8 @@ class Bend(albumentations.ImageOnlyTransform):
         """`apply`'s arguments for each of a batch of `shape`."""
         count = shape[0]
         curvature = rng.uniform(-self.curvature, self.curvature, count)
-        length = rng.uniform(*self.length_m, count)
+        shortest, longest = self.length_m
+        length = rng.uniform(shortest, longest, count)
         ahead = rng.uniform(-REAR_AXLE_M, self.ahead_m, count)
         begin = np.where(rng.random(count) < self.begun, -REAR_AXLE_M, ahead)
         return [

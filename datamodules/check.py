@@ -144,7 +144,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("folders", nargs="+", metavar="FOLDER", help="it holds driving_log.csv")
     parser.add_argument("--images", metavar="FOLDER", help="the pictures, if not in IMG")
     options = parser.parse_args(arguments)
-    sys.stdout.reconfigure(errors="backslashreplace")  # a folder's name may be no UTF-8
+    # A folder's name may be no UTF-8.
+    sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
         raise_again()
         return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1

@@ -117,7 +117,8 @@ def _apply(
 
 def _brightness(transform: Brightness) -> DeviceChange:
     def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
-        return rng.uniform(*transform.scale, shape[0])[:, None]
+        low, high = transform.scale
+        return rng.uniform(low, high, shape[0])[:, None]
 
     return DeviceChange(transform.p, draw, lambda pictures, drawn: lit(pictures, drawn[:, 0]))
 

@@ -34,7 +34,7 @@ class DeviceBatches(Dataset):
         self.batches, self.device = batches, device
         self.augment = DeviceAugment(batches.augment.transforms, batches.augment.colour)
         views = batches.views
-        room = RESIDENT_SHARE * _free_bytes(device) if room is None else room
+        room = int(RESIDENT_SHARE * _free_bytes(device)) if room is None else room
         self.resident: Tensor | None = None
         if sum(one.nbytes for one in views.files) <= room:
             self.resident = _copied(views, device)
@@ -42,7 +42,7 @@ class DeviceBatches(Dataset):
 
     def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
         if isinstance(key, tuple):
-            return [self[one] for one in key]
+            return [self[one] for one in key]  # type: ignore[misc]
         samples, own = self.batches.samples, key.own
         mirrored, steering, seed = self.batches.draw(key)
         pictures = self._pictures(samples.row[own], samples.camera[own])

@@ -88,6 +88,5 @@ def yuv_of_rgb(pictures: Tensor) -> Tensor:
 def _mixed(pictures: Tensor, matrix: tuple[tuple[float, ...], ...]) -> Tensor:
     # Sums of products rather than a product of matrices, which a GPU would do in TF32.
     channels = pictures.unbind(1)
-    return torch.stack(
-        [sum(w * channel for w, channel in zip(row, channels, strict=True)) for row in matrix], 1
-    )
+    rows = [sum(w * one for w, one in zip(row, channels, strict=True)) for row in matrix]
+    return torch.stack(rows, 1)  # type: ignore[arg-type]  # no sum is of nothing, which is 0

@@ -40,8 +40,8 @@ class LogRow:
     camera), and steering -1..1, throttle, brake, speed in mph."""
 
     line: int
-    paths: tuple[str, str, str]
-    numbers: tuple[float, float, float, float]
+    paths: tuple[str, ...]  # one for each of `CAMERAS`
+    numbers: tuple[float, ...]  # one for each of `NUMBERS`
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class LogColumns:
     """A whole log: `LogRow`'s line, int64 [N]; paths, three lists; and numbers, float64 [N, 4]."""
 
     line: np.ndarray
-    paths: tuple[list[str], list[str], list[str]]
+    paths: tuple[list[str], ...]
     numbers: np.ndarray
 
     def __len__(self) -> int:
@@ -104,8 +104,8 @@ def _read_plain_log(log: Path) -> LogColumns | None:
                     if "\0" in "".join(column[-len(rows) :]):
                         return None
                 if rows:
-                    values = [list(map(float, cells[name])) for name in NUMBERS]
-                    numbers.append(np.array(values))
+                    floats = [list(map(float, cells[name])) for name in NUMBERS]
+                    numbers.append(np.array(floats))
                     lines.append(np.arange(before + 1, before + 1 + len(rows)))
         except (csv.Error, ValueError):  # a byte that is no UTF-8 is a ValueError, too
             return None
@@ -179,7 +179,7 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
 
 def _arrange(
     log: Path, line: int, fields: list[str], order: list[str]
-) -> tuple[tuple[str, str, str], list[str]]:
+) -> tuple[tuple[str, ...], list[str]]:
     """A row's three paths, and the fields of its four numbers (more than four: decimal commas)."""
     if len(fields) == len(order):
         cells = dict(zip(order, fields, strict=True))
@@ -200,7 +200,7 @@ def _arrange(
 
 def _parse_numbers(
     log: Path, line: int, values: list[str], previous_speed: float
-) -> tuple[float, float, float, float]:
+) -> tuple[float, ...]:
     if len(values) == len(NUMBERS):
         numbers = tuple(_number(log, line, *pair) for pair in zip(NUMBERS, values, strict=True))
     else:

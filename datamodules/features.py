@@ -216,7 +216,7 @@ class FeatureBatches(Dataset):
 
     def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
         if isinstance(key, tuple):
-            return [self[one] for one in key]
+            return [self[one] for one in key]  # type: ignore[misc]
         samples, own = self.batches.samples, key.own
         mirrored, steering, _ = self.batches.draw(key)
         taken = self.features.take(samples.row[own], samples.camera[own] + MIRRORED * mirrored)

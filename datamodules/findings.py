@@ -84,7 +84,7 @@ def _no_recoveries(recording: Recording) -> str | None:
 
 
 def _centre_only(recording: Recording) -> str | None:
-    if np.not_equal(recording.images[:, 1:], None).any():
+    if any(image is not None for image in recording.images[:, 1:].flat):
         return None
     return (
         "no side cameras: data.offset has no effect, and nothing shows how to come back to the "

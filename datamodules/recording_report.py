@@ -45,7 +45,7 @@ def report_recording(recording: Recording, mask: np.ndarray, name: str) -> Recor
     return RecordingReport(
         name=name,
         rows=int(mask.sum()),
-        side_cameras=int(np.not_equal(images[:, 1:], None).all(axis=1).sum()),
+        side_cameras=sum(None not in row for row in images[:, 1:].tolist()),
         seconds=float(driven.sum()) if len(driven) else float("nan"),
         fps=float(1 / np.median(driven)) if len(driven) else float("nan"),
         gaps=int(((steps > GAP_S) | (steps < 0)).sum()),

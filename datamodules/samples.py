@@ -67,7 +67,7 @@ def make_samples(
     for number in sorted(CAMERAS.index(name) for name in set(cameras)):
         seen = rows[[image is not None for image in recording.images[rows, number]]]
         speed = recording.speed_mph[seen]
-        correction = {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number]
+        correction: float | np.ndarray = {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number]
         if recover_s is not None and number != CENTER:
             correction = recovery_steering(CAMERA_OFFSET_M[number], speed, recover_s)
         steering = np.clip(recording.steering[seen] + correction, -1, 1)

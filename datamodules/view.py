@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,7 +85,7 @@ def view_to_rgb(picture: np.ndarray, colour: str) -> np.ndarray:
     return picture
 
 
-def _check_pair(key: str, pair: object, least: int) -> None:
+def _check_pair(key: str, pair: Any, least: int) -> None:
     is_pair = isinstance(pair, list | tuple) and len(pair) == 2
     if not is_pair or any(type(number) is not int or number < least for number in pair):
         what = "top,bottom" if key == "data.crop" else "height,width"

@@ -216,7 +216,7 @@ def _build(
 
 def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
     """All of a chunk: a system that has no more room may take a part of it first."""
-    left = memoryview(chunk).cast("B")
+    left = chunk.data.cast("B")
     while left:
         written = os.pwrite(descriptor, left, offset)
         left, offset = left[written:], offset + written

@@ -6,11 +6,13 @@ stop_quietly("simulator")
 
 import gymnasium  # noqa: E402 - it takes most of the time in which Ctrl-C would print a trace
 
+from simulator.track_names import environment_id, track_names  # noqa: E402
+
 # Entry points are strings: nothing of the renderer is imported before an environment is made.
-for _name in ("Lake", "Mountain"):
-    if f"{_name}-v0" not in gymnasium.registry:
+for _name in track_names():
+    if environment_id(_name) not in gymnasium.registry:
         gymnasium.register(
-            id=f"{_name}-v0",
+            id=environment_id(_name),
             entry_point="simulator.env:DrivingEnv",
-            kwargs={"track": _name.lower()},
+            kwargs={"track": _name},
         )

@@ -10,6 +10,7 @@ from simulator.errors import SimulatorError
 from simulator.plain_yaml import read_yaml
 from simulator.rig import MAX_STEERING_DEG, WHEELBASE_M
 from simulator.track import Stretch, Surroundings, Track, Verge, make_centreline
+from simulator.track_names import track_folder, track_names
 
 PAVINGS = ("asphalt", "cobbles")
 VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
@@ -22,17 +23,6 @@ MOST_PATH = 4096  # characters of a track's path
 MOST_POINTS, MOST_LENGTH_M, MOST_SIDE_M = 10_000, 100_000, 10_000
 MOST_LAKES, MOST_RADIUS_M = 100, 2_000
 VERGE_M = 4.0  # beside the road that no other part of the track may use
-
-
-def track_folder() -> Path:
-    """The folder of the tracks that come along: of the checkout, or of the installed package."""
-    installed = Path(__file__).parent / "track"
-    return installed if installed.is_dir() else Path(__file__).parents[1] / "conf" / "track"
-
-
-def track_names() -> list[str]:
-    """The tracks that come along."""
-    return sorted(path.stem for path in track_folder().glob("*.yaml"))
 
 
 def read_track(name: str) -> Track:

@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from simulator.env import DrivingEnv
 from simulator.errors import SimulatorError
 from simulator.expert import Expert
+from simulator.track_names import environment_id, track_names
 from simulator.weather import Weather
 from tests.simulator.tracks import LOOP
 
@@ -39,7 +40,7 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
         env.close()
 
 
-@pytest.mark.parametrize("name", ["Lake-v0", "Mountain-v0"])
+@pytest.mark.parametrize("name", [environment_id(one) for one in track_names()])
 @pytest.mark.parametrize("arguments", [{}, {"cameras": "all", "render_mode": "rgb_array"}])
 def test_gymnasium_finds_nothing_to_complain_about(name, arguments):
     env = gymnasium.make(name, renderer="software", **arguments)

@@ -4,7 +4,7 @@ import pickle
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import torch
 from torch import Tensor, nn
@@ -64,7 +64,7 @@ def read_checkpoint_file(path: str | Path) -> dict:
     return contents
 
 
-def load_plain(path: Path) -> object:
+def load_plain(path: Path) -> Any:
     """Return what a file of torch holds, if that is plain containers and tensors alone.
 
     Raises:

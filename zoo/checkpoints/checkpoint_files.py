@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path, PurePath
+from typing import Any
 
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
@@ -31,7 +32,7 @@ class CheckpointFiles(TorchCheckpointIO):
         path.parent.mkdir(exist_ok=True)
         write_whole(path, contents.getbuffer())
 
-    def load_checkpoint(self, path: str | Path, *args: object, **more: object) -> dict:
+    def load_checkpoint(self, path: str | Path, *args: Any, **more: Any) -> dict:
         """Read a checkpoint; the paths in its callbacks' states are those of its folder now.
 
         Lightning keeps absolute paths, and forgets the best score where they have changed. It also

@@ -35,6 +35,7 @@ def find_checkpoint(named: str | Path) -> Path:
         raise InputError(f"{path}: cannot be read ({reason}); name another checkpoint") from None
     if str(named) == LATEST:
         found = checkpoint_of(latest_run())
+        assert found is not None  # `latest_run` passes over runs without one
         print(error_line(LATEST, found), file=sys.stderr, flush=True)
         return found
     runs = runs_below(OUTPUTS)

@@ -37,7 +37,8 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Tensor]:
         try:
             with torch.inference_mode():
                 wanted = [network(*one) for one in inputs]
-            network.to(memory_format=torch.channels_last)  # as the pictures are; values stay
+            # As the pictures are; values stay. (torch's overloads lack memory_format alone.)
+            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
             with torch.no_grad():
                 traced = torch.jit.trace(network, inputs[0], check_trace=False)
             frozen = torch.jit.freeze(traced)
@@ -48,5 +49,5 @@ def quick_forward(network: nn.Module, view: View) -> Callable[..., Tensor]:
             same = False
     if same:
         return frozen
-    network.to(memory_format=torch.contiguous_format)
+    network.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
     return network

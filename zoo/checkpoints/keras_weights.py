@@ -4,8 +4,10 @@ Formats: Keras' `saving/hdf5_format.py` (2.x) and `engine/topology.py` (1.x). No
 run: Lambda layers, whose code it may hold, are passed over.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,6 +17,7 @@ from datamodules.errors import InputError
 from datamodules.regular_file import open_binary
 
 MOST_BYTES = 8_000_000_000
+WithWeights = nn.Conv1d | nn.Conv2d | nn.Linear
 
 
 @dataclass(frozen=True)
@@ -59,14 +62,14 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
     """
     file = read_keras_file(path)
     kind = type(network).__name__
-    places = [m for m in network.modules() if isinstance(m, nn.Conv1d | nn.Conv2d | nn.Linear)]
+    places = [m for m in network.modules() if isinstance(m, WithWeights)]
     if len(file.layers) != len(places):
         names = ", ".join(layer.name for layer in file.layers)
         raise InputError(
             f"{path}: has {len(file.layers)} layers with weights ({names}), {kind} has "
             f"{len(places)}; choose the model that it was made with"
         )
-    state: list[tuple[nn.Parameter, np.ndarray]] = []
+    state: list[tuple[torch.Tensor, np.ndarray]] = []
     channels_first = file.channels_first
     channels = None  # of the last convolution, until the first dense layer has used them
     for number, (layer, place) in enumerate(zip(file.layers, places, strict=True), start=1):
@@ -79,7 +82,7 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
                 f"{label}: kernel {_by(layer.kernel.shape)} in the file, "
                 f"{_by(_keras_shape(place))} in {kind}: {_fix(number, follows_size, file)}"
             )
-        if layer.bias is None or layer.bias.shape != tuple(place.bias.shape):
+        if layer.bias is None or place.bias is None or layer.bias.shape != tuple(place.bias.shape):
             raise InputError(f"{label}: has no bias that fits {kind}; choose the model it is of")
         if not isinstance(place, nn.Linear):
             channels = place.out_channels
@@ -150,7 +153,7 @@ def read_keras_file(path: Path) -> KerasFile:
         raise InputError(f"{path}: is no whole HDF5 file of Keras ({reason})") from None
 
 
-def _layers_of(group, name: str) -> list[KerasLayer]:
+def _layers_of(group: Any, name: str) -> list[KerasLayer]:
     """A layer's arrays in pairs of kernel and bias; a nested model has several pairs."""
     layers: list[KerasLayer] = []
     for weight_name in _names(group, "weight_names"):
@@ -162,7 +165,7 @@ def _layers_of(group, name: str) -> list[KerasLayer]:
     return layers
 
 
-def _names(group, attribute: str) -> list[str]:
+def _names(group: Any, attribute: str) -> list[str]:
     """A list of names in an attribute, which Keras cuts in numbered pieces where it is long."""
     if attribute in group.attrs:
         return [_text(name) for name in group.attrs[attribute]]
@@ -178,13 +181,13 @@ def _text(value: bytes | str) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _keras_shape(place: nn.Module) -> tuple[int, ...]:
+def _keras_shape(place: WithWeights) -> tuple[int, ...]:
     """The shape that Keras gives the kernel: (h, w, in, out), (columns, in, out), (in, out)."""
     out, inputs, *window = place.weight.shape
     return (*window, inputs, out)
 
 
-def _is_out_in_first(kernel: np.ndarray, place: nn.Module, file: KerasFile) -> bool:
+def _is_out_in_first(kernel: np.ndarray, place: WithWeights, file: KerasFile) -> bool:
     """Whether a kernel is stored as torch does: by Keras 1 where the channels are first."""
     if kernel.shape != tuple(place.weight.shape) or isinstance(place, nn.Linear):
         return False
@@ -192,7 +195,7 @@ def _is_out_in_first(kernel: np.ndarray, place: nn.Module, file: KerasFile) -> b
     return kernel.shape != _keras_shape(place) or (file.version == 1 and bool(file.channels_first))
 
 
-def _torch_kernel(kernel: np.ndarray, place: nn.Module, file: KerasFile) -> np.ndarray | None:
+def _torch_kernel(kernel: np.ndarray, place: WithWeights, file: KerasFile) -> np.ndarray | None:
     """A kernel in torch's order of axes, and not turned around; None where it does not fit."""
     if isinstance(place, nn.Conv1d) and kernel.ndim == 4:
         # (1, columns, in, out) of two dimensions or Keras 1.2, (out, in, columns, 1) of 1.0.
@@ -225,7 +228,7 @@ def _fix(number: int, follows_size: bool, file: KerasFile) -> str:
     return "set model.width, or the model that it was made with"
 
 
-def _model_layers(config: dict) -> list[tuple[str, dict]]:
+def _model_layers(config: Any) -> list[tuple[str, dict]]:
     """The layers' classes and own configs, outer first, of any nesting and version."""
     inner = config.get("config", [])
     found = []
@@ -262,5 +265,5 @@ def _input(model: list[tuple[str, dict]], channels_first: bool | None) -> tuple[
     return fed, settings
 
 
-def _by(shape) -> str:
+def _by(shape: Iterable[object]) -> str:
     return " x ".join(str(size) for size in shape)

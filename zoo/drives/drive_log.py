@@ -121,7 +121,7 @@ def read_drive(folder: Path | str) -> Drive:
     header, *rows = _rows(path) or [[]]
     if tuple(header) != COLUMNS:
         raise InputError(f"{path}: its columns are not {','.join(COLUMNS)}; is it a drive's?")
-    columns = {name: [] for name in COLUMNS}
+    columns: dict[str, list[object]] = {name: [] for name in COLUMNS}
     for line, row in enumerate(rows, 2):
         if len(row) != len(COLUMNS):
             raise InputError(f"{path}, row {line}: {len(row)} columns, expected {len(COLUMNS)}")

@@ -135,8 +135,8 @@ def _draw_pedals(picture: np.ndarray, start: tuple[int, int], length: int, throt
 def _line(
     picture: np.ndarray, start: np.ndarray, end: np.ndarray, colour: tuple, thickness: int
 ) -> None:
-    ends = (np.round(np.array([start, end]) * (1 << _SUBPIXEL))).astype(int).tolist()
-    cv2.line(picture, *ends, colour, thickness, cv2.LINE_AA, _SUBPIXEL)
+    first, last = (np.round(np.array([start, end]) * (1 << _SUBPIXEL))).astype(int).tolist()
+    cv2.line(picture, first, last, colour, thickness, cv2.LINE_AA, _SUBPIXEL)
 
 
 def _darken(picture: np.ndarray, top: int, bottom: int) -> None:
@@ -189,6 +189,9 @@ def _letters(text: str, size: int) -> np.ndarray:
 def _font(size: int) -> ImageFont.FreeTypeFont:
     # matplotlib brings the letters along, so that films look the same on every machine; found
     # without importing it, which takes half a second.
-    package = importlib.util.find_spec("matplotlib").submodule_search_locations[0]
+    spec = importlib.util.find_spec("matplotlib")
+    assert spec is not None
+    assert spec.origin is not None
+    package = Path(spec.origin).parent
     name = "DejaVuSans-Bold.ttf" if size >= 20 else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(package) / "mpl-data" / "fonts" / "ttf" / name), size)
+    return ImageFont.truetype(str(package / "mpl-data" / "fonts" / "ttf" / name), size)

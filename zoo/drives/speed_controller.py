@@ -44,12 +44,13 @@ class PI:
         _check("ki", ki, least=0)
         if bend_mph is not None:
             _check("bend_mph", bend_mph, least=0)
-        self.set_mph: float | None = float(set_mph)
+        self.set_mph = float(set_mph)
         self.kp, self.ki, self.bend_mph = kp, ki, bend_mph
         self.reset()
 
     def reset(self) -> None:
-        self._integral, self._last_s = 0.0, None
+        self._integral = 0.0
+        self._last_s: float | None = None
 
     def throttle(
         self, speed_mph: float, steering: float, predicted: float | None, now_s: float
@@ -118,8 +119,8 @@ def limit_pedal(throttle: float, speed_mph: float) -> float:
     return min(max(throttle, -1.0 if speed_mph > REVERSES_BELOW_MPH else 0.0), 1.0)
 
 
-def _check(key: str, value: object, least: float, most: float = math.inf) -> None:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (number and least <= value <= most):
+def _check(key: str, value: float, least: float, most: float = math.inf) -> None:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (is_number and least <= value <= most):
         bounds = f"a number, {least:g} or more" if most == math.inf else f"in {least:g}..{most:g}"
         raise InputError(f"drive.speed.{key}={value} is not {bounds}")

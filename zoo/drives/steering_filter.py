@@ -21,8 +21,9 @@ class SteeringFilter:
         rate_per_s: float | None = None,
     ) -> None:
         for key, value in (("gain", gain), ("low_pass_s", low_pass_s), ("rate_per_s", rate_per_s)):
-            number = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
-            if not (number and math.isfinite(value)) and not (value is None and key != "gain"):
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            positive = number and value is not None and 0 < value < math.inf
+            if not positive and not (value is None and key != "gain"):
                 raise InputError(f"drive.steering.{key}={value} is not a number above 0")
         self.gain, self.low_pass_s, self.rate_per_s = gain, low_pass_s, rate_per_s
         self.reset()

@@ -6,7 +6,6 @@ from rich.console import Console
 from rich.table import Table
 
 from datamodules.errors import InputError
-from datamodules.view import View
 from zoo.cli.arguments import is_help
 from zoo.cli.compose import choices, compose_config
 from zoo.cli.run_command import run_command
@@ -20,7 +19,7 @@ options."""
 def zoo_table() -> tuple[Table, dict[str, str]]:
     """Each model of `conf/model` with its own view, and the source of each."""
     # torch takes seconds to import; --help does not need it
-    from zoo.models.make_network import VIEW_KEYS, make_network
+    from zoo.models.make_network import make_network, published_view
     from zoo.models.network_facts import multiply_adds, paper
 
     sources = {}
@@ -29,9 +28,7 @@ def zoo_table() -> tuple[Table, dict[str, str]]:
         table.add_column(column, justify="right" if column[-1] == "s" else "left")
     for name in choices("model"):
         config = compose_config([f"model={name}"])
-        # comma.ai's network has no size of its own: it is published for the whole picture.
-        crop = config["data"]["crop"] if config["model"]["size"] else [0, 0]
-        view = View(crop, **{key: config["model"][key] for key in VIEW_KEYS})
+        view = published_view(config)
         network = make_network(config["model"], view)
         height, width, channels = view.shape
         parameters = sum(parameter.numel() for parameter in network.parameters())

@@ -17,6 +17,16 @@ VIEW_KEYS = ("colour", "size")
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
 
+def published_view(config: dict) -> View:
+    """Return the view for which a model's figures are given, of the config that names the model.
+
+    A model without a size of its own (`size: null`) is published for the whole frame.
+    """
+    model = config["model"]
+    crop = config["data"]["crop"] if model["size"] else [0, 0]
+    return View(crop, **{key: model[key] for key in VIEW_KEYS})
+
+
 def make_network(model: dict, view: View) -> nn.Module:
     """Return the network that a model's config names, for a view.
 

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -87,7 +88,7 @@ def read_text(path: Path, most_bytes: int) -> str:
         raise InputError(f"{path}: byte {error.start + 1:,} is no UTF-8") from None
 
 
-def check_text(found: object) -> object:
+def check_text(found: object) -> Any:
     """Return what was parsed; ValueError where it is too deep or holds text that no path can be."""
     level = [found]
     for _ in range(MOST_LEVELS + 1):
@@ -106,5 +107,5 @@ def check_text(found: object) -> object:
 def _reason(error: Exception) -> str:
     mark = getattr(error, "problem_mark", None)
     if mark is not None:
-        return f"line {mark.line + 1}: {error.problem}"
+        return f"line {mark.line + 1}: {getattr(error, 'problem', '')}"
     return " ".join(str(error).split()) or type(error).__name__

@@ -63,7 +63,8 @@ class HydraFile(Fields):
 def read_config_file(folder: Path) -> dict:
     """Return a run's config as plain containers; raises InputError."""
     path = folder / FOLDER / "config.yaml"
-    return with_current_targets(plain(check_fields(Config, read_yaml(path), path)))
+    config: dict = with_current_targets(plain(check_fields(Config, read_yaml(path), path)))
+    return config
 
 
 def read_hydra_file(folder: Path) -> Runtime:
@@ -100,4 +101,5 @@ def load_config(folder: Path) -> "DictConfig":
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: is no config that can be read ({reason})") from None
     check_fields(Config, found, path)
-    return OmegaConf.create(with_current_targets(found))
+    current: DictConfig = OmegaConf.create(with_current_targets(found))
+    return current

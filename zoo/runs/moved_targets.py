@@ -1,5 +1,7 @@
 """Names of classes that moved since a run or checkpoint was written."""
 
+from typing import Any
+
 # The module of earlier versions: the module of today.
 MOVED_MODULES = {
     "zoo.callbacks.pictures": "zoo.callbacks.training_images",
@@ -8,7 +10,7 @@ MOVED_MODULES = {
 MOST_LEVELS = 64
 
 
-def with_current_targets(node: object, levels: int = MOST_LEVELS) -> object:
+def with_current_targets(node: object, levels: int = MOST_LEVELS) -> Any:
     """Return plain containers in which every `_target_` has its name of today.
 
     >>> with_current_targets({"a": [{"_target_": "zoo.callbacks.pictures.FedBatch"}]})

@@ -4,6 +4,7 @@ import io
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from datamodules.view import view_to_rgb
@@ -42,8 +43,7 @@ def predicted_against_true(predicted: np.ndarray, true: np.ndarray, title: str) 
     axis.plot([-limit, limit], [-limit, limit], color=ORANGE, lw=1.5, label="equal")
     axis.scatter(true, predicted, s=9, alpha=0.4, color=BLUE, lw=0)
     axis.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
-    for each in (axis.xaxis, axis.yaxis):
-        each.get_major_locator().set_params(nbins=5)
+    axis.locator_params(nbins=5)
     axis.set_xlabel("recorded steering")
     axis.set_ylabel("predicted steering")
     axis.set_title(title)
@@ -62,7 +62,7 @@ def training_curves(train: dict[int, float], val: dict[int, float], baseline: fl
         axis.axhline(baseline, color=ORANGE, ls="--", lw=1.2, label="always zero, validation")
     axis.set_yscale("log")
     axis.set_xlabel("epoch")
-    axis.xaxis.get_major_locator().set_params(integer=True)
+    axis.locator_params("x", integer=True)
     axis.set_ylabel("mean squared error (log scale)")
     axis.set_title("training curves")
     axis.legend(frameon=False)
@@ -107,6 +107,6 @@ def save_figure(figure: Figure, path: Path) -> Path:
     return write_whole(path, contents.getbuffer())
 
 
-def _plain(axis) -> None:
+def _plain(axis: Axes) -> None:
     axis.spines[["top", "right"]].set_visible(False)
     axis.grid(alpha=0.2)

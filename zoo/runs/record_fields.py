@@ -32,8 +32,9 @@ class Fields(BaseModel):
 
 def finite(value: object) -> object:
     """Return a value, unless it is NaN or infinite, which raises ValueError."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and not abs(value) < LARGEST:  # NaN is not below, either
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    if not abs(value) < LARGEST:  # NaN is not below, either
         raise ValueError("should be a finite number")
     return value
 

@@ -11,9 +11,10 @@ import importlib
 import inspect
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import Any
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
@@ -77,12 +78,7 @@ ALLOWED = {
         ),
     ),
     ("callbacks", "*"): Allowed(
-        own=(
-            "zoo.callbacks.closed_loop",
-            "zoo.callbacks.training_images",
-            "zoo.callbacks.progress",
-            "zoo.sweep.pruning",
-        ),
+        own=("zoo.callbacks.*", "zoo.sweep.pruning"),
         names=_of(
             "lightning.pytorch.callbacks",
             "DeviceStatsMonitor EarlyStopping LearningRateMonitor ModelCheckpoint ModelSummary "
@@ -178,7 +174,7 @@ def find_refusals(
     recorded on first use goes below `outputs`.
     """
     if not isinstance(config, DictConfig):
-        config = OmegaConf.create(config)
+        config = OmegaConf.create(dict(config))
     refused = False
     for keys, value in _walk(OmegaConf.to_container(config, resolve=False)):
         key = ".".join(keys)
@@ -193,7 +189,7 @@ def find_refusals(
     if refused:  # resolving would do it
         return
     try:
-        plain = OmegaConf.to_container(config, resolve=True)
+        plain: Any = OmegaConf.to_container(config, resolve=True)
     except (OmegaConfBaseException, RecursionError) as error:
         raise InputError(f"{source}: cannot be resolved ({_line(error)}); restore it") from None
     for keys, value in _walk(plain):
@@ -229,7 +225,7 @@ def own_class(target: object, modules: Sequence[str]) -> type | None:
     return found if inspect.isclass(found) and found.__module__ == module else None
 
 
-def _refused(keys: Keys, value: object, config: Mapping) -> tuple[str | None, str]:
+def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
     """Return why a value is refused, None if it is not; and what `trust=` would name."""
     key, section = ".".join(keys), keys[0] if keys else ""
     if keys[-1:] == ("_target_",):
@@ -274,7 +270,7 @@ def _exceeds(value: object, most: int) -> bool:
 def _walk(node: object, keys: Keys = ()) -> Iterator[tuple[Keys, object]]:
     """Yield every value of plain containers that holds no others, with its keys."""
     if isinstance(node, Mapping):
-        pairs = node.items()
+        pairs: Iterable[tuple[object, object]] = node.items()
     elif isinstance(node, list | tuple):
         pairs = enumerate(node)
     else:
@@ -303,7 +299,7 @@ def _is_shipped(place: Keys, config: Mapping) -> bool:
     if name not in choices("logger"):
         return False
     shipped = yaml.safe_load((conf_folder() / "logger" / f"{name}.yaml").read_text())
-    return shipped.get(name) == config["logger"][name]
+    return bool(shipped.get(name) == config["logger"][name])
 
 
 def _calls_resolver(text: str) -> bool:

@@ -1,16 +1,6 @@
-import doctest
-
 import pytest
 
-from zoo.drives import intervals
 from zoo.drives.intervals import wilson_interval
-
-
-def test_the_examples_in_the_docstrings_run() -> None:
-    results = doctest.testmod(intervals)
-
-    assert results.attempted > 0
-    assert not results.failed
 
 
 def test_a_wider_confidence_gives_a_wider_interval() -> None:

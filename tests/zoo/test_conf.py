@@ -1,0 +1,66 @@
+"""Every YAML below `conf` constructs what it names."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+from hydra.core.plugins import Plugins
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from simulator.track_file import read_track
+from zoo.cli.compose import compose_config, conf_folder
+from zoo.drive.drive_settings import read_settings
+from zoo.evaluate.track_scores import run_options
+from zoo.models.make_network import make_network
+from zoo.training.build import build_data, build_module, build_trainer
+
+CONF = conf_folder()
+FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]
+
+
+@pytest.mark.parametrize("path", FILES, ids=str)
+def test_every_yaml_constructs_what_it_names(path: Path, tmp_path: Path) -> None:
+    group, name = path.parent.as_posix(), path.stem
+    if group == "track":
+        assert read_track(name).length > 0
+    elif path.parts[0] == "drive" or path.name == "drive.yaml":
+        read_settings([f"{group.replace('/', '.')}={name}"] if group != "." else [])
+    elif path.parts[0] == "hydra":
+        place = {"hydra": {"sweep": {"dir": str(tmp_path)}}}
+        settings = OmegaConf.create(place | {"own": OmegaConf.load(CONF / path)}).own
+        _import_package_of(settings._target_)
+        assert Plugins.instance()._instantiate(settings)
+    else:
+        _construct(group, name, tmp_path)
+
+
+def _construct(group: str, name: str, folder: Path) -> None:
+    """Construct the parts of a training for which a choice of a group matters."""
+    choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
+    usual = ["model=tiny"] if group not in ("model", "experiment") else []
+    choices = [f"data.root={folder}", *usual, *([choice] if group != "." else [])]
+    config: DictConfig = OmegaConf.create(compose_config(choices))
+    run_options(config.get("score"))
+    for settings in (config.get("logger") or {}).values():
+        _import_package_of(settings._target_)
+    data = build_data(config)
+    if group == "model":
+        model = OmegaConf.to_container(config.model)
+        make_network(model, data.view)
+    elif group in ("loss", "optim", "schedule"):
+        build_module(config, data, card={})
+    elif name == "gpu":
+        instantiate(config.trainer, _partial_=True)  # construction looks for the GPU
+    else:
+        build_trainer(config, folder / "run", has_validation=True)
+
+
+def _import_package_of(target: str) -> None:
+    """Skip where a package that an extra brings is not installed."""
+    extras = {"RayLauncher": "ray", "SlurmLauncher": "submitit", "JoblibLauncher": "joblib"}
+    extras |= {"MLFlowLogger": "mlflow", "WandbLogger": "wandb", "OptunaSweeper": "optuna"}
+    package = extras.get(target.rpartition(".")[2])
+    if package:
+        pytest.importorskip(package)
+    importlib.import_module(target.rpartition(".")[0])
