@@ -5,6 +5,7 @@ interventions by kind, and percentiles of its latency.
 """
 
 from pathlib import Path
+from typing import Any
 
 from pydantic import create_model
 
@@ -27,11 +28,10 @@ class Known(Fields):
     latency_percentiles_ms: dict[str, Number | None] | None = None
 
 
-Summary = create_model(
-    "Summary",
-    __base__=Known,
-    **{name: ((Whole if one.whole else Number) | None, None) for name, one in METRICS.items()},
-)
+_figures: dict[str, Any] = {
+    name: ((Whole if one.whole else Number) | None, None) for name, one in METRICS.items()
+}
+Summary = create_model("Summary", __base__=Known, **_figures)
 
 
 def read_summary_file(path: Path) -> dict:

@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import astuple, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -131,8 +132,11 @@ def read_drive(folder: Path | str) -> Drive:
 
     path = folder / SUMMARY_NAME
     summary = read_summary_file(path) if path.exists() else {}
+    arrays: dict[str, Any] = {
+        name: np.array(columns[name], TYPES.get(name, np.float64)) for name in COLUMNS
+    }
     return Drive(
-        **{name: np.array(columns[name], TYPES.get(name, np.float64)) for name in COLUMNS},
+        **arrays,
         folder=folder,
         summary=summary,
         source=summary.get("drive") or "",

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class Drive:
     distance_m: np.ndarray | None = None
 
     @classmethod
-    def of(cls, rows: Sequence[DriveRow], **known: object) -> "Drive":
+    def of(cls, rows: Sequence[DriveRow], **known: Any) -> "Drive":
         """Return a drive of rows, with what else is known of it.
 
         >>> drive = Drive.of([DriveRow(0.0, speed_mph=9.0), DriveRow(0.1)], track="lake")
@@ -104,7 +105,7 @@ class Drive:
         """
         names = DriveRow.__dataclass_fields__
         columns = zip(*map(astuple, rows), strict=True) if rows else [()] * len(names)
-        arrays = {
+        arrays: dict[str, Any] = {
             name: np.array(column, TYPES.get(name, np.float64))
             for name, column in zip(names, columns, strict=True)
         }

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from zoo.drives.drive_record import Drive
 
@@ -10,6 +11,7 @@ SHARE, COUNT = "share", "count"  # units that no heading repeats
 DRIVES, REPLAYS = "drives", "replays"  # the tables of drives on a track, and of a replay
 
 Function = Callable[[Drive], float | None]
+Registered = TypeVar("Registered", bound=Function)
 Pool = Callable[[list[dict]], float]
 
 
@@ -79,8 +81,8 @@ METRICS: dict[str, Metric] = {}  # by name, in the order of tables and files
 
 
 def metric(
-    label: str, unit: str, direction: str, source: str, **more: object
-) -> Callable[[Function], Function]:
+    label: str, unit: str, direction: str, source: str, **more: Any
+) -> Callable[[Registered], Registered]:
     """Register the decorated function as a metric; its docstring is the definition.
 
     Args:
@@ -91,7 +93,7 @@ def metric(
         ValueError: a metric of that name exists, or the function has no docstring.
     """
 
-    def register(function: Function) -> Function:
+    def register(function: Registered) -> Registered:
         name = function.__name__
         if name in METRICS:
             raise ValueError(f"metric {name}: is registered already; name the function otherwise")
@@ -112,4 +114,4 @@ def measure(drive: Drive) -> dict[str, float]:
 def leaderboard_metrics() -> list[Metric]:
     """Return the metrics that the leaderboard shows, in its order."""
     shown = [one for one in METRICS.values() if one.column is not None]
-    return sorted(shown, key=lambda one: one.column)
+    return sorted(shown, key=lambda one: one.column or 0)

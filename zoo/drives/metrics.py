@@ -205,8 +205,10 @@ def _by_client(drive: Drive, *columns: np.ndarray) -> Iterator[list[np.ndarray]]
 
 def _driven_steps(drive: Drive, time_s: np.ndarray) -> np.ndarray:
     """Return the seconds from each row to the next, 0 for a pause on the socket."""
-    steps = np.diff(time_s)
-    return np.where(steps > LONGEST_STEP_S, 0.0, steps) if drive.source == SOCKET else steps
+    steps: np.ndarray = np.diff(time_s)
+    if drive.source == SOCKET:
+        steps[steps > LONGEST_STEP_S] = 0.0
+    return steps
 
 
 def _known(column: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ def metrics_page() -> str:
     """Return the page as Markdown: a line for each metric, in the order of the tables."""
     lines = [
         f"| `{one.name}` | {one.label} | {one.unit} | {one.direction} "
-        f"| {' '.join(getdoc(one.function).split())} | {one.source} |\n"
+        f"| {' '.join(str(getdoc(one.function)).split())} | {one.source} |\n"
         for one in METRICS.values()
     ]
     return HEAD + "".join(lines)

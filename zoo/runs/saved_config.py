@@ -96,7 +96,7 @@ FOLDER_KEYS = ("save_dir", "root_dir")  # of loggers; a run's go into its own fo
 TRAINER_KEYS = ("callbacks", "default_root_dir", "logger", "plugins", "profiler")
 STRATEGIES = re.compile(r"auto|single_device|ddp\w*|fsdp\w*")
 # Of numbers that take processes or memory before anything can be seen of a training.
-MOST = {
+MOST: dict[Keys, int] = {
     ("trainer", "devices"): 64,
     ("trainer", "num_nodes"): 64,
     ("data", "workers"): 64,
@@ -253,7 +253,7 @@ def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
     return None, key
 
 
-def _exceeds(value: object, most: int) -> bool:
+def _exceeds(value: Any, most: int) -> bool:
     """Return whether a number, or a text that Lightning takes for one, is above a limit.
 
     >>> [_exceeds(one, 64) for one in (64, 65, "65", 1e300, True, "auto", -1, "0,1", None)]

@@ -39,6 +39,6 @@ def read_figures(figures: Mapping, drives: int | None) -> dict[str, Spread | int
     if drives:
         found["drives"] = drives
         lost = found.get("interventions")
-        if lost and (lost[0] == 0 or drives == 1):
+        if isinstance(lost, tuple) and (lost[0] == 0 or drives == 1):
             found["drives_without_intervention"] = drives if lost[0] == 0 else 0
     return found
