@@ -233,8 +233,6 @@ def test_in_real_time_the_car_drives_on_without_replies(goes: bool) -> None:
 
     with RawDriver(answer) as driver:
         client, said = drive(driver, clock="realtime", seconds=1.0)
-    wall_s = time.monotonic() - client.began
-    assert 0.9 < wall_s < 1.7
     assert client.world.car.speed_mph > 8
     assert ("the connection is gone" in said) == goes
 

@@ -1,0 +1,121 @@
+"""Perform the recipes of `CONTRIBUTING.md`, as they stand there, in a copy of the project."""
+
+import csv
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo import commands
+from tests.zoo.trainings import SMALL
+from tests.zoo.written_checkpoints import write_constant
+
+BLOCK = re.compile(r"```(?:python|yaml)\n# (?P<path>\S+)\n(?P<text>.*?)```", re.DOTALL)
+PACKAGES = ("conf", "datamodules", "hydra_plugins", "simulator", "zoo")
+
+Run = Callable[..., str]
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the project to which every part of the page was added."""
+    copy = tmp_path_factory.mktemp("project")
+    for name in PACKAGES:
+        skip = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(commands.ROOT / name, copy / name, ignore=skip)
+    for block in BLOCK.finditer((commands.ROOT / "CONTRIBUTING.md").read_text()):
+        with (copy / block["path"]).open("a") as file:
+            file.write(f"\n\n{block['text']}" if file.tell() else block["text"])
+    return copy
+
+
+@pytest.fixture
+def run(project: Path, tmp_path: Path) -> Run:
+    """Return what a command of the copy prints."""
+
+    def run_command(module: str, *arguments: str) -> str:
+        done = subprocess.run(
+            commands.command(module, *arguments),
+            cwd=tmp_path,
+            env=commands.environment() | {"PYTHONPATH": str(project)},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return run_command
+
+
+def test_each_recipe_writes_a_file_and_a_yaml() -> None:
+    page = (commands.ROOT / "CONTRIBUTING.md").read_text()
+    folders = [str(Path(block["path"]).parent) for block in BLOCK.finditer(page)]
+    assert page.count("```python") + page.count("```yaml") == len(folders)
+    for name in ("model", "augment", "loss", "callbacks", "track"):
+        assert f"conf/{name}" in folders
+
+
+def test_the_help_lists_the_choices(run: Run) -> None:
+    lines = run("zoo", "--help").splitlines()
+    for group, name in (
+        ("model", "strip"),
+        ("augment", "invert"),
+        ("loss", "fourth_power"),
+        ("callbacks", "weight_norm"),
+    ):
+        (choices,) = [line for line in lines if line.startswith(f"{group}: ")]
+        assert name in choices.removeprefix(f"{group}: ").split(", ")
+
+
+def test_the_zoo_lists_the_model_with_its_source(run: Run) -> None:
+    assert "strip: Steering from the mean brightness" in run("zoo.models")
+
+
+def train(run: Run, recorded: Written) -> None:
+    parts = ("model=strip", "augment=[invert]", "loss=fourth_power", "callbacks=weight_norm")
+    usual = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
+    places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
+    run("zoo", *parts, *usual, *places, "trainer.max_epochs=1")
+
+
+def test_the_parts_train_together(run: Run, recorded: Written, tmp_path: Path) -> None:
+    train(run, recorded)
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert (metrics["model"], metrics["parameters"]) == ("strip", 33)
+    with (tmp_path / "run" / "metrics.csv").open() as file:
+        assert any(row.get("weight_norm") for row in csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_a_run_of_the_parts_resumes(run: Run, recorded: Written, tmp_path: Path) -> None:
+    train(run, recorded)
+    run("zoo", "resume=run", "trainer.max_epochs=2")
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 2
+
+
+def test_the_track_is_an_environment_and_the_perturbation_is_known(
+    run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "printed.py").write_text(
+        "import gymnasium, simulator\n"
+        "from zoo.evaluate.robustness import perturbations_named\n"
+        "print(gymnasium.spec('Oval-v0').kwargs['track'], *perturbations_named('all'))\n"
+    )
+    words = run("printed").split()
+    assert words[0] == "oval"
+    assert "roll" in words
+
+
+@pytest.mark.slow
+def test_the_perturbation_is_driven_on_the_track(run: Run, tmp_path: Path) -> None:
+    write_constant(tmp_path / "it.ckpt", 0.0)
+    run("zoo.evaluate", "it.ckpt", "track=oval", "perturb=roll", "laps=0.1", "out=a", "workers=1")
+    perturbed = json.loads((tmp_path / "a" / "metrics.json").read_text())["perturbed"]
+    assert [one["value"] for one in perturbed["roll"]] == [-5.0, 0.0, 5.0]
