@@ -1,9 +1,14 @@
 """Run our commands as a person does: in a process of their own, in a folder of their own."""
 
+import functools
 import os
+import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+
+from tests.zoo.forked_commands import ForkedCommands
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,16 +29,29 @@ def command(module: str, *arguments: str) -> list[str]:
 def run(
     cwd: Path, *arguments: str, module: str = "zoo", timeout: int = 120
 ) -> subprocess.CompletedProcess:
-    """What `python -m zoo ARGUMENTS` printed and its exit status."""
-    return subprocess.run(
-        command(module, *arguments),
-        cwd=cwd,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
+    """Return what `python -m zoo ARGUMENTS` printed and its exit status."""
+    if sys.platform != "linux":  # elsewhere a process with threads of a system's cannot fork
+        return subprocess.run(
+            command(module, *arguments),
+            cwd=cwd,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+    with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
+        files = Path(output.name), Path(errors.name)
+        status = forked_commands().run([module, *arguments], cwd, environment(), timeout, *files)
+        if status == -signal.SIGALRM:
+            raise subprocess.TimeoutExpired([module, *arguments], timeout)
+        return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())
+
+
+@functools.cache
+def forked_commands() -> ForkedCommands:
+    """Return the process that this process's tests share."""
+    return ForkedCommands(environment())
 
 
 def only_line(result: subprocess.CompletedProcess) -> str:

@@ -61,7 +61,7 @@ def test_a_killed_sweep_goes_on_where_it_stopped(
 ) -> None:
     """Killed with both its processes, by joblib, and finished one by one in this process."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    overrides = ("seed=1,2,3", "trainer.max_epochs=12", "data.samples_per_epoch=1600")
+    overrides = ("seed=1,2,3", "trainer.max_epochs=12", "data.samples_per_epoch=800")
     pool = ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "hydra.sweep.dir=s")
     folders = [place / "s" / str(number) for number in range(3)]
     free = {name: value for name, value in environment().items() if name != "OMP_NUM_THREADS"}

@@ -107,8 +107,8 @@ class Kept(lightning.Callback):
         np.savez(self.folder / f"{trainer.global_rank}.npz", *module.validation, seen, figures)
 
 
-def validate_together(root: str, folder: str, world: int) -> None:
-    """In a process of its own: forks others, which each leave `RANK.npz`, and the first `one.npz`
+def validate_together(root: str, folder: str) -> None:
+    """In a process of its own: forks two more, which each leave `RANK.npz`, and the first `one.npz`
     of all rows at once; in a folder for 2 rows and one for 50."""
     config = OmegaConf.create(compose_config([*SETTINGS, root, "data.cache=null"]))
     data = build_data(config)
@@ -124,7 +124,7 @@ def validate_together(root: str, folder: str, world: int) -> None:
         np.savez(own / "one.npz", predicted, true, rows, figures)
         lightning.Trainer(
             accelerator="cpu",
-            devices=world,
+            devices=3,
             strategy="ddp_fork",
             callbacks=[Kept(own)],
             logger=False,
@@ -136,13 +136,9 @@ def validate_together(root: str, folder: str, world: int) -> None:
 def test_processes_that_validate_share_the_rows_and_all_have_the_figures_of_one(
     recorded: Written, tmp_path: Path
 ) -> None:
-    arguments = f"'data.root={recorded.folder}', {str(tmp_path)!r}, 3"
-    source = (
-        f"from tests.zoo.training.test_distributed import validate_together as v; v({arguments})"
-    )
-    subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", source], env=environment(), timeout=100, check=True
-    )
+    arguments = (f"data.root={recorded.folder}", str(tmp_path))
+    result = run(tmp_path, *arguments, module="tests.zoo.training.test_distributed")
+    assert result.returncode == 0, result.stderr
     for rows in (2, 50):
         predicted, true, _, figures = kept(tmp_path / str(rows) / "one.npz")
         found = [kept(tmp_path / str(rows) / f"{rank}.npz") for rank in range(3)]
@@ -308,3 +304,7 @@ def test_a_process_that_waits_for_ever_is_ended(tmp_path: Path) -> None:
     assert result.returncode == 1
     assert "process 2 of the 2 that train together ended (exit status 3)" in result.stderr
     assert read_status(tmp_path)["status"] == "failed"
+
+
+if __name__ == "__main__":
+    validate_together(*sys.argv[1:])

@@ -159,7 +159,7 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
         *SMALL,
         f"schedule={schedule}",
         f"data.root={recorded.folder}",
-        "data.samples_per_epoch=3200",
+        "data.samples_per_epoch=1600",
         "trainer.max_epochs=8",
     )
     whole = run(tmp_path, *overrides, "hydra.run.dir=whole")

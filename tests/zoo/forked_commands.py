@@ -1,0 +1,94 @@
+"""A process that has imported what commands import, and forks one process for each command.
+
+Importing torch, Lightning and albumentations takes longer than most commands of the tests. A fork
+has an exit status, a folder, an environment and an output of its own, as `python -m` has. A test of
+the start itself (imports, threads, Ctrl-C while importing) uses `commands.command` instead.
+"""
+
+import json
+import os
+import runpy
+import signal
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+# No module that is a command: that has to be run as `__main__`.
+IMPORTED = (
+    "albumentations",
+    "hydra._internal.utils",
+    "lightning",
+    "matplotlib.pyplot",
+    "torch.utils.tensorboard",
+    "zoo.training.run",
+)
+
+
+class ForkedCommands:
+    """A process that runs one command at a time; it ends with ours."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", __name__],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+
+    def run(
+        self,
+        arguments: list[str],
+        cwd: Path,
+        environment: dict[str, str],
+        timeout_s: int,
+        output: Path,
+        errors: Path,
+    ) -> int:
+        """Return the exit status of `python -m ARGUMENTS`, which prints to the two files."""
+        request = [arguments, str(cwd), environment, timeout_s, str(output), str(errors)]
+        print(json.dumps(request), file=self._process.stdin, flush=True)
+        return int(self._process.stdout.readline())
+
+
+def serve() -> None:
+    """Fork a process for each request; return in that process, when it is ready to run it."""
+    for module in IMPORTED:
+        import_module(module)
+    for request in sys.stdin:
+        pid = os.fork()
+        if pid == 0:
+            become(*json.loads(request))
+            return
+        print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+    sys.exit()
+
+
+def become(
+    arguments: list[str],
+    cwd: str,
+    environment: dict[str, str],
+    timeout_s: int,
+    output: str,
+    errors: str,
+) -> None:
+    """Make this process what `python -m ARGUMENTS` begins as."""
+    for number, path, flags in (
+        (0, os.devnull, os.O_RDONLY),
+        (1, output, os.O_WRONLY),
+        (2, errors, os.O_WRONLY),
+    ):
+        os.dup2(os.open(path, flags), number)
+    os.chdir(cwd)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.argv = arguments
+    sys.orig_argv = [sys.executable, "-m", *arguments]
+    sys.path[0] = cwd
+    signal.alarm(timeout_s)
+
+
+if __name__ == "__main__":
+    serve()
+    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
