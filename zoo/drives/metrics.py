@@ -212,7 +212,8 @@ def _driven_steps(drive: Drive, time_s: np.ndarray) -> np.ndarray:
 
 
 def _known(column: np.ndarray) -> np.ndarray:
-    return column[np.isfinite(column)]
+    known: np.ndarray = column[np.isfinite(column)]
+    return known
 
 
 def _mean(values: np.ndarray) -> float:
