@@ -9,25 +9,19 @@ from collections import Counter
 from pathlib import Path
 
 import matplotlib as mpl
+import tomllib  # of Python 3.11
 
 mpl.use("agg")
 import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).parents[1]
-# Those that import nothing of ours, then the rooms of zoo as pyproject.toml's layers have them.
-ORDER = [
-    "simulator",
-    "datamodules",
-    *(
-        f"zoo.{room}"
-        for room in (
-            *("cli", "runs", "models", "checkpoints", "drives", "saliency", "verdict", "evaluate"),
-            *("callbacks", "report", "training", "drive", "leaderboard", "sweep", "correct"),
-            *("doctor", "export"),
-        )
-    ),
-    "zoo",
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+    "contracts"
 ]
+(LAYERS,) = [one["layers"] for one in CONTRACTS if one["type"] == "layers"]
+# Those that import nothing of ours, then zoo's rooms, and the modules that need none.
+ROOMS = [f"zoo.{layer.split()[0]}" for layer in reversed(LAYERS[1:])]
+ORDER = ["simulator", "datamodules", *ROOMS, "zoo"]
 
 
 def room_of(module: str) -> str:
