@@ -21,9 +21,9 @@ from zoo.cli.arguments import read_arguments
 from zoo.cli.run_command import run_command
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS
-from zoo.drives.drive_metrics import LONGEST_STEP_S, autonomy
 from zoo.drives.drive_record import FALLBACK, PERSON
 from zoo.drives.film_overlay import draw_overlay
+from zoo.drives.tally import LONGEST_STEP_S, autonomy
 
 USUAL_FPS = 15.0  # of the simulator's recorder, where the pictures carry no time
 MOST_FPS = 60.0

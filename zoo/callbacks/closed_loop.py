@@ -130,8 +130,8 @@ class ClosedLoop(lightning.Callback):
         from simulator.world import Start
         from zoo.checkpoints.checkpoint import Checkpoint
         from zoo.checkpoints.policy import Policy
-        from zoo.drives.drive_metrics import autonomy
         from zoo.drives.driving_score import driving_score
+        from zoo.drives.tally import autonomy
         from zoo.evaluate.embedded_drive import drive_closed_loop
         from zoo.evaluate.many_drives import speed_controller
 

@@ -15,11 +15,11 @@ from zoo.drive.drive_writer import Scribe
 from zoo.drive.notices import Notices
 from zoo.drive.session import DrivingPolicy, Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
-from zoo.drives.drive_metrics import LONGEST_STEP_S, Tally, summary_lines
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 from zoo.drives.speed_controller import SpeedController, limit_pedal
 from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
 GENTLE_BRAKE = -0.2
 PUT_BACK = "put_back"  # in a reply: the speed at which the car is set down on the centre

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from datamodules.errors import InputError
-from zoo.drives.drive_metrics import autonomy
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.film_overlay import draw_overlay
+from zoo.drives.tally import autonomy
 
 FILM_NAME = "film.mp4"
 FILM_SIZE = (640, 320)  # twice the camera's; in 960 x 480 a lap takes twice the bytes

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from zoo.drives import drive_metrics
-from zoo.drives.drive_metrics import LONGEST_STEP_S
+from zoo.drives import tally
 from zoo.drives.drive_record import PERSON, POLICY, SOCKET, Drive
 from zoo.drives.interventions import STALLED_BELOW_MPH
 from zoo.drives.metric_registry import (
@@ -27,6 +26,7 @@ from zoo.drives.metric_registry import (
     measure,
     metric,
 )
+from zoo.drives.tally import LONGEST_STEP_S
 
 # Imported from here, the registry holds the metrics below.
 __all__ = ["DRIVES", "METRICS", "REPLAYS", "leaderboard_metrics", "measure"]
@@ -45,7 +45,7 @@ def autonomy(drive: Drive) -> float:
     judged = np.isfinite(drive.cross_track_m[drive.driver == POLICY]).all()
     if not judged and not drive.intervention[drive.driver == PERSON].any():
         return math.nan
-    return drive_metrics.autonomy(interventions(drive), driven_s(drive))
+    return tally.autonomy(interventions(drive), driven_s(drive))
 
 
 @metric("interventions", COUNT, LOWER, f"{NVIDIA}, section 6", decimals=1, column=3)

@@ -19,11 +19,11 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from datamodules.errors import InputError
 
 if TYPE_CHECKING:
-    from hydra_plugins.drivezoo import RayLauncher
+    from hydra.plugins.launcher import Launcher
 
 
 def launch_on_ray(
-    launcher: "RayLauncher", jobs: Sequence[Sequence[str]], first: int
+    launcher: "Launcher", jobs: Sequence[Sequence[str]], first: int
 ) -> list[JobReturn]:
     """Run every job as a task, wherever the cluster has the resources, and wait for all.
 

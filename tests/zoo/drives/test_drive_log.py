@@ -10,9 +10,9 @@ from datamodules.errors import InputError
 from zoo.drive.drive_writer import Scribe
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import DriveWriter, read_drive, write_drive, write_summary
-from zoo.drives.drive_metrics import Tally
 from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET, Drive, DriveRow
 from zoo.drives.metrics import METRICS
+from zoo.drives.tally import Tally
 
 ROWS = [
     DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5),

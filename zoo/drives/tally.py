@@ -1,4 +1,4 @@
-"""The figures of a drive: NVIDIA's autonomy, interventions, latency, telemetry a second."""
+"""What is counted while a drive goes on: interventions, latency, telemetry; and autonomy."""
 
 import itertools
 import math
