@@ -239,7 +239,7 @@ def test_what_is_not_installed_is_named(
     [
         ([], "usage: python -m zoo.export"),
         (["absent.ckpt"], "absent.ckpt: no such checkpoint"),
-        (["tests"], "is a folder"),
+        (["docs"], "is a folder"),
         (["CKPT", "out=model.pt"], "out=model.pt: must end in .onnx"),
         (["CKPT", "out=absent/model.onnx"], "there is no folder absent"),
         (["CKPT", "out=FOLDER.onnx"], "is a folder; name another file"),
