@@ -273,7 +273,9 @@ class Genuine(threading.Thread):
         return self.answered, self.sent
 
 
-def measure(process: psutil.Process, port: int, name: str, options: AttackOptions) -> Measured:
+def measure_attack(
+    process: psutil.Process, port: int, name: str, options: AttackOptions
+) -> Measured:
     """Attack a driver and return its figures."""
     genuine = [Genuine(port, True), Genuine(port, False)]
     for client in genuine:
@@ -328,7 +330,7 @@ def attack(name: str, options: AttackOptions) -> Measured:
     with tempfile.TemporaryDirectory() as folder:
         checkpoint = write_checkpoint(Path(folder) / "random.ckpt")
         with driver(checkpoint) as (process, port):
-            return measure(process, port, name, options)
+            return measure_attack(process, port, name, options)
 
 
 def write_checkpoint(path: Path) -> Path:

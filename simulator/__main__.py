@@ -8,7 +8,7 @@ from dataclasses import is_dataclass
 from types import ModuleType
 
 from simulator.command_line import options_help, run_command
-from simulator.errors import SimulatorError
+from simulator.errors import UsageError
 
 # What each imports takes a second: --help and a typo need none of it.
 COMMANDS = {
@@ -31,7 +31,7 @@ def simulator(arguments: Sequence[str]) -> None:
     if name not in COMMANDS:
         near = difflib.get_close_matches(name, COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
-        raise SimulatorError(f"there is no command {name}; {hint}")
+        raise UsageError(f"there is no command {name}; {hint}")
     module = importlib.import_module(f"simulator.{name}")
     if any(one in HELP for one in rest):
         print(f"usage: python -m simulator {name} [key=value...]\n\n{help_text(module)}")

@@ -13,7 +13,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from simulator.early_interrupt import raise_again
-from simulator.errors import SimulatorError
+from simulator.errors import SimulatorError, UsageError
 from simulator.plain_yaml import check_yaml
 
 Options = TypeVar("Options")
@@ -25,7 +25,7 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
     `--relative` stands for `relative=true`, `--sun-angle 40` is not taken: values follow `=`.
 
     Raises:
-        SimulatorError: no such key, a value of another type, a key given twice or left out.
+        UsageError: no such key, a value of another type, a key given twice or left out.
     """
     names = [field.name for field in fields(kind)]
     given: dict[str, object] = {}
@@ -33,11 +33,11 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
         key, sign, text = argument.lstrip("-").partition("=")
         key = key.replace("-", "_")
         if key not in names:
-            raise SimulatorError(f"there is no option {key}{_nearest(key, names)}")
+            raise UsageError(f"there is no option {key}{_nearest(key, names)}")
         if not sign and not argument.startswith("--"):
-            raise SimulatorError(f"{argument} has no value: write {key}=VALUE")
+            raise UsageError(f"{argument} has no value: write {key}=VALUE")
         if key in given:
-            raise SimulatorError(f"{key} is given twice")
+            raise UsageError(f"{key} is given twice")
         given[key] = _value(text) if sign else True
     for field in fields(kind):
         if (
@@ -45,11 +45,11 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
             and field.default is MISSING
             and field.default_factory is MISSING
         ):
-            raise SimulatorError(f"{field.name} is not given: add {field.name}=VALUE")
+            raise UsageError(f"{field.name} is not given: add {field.name}=VALUE")
     try:
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), given))
     except OmegaConfBaseException as error:
-        raise SimulatorError(f"{error.full_key}={given.get(error.full_key)}: {error.msg}") from None
+        raise UsageError(f"{error.full_key}={given.get(error.full_key)}: {error.msg}") from None
 
 
 def options_help(kind: type) -> str:
@@ -76,7 +76,8 @@ def _text(value: object) -> str:
 
 
 def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[str]) -> int:
-    """Call `command(arguments)`; the exit status: 0, 1 after an error's one line, 130 stopped."""
+    """Call `command(arguments)`; the exit status: 0, 130 when stopped; after an error's one
+    line 2 for wrong use, else 1."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal may not know every character
@@ -85,7 +86,7 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
         command(arguments)
     except SimulatorError as error:
         _print_error(error)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
     except MemoryError:
         print("simulator: not enough memory; end other programs, or choose less", file=sys.stderr)
         return 1

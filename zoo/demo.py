@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from zoo.cli.arguments import is_help
 from zoo.cli.run_command import run_command
 
@@ -36,7 +36,7 @@ def demo(arguments: list[str]) -> None:
         print(HELP)
         return
     if arguments:
-        raise InputError("takes no arguments; python -m zoo --help has the settings")
+        raise UsageError("takes no arguments; python -m zoo --help has the settings")
     console = Console(soft_wrap=True)
     run = Path("outputs") / f"{datetime.datetime.now():%Y-%m-%d/%H-%M-%S}-demo"
     best = str(run / "checkpoints" / "best.ckpt")

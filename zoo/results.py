@@ -6,7 +6,7 @@ With `--metrics`, the page of all metrics of a drive, `docs/metrics.md`.
 import sys
 from pathlib import Path
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from datamodules.terminal import printable
 from zoo.cli.arguments import is_help
 from zoo.cli.run_command import run_command
@@ -40,7 +40,7 @@ def print_results(arguments: list[str]) -> None:
         print(metrics_page(), end="")
         return
     if not arguments:
-        raise InputError(f"name the folders of finished runs; {USAGE}")
+        raise UsageError(f"name the folders of finished runs; {USAGE}")
     rows = []
     for folder in arguments:
         try:

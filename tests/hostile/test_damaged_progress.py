@@ -14,7 +14,8 @@ from zoo.cli.compose import compose_config
 from zoo.cli.run_command import run_command
 from zoo.correct.correct_options import CorrectOptions
 from zoo.correct.correct_rounds import Progress, Round, open_progress
-from zoo.training.embedded_recording import RECIPE, apply_recording
+from zoo.runs.saved_config import RECIPE
+from zoo.training.embedded_recording import with_recording
 
 Damage = Callable[[Path], object]
 TRACKS = ("rounds", 0, "tracks", "lake")
@@ -117,7 +118,7 @@ def test_a_damaged_recipe_is_named_and_nothing_is_recorded(
     overrides = recorded_lake(tmp_path / "laps")
 
     def train(_: list[str]) -> None:
-        apply_recording(OmegaConf.create(compose_config(overrides)), Console(quiet=True))
+        with_recording(OmegaConf.create(compose_config(overrides)), Console(quiet=True))
 
     assert run_command("zoo", train, []) == 0
     damage, words = RECIPES[name]

@@ -4,16 +4,19 @@ import importlib
 from pathlib import Path
 
 import pytest
+import torch
 from hydra.core.plugins import Plugins
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
 
 from simulator.track_file import read_track
 from zoo.cli.compose import compose_config, conf_folder
 from zoo.drive.drive_settings import read_settings
 from zoo.evaluate.track_scores import run_options
 from zoo.models.make_network import make_network
-from zoo.training.build import build_data, build_module, build_trainer
+from zoo.training.build import build_data, build_module, build_network, build_trainer
+from zoo.training.plan import TrainingPlan
 
 CONF = conf_folder()
 FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]
@@ -49,7 +52,10 @@ def _construct(group: str, name: str, folder: Path) -> None:
         model = OmegaConf.to_container(config.model)
         make_network(model, data.view)
     elif group in ("loss", "optim", "schedule"):
-        build_module(config, data, card={})
+        console = Console(quiet=True)
+        network = build_network(config, data.view, console)
+        plan = TrainingPlan(torch.device("cpu"))
+        build_module(config, network, plan, {}, console)
     elif name == "gpu":
         instantiate(config.trainer, _partial_=True)  # construction looks for the GPU
     else:

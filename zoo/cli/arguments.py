@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import TypeVar
 
-from datamodules.errors import InputError
+from datamodules.errors import UsageError
 
 Options = TypeVar("Options")
 
@@ -27,7 +27,7 @@ def read_arguments(
     (['my=folder'], FilmOptions(fps=48.0))
 
     Raises:
-        InputError: a path is missing; see `simulator.command_line.read_options` for the rest.
+        UsageError: a path is missing; see `simulator.command_line.read_options` for the rest.
     """
     from simulator.command_line import options_help, read_options
     from simulator.errors import SimulatorError
@@ -36,11 +36,11 @@ def read_arguments(
         print(f"usage: {usage}\n\n{options_help(kind)}")
         sys.exit(0)
     if len(arguments) < len(paths):
-        raise InputError(f"usage: {usage}; --help lists the options")
+        raise UsageError(f"usage: {usage}; --help lists the options")
     try:
         return list(arguments[: len(paths)]), read_options(kind, arguments[len(paths) :])
     except SimulatorError as error:
-        raise InputError(f"{error} (usage: {usage})") from None
+        raise UsageError(f"{error} (usage: {usage})") from None
 
 
 def is_help(arguments: Sequence[str]) -> bool:
@@ -52,12 +52,12 @@ def shown_help(arguments: Sequence[str], usage: str, options: ModuleType) -> boo
     """Whether help was asked for, which is then printed: the usage and the options of a module.
 
     Raises:
-        InputError: there are no arguments at all.
+        UsageError: there are no arguments at all.
     """
     from simulator.__main__ import help_text
 
     if not arguments:
-        raise InputError(f"usage: {usage}; --help lists the options")
+        raise UsageError(f"usage: {usage}; --help lists the options")
     if not is_help(arguments):
         return False
     print(f"usage: {usage}\n\n{help_text(options)}")

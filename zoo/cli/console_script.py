@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).parents[1]
 # Commands that do not have their name from a file of zoo.
 OTHERS = {"train": "zoo", "check": "datamodules.check", "simulator": "simulator"}
 HELP = ("-h", "--help", "help")
-WRONG_USE = 2
+WRONG_USE = 2  # as in zoo.cli.run_command, which imports more
 
 
 def main() -> int:

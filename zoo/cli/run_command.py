@@ -7,12 +7,14 @@ import traceback
 from collections.abc import Callable
 
 from datamodules.early_interrupt import raise_again
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
 from zoo.cli.stop_errors import StoppedError
 
 # Hydra takes a third of a second to import, in which Ctrl-C would print a trace.
+
+FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 for what succeeded
 
 # Limits on an argument, beyond which parsers take minutes or end in a trace.
 MOST_PATH = 4096  # characters without a comma or a bracket; Linux' limit on a path
@@ -60,7 +62,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
                 "command and the lines above",
                 file=sys.stderr,
             )
-            return 1
+            return FAILED
     finally:
         sys.stdout = before
     if failure is None and output and output.failure:
@@ -71,24 +73,26 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     if failure is None:
         return 0
     print(error_line(name, failure), file=sys.stderr)
-    return 130 if isinstance(failure, StoppedError) else 1
+    if isinstance(failure, StoppedError):
+        return STOPPED
+    return WRONG_USE if isinstance(failure, UsageError) else FAILED
 
 
 def check_arguments(arguments: list[str]) -> None:
-    """Raise InputError for an argument that no parser and no disk can take."""
+    """Raise UsageError for an argument that no parser and no disk can take."""
     for argument in arguments:
         begin = ascii(argument[:40])
         if "\0" in argument:
-            raise InputError(f"{begin}: holds a NUL; remove it")
+            raise UsageError(f"{begin}: holds a NUL; remove it")
         if any("/" in part for part in re.findall(rf"[^,\[\]]{{{MOST_PATH + 1},}}", argument)):
-            raise InputError(f"{begin}...: a path has {MOST_PATH:,} characters at most; shorten it")
+            raise UsageError(f"{begin}...: a path has {MOST_PATH:,} characters at most; shorten it")
         if re.search(rf"\d{{{MOST_DIGITS + 1}}}", argument):
-            raise InputError(f"{begin}...: a number has {MOST_DIGITS:,} digits at most; shorten it")
+            raise UsageError(f"{begin}...: a number has {MOST_DIGITS:,} digits at most; shorten it")
         depth = 0
         for bracket in re.findall(r"[\[({})\]]", argument):
             depth += 1 if bracket in "[({" else -1
             if depth > MOST_LEVELS:
-                raise InputError(
+                raise UsageError(
                     f"{begin}...: brackets are nested {MOST_LEVELS} deep at most; use fewer"
                 )
 
@@ -101,7 +105,7 @@ def explain_failure(error: Exception, arguments: list[str]) -> InputError | None
     from zoo.cli.compose import explain
 
     if isinstance(error, HydraException | OmegaConfBaseException):
-        return InputError(explain(error, arguments))
+        return UsageError(explain(error, arguments))
     if isinstance(error, MemoryError) or _MEMORY.search(str(error)):
         return InputError(
             "not enough memory; end other programs, or set a smaller data.batch_size, "
@@ -111,7 +115,7 @@ def explain_failure(error: Exception, arguments: list[str]) -> InputError | None
         return InputError("an argument or a file is nested too deep; use fewer levels")
     if isinstance(error, ValueError) and str(error).startswith("Config group override"):
         nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
-        return InputError(f"{nulls}: name a choice; python -m zoo --help lists all")
+        return UsageError(f"{nulls}: name a choice; python -m zoo --help lists all")
     if isinstance(error, OSError) and error.strerror is not None:
         return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from simulator.errors import SimulatorError
 from zoo.evaluate import evaluate_options as scoring
 
@@ -97,7 +97,7 @@ def read_options(arguments: list[str]) -> tuple[CorrectOptions, list[str]]:
     """Of `key=value` arguments; those whose key has a dot are for the checkpoint's config.
 
     Raises:
-        InputError: no such key, with the nearest; a value of another type, or that cannot be.
+        UsageError: no such key, with the nearest; a value of another type, or that cannot be.
     """
     from simulator import command_line
 
@@ -107,7 +107,7 @@ def read_options(arguments: list[str]) -> tuple[CorrectOptions, list[str]]:
             CorrectOptions, [one for one in arguments if one not in overrides]
         )
     except SimulatorError as error:
-        raise InputError(str(error)) from None
+        raise UsageError(str(error)) from None
     _check(options)
     return options, overrides
 

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from datamodules.early_interrupt import raise_again
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
 from zoo.doctor import inputs, installation, machine, renderer, round_trip
@@ -62,7 +62,7 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
     """Checkpoint, recording and port, in whatever order they were given.
 
     Raises:
-        ValueError: two of a kind, or a port that is none.
+        UsageError: two of a kind, or a port that is none.
         InputError: a run's folder without a checkpoint.
     """
     paths: dict[str, str] = {}
@@ -72,7 +72,7 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
         if argument.startswith("port=") and not path.exists():
             text = argument.partition("=")[2]
             if not (text.isdecimal() and 0 < int(text) < 65536):
-                raise ValueError(f"{argument}: must be in 1..65535")
+                raise UsageError(f"{argument}: must be in 1..65535")
             port = int(text)
             continue
         is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
@@ -82,7 +82,7 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
             is_recording = path.is_dir() or path.suffix == ".csv"
             kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
         if kind in paths:
-            raise ValueError(f"{argument}: {paths[kind]} is the {kind} already; {USAGE}")
+            raise UsageError(f"{argument}: {paths[kind]} is the {kind} already; {USAGE}")
         paths[kind] = argument
     return paths.get("CKPT"), paths.get("RECORDING"), port
 
@@ -123,7 +123,7 @@ def main(arguments: list[str]) -> int:
             print_finding(finding)
     except (ValueError, InputError) as error:
         print(error_line("zoo.doctor", error), file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
         print("zoo.doctor: stopped", file=sys.stderr)
         return 130

@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.console_progress import loading
@@ -40,7 +40,7 @@ def drive(arguments: list[str]) -> None:
         return
     checkpoint, *overrides = arguments
     if checkpoint.startswith("drive.") and not Path(checkpoint).exists():
-        raise InputError(f"the checkpoint comes first: python -m zoo.drive CKPT {checkpoint} ...")
+        raise UsageError(f"the checkpoint comes first: python -m zoo.drive CKPT {checkpoint} ...")
     from zoo.drive.drive_settings import read_settings
 
     settings = read_settings(overrides)

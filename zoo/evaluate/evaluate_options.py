@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from simulator.errors import SimulatorError
 from zoo.drives.interventions import LEAST_MARGIN_M
 
@@ -99,11 +99,11 @@ def options_from(arguments: list[str]) -> EvaluateOptions:
     """Of `key=value` arguments.
 
     Raises:
-        InputError: no such key, with the nearest; a value of another type.
+        UsageError: no such key, with the nearest; a value of another type.
     """
     from simulator.command_line import read_options
 
     try:
         return read_options(EvaluateOptions, arguments)
     except SimulatorError as error:
-        raise InputError(str(error)) from None
+        raise UsageError(str(error)) from None

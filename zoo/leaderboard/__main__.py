@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from zoo.cli.arguments import is_help
 from zoo.cli.run_command import run_command
 
@@ -35,7 +35,7 @@ def show_leaderboard(arguments: list[str]) -> None:
         print(HELP)
         return
     if any(one.startswith("-") for one in arguments):
-        raise InputError(USAGE)
+        raise UsageError(USAGE)
     from zoo.leaderboard.ranking_page import write_page
     from zoo.leaderboard.ranking_table import print_ranking, wide_console
 

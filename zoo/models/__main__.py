@@ -5,7 +5,7 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError
+from datamodules.errors import UsageError
 from zoo.cli.arguments import is_help
 from zoo.cli.compose import choices, compose_config
 from zoo.cli.run_command import run_command
@@ -49,7 +49,7 @@ def print_zoo(arguments: list[str]) -> None:
         print(HELP)
         return
     if arguments:
-        raise InputError("takes no arguments; python -m zoo model=NAME trains one")
+        raise UsageError("takes no arguments; python -m zoo model=NAME trains one")
     table, sources = zoo_table()
     console = Console(soft_wrap=True)
     console.print(table)

@@ -6,7 +6,7 @@ has its pictures beside it.
 
 import sys
 
-from datamodules.errors import InputError
+from datamodules.errors import UsageError
 from datamodules.terminal import printable
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.console_progress import loading
@@ -23,7 +23,7 @@ def report(arguments: list[str]) -> None:
         print("RUN_FOLDER may be latest: the newest run below outputs.")
         return
     if len(arguments) != 1:
-        raise InputError(f"usage: {USAGE}")
+        raise UsageError(f"usage: {USAGE}")
     run = find_run(arguments[0])
     with loading("writing the report"):
         page = write_report(run)

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from datamodules.errors import InputError
+from datamodules.errors import UsageError
 from zoo.cli.arguments import is_help
 from zoo.cli.run_command import run_command
 
@@ -26,16 +26,16 @@ def resume_sweep(arguments: list[str]) -> None:
     half-trained job goes on from its last checkpoint.
 
     Raises:
-        InputError: see `zoo.sweep.start_sweep.go_on`.
+        UsageError: see `zoo.sweep.start_sweep.go_on`.
     """
     if is_help(arguments):
         print(HELP)
         return
     if not arguments:
-        raise InputError(f"{USAGE}; --help explains")
+        raise UsageError(f"{USAGE}; --help explains")
     named = [one for one in arguments if one.startswith("resume=")]
     if len(named) != 1:
-        raise InputError(f"name one sweep's folder; {USAGE}")
+        raise UsageError(f"name one sweep's folder; {USAGE}")
     from zoo.sweep.start_sweep import go_on
 
     more = [one for one in arguments if one not in named]

@@ -172,7 +172,7 @@ def test_each_read_is_acknowledged_at_once_and_replies_are_not_held_back() -> No
 
     with socket.create_server(("127.0.0.1", 0)) as listener, Noted() as ours:
         ours.connect(listener.getsockname())
-        eager = EagerSocket(ours)
+        eager = EagerSocket(ours, hold=lambda _: None)
         with listener.accept()[0] as client:
             for sent in (b"a", b"b"):
                 client.sendall(sent)

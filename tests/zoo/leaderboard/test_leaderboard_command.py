@@ -53,6 +53,7 @@ def test_a_drive_on_a_socket_is_ranked_beside_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
     write_run(Path("runs/good"), 1.0, cte_m=0.2)
     write_run(Path("runs/bad"), 0.5, cte_m=0.2, overrides=("x=2",))
     write_socket_drive(Path("drives/day/time"))

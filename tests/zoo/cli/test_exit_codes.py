@@ -1,0 +1,47 @@
+"""Exit statuses of every command: 1 for input that it cannot use, 2 for a command mistyped."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.zoo.commands import run
+
+FAILED, WRONG_USE = 1, 2
+
+
+@pytest.mark.parametrize(
+    ("status", "command", "remedy"),
+    [
+        (WRONG_USE, "zoo modle=lenet", "did you mean model"),
+        (WRONG_USE, "zoo model=lenett", "did you mean lenet"),
+        (WRONG_USE, "zoo.evaluate", "usage"),
+        (WRONG_USE, "zoo.evaluate no.ckpt lap=1", "did you mean laps"),
+        (WRONG_USE, "zoo.correct no.ckpt round=1", "did you mean rounds"),
+        (WRONG_USE, "zoo.drive drive.port=1", "zoo.drive CKPT"),
+        (WRONG_USE, "zoo.doctor port=0", "1..65535"),
+        (WRONG_USE, "zoo.export no.ckpt frame=x", "did you mean frames"),
+        (WRONG_USE, "zoo.leaderboard --no", "usage"),
+        (WRONG_USE, "zoo.models x", "no arguments"),
+        (WRONG_USE, "zoo.report", "usage"),
+        (WRONG_USE, "zoo.results", "usage"),
+        (WRONG_USE, "zoo.sweep resum=x", "usage"),
+        (WRONG_USE, "simulator recrd", "did you mean record"),
+        (WRONG_USE, "simulator record out=x lap=1", "laps"),
+        (WRONG_USE, "datamodules.check", "usage"),
+        (FAILED, "zoo data.root=nowhere", "nowhere"),
+        (FAILED, "zoo.evaluate no.ckpt", "no.ckpt"),
+        (FAILED, "zoo.drive no.ckpt", "no.ckpt"),
+        (FAILED, "zoo.report nowhere", "nowhere"),
+        (FAILED, "zoo.leaderboard nowhere", "nowhere"),
+        (FAILED, "simulator record out=x track=nowhere", "nowhere"),
+        (FAILED, "datamodules.check nowhere", "nowhere"),
+    ],
+)
+def test_the_exit_status_tells_wrong_use_from_failure(
+    status: int, command: str, remedy: str, tmp_path: Path
+) -> None:
+    module, *arguments = command.split()
+    result = run(tmp_path, *arguments, module=module)
+    assert result.returncode == status, result.stderr
+    assert remedy in result.stderr
+    assert not list(tmp_path.rglob("status.json"))
