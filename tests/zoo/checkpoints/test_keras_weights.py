@@ -10,8 +10,11 @@ import pytest
 import torch
 
 from datamodules.errors import InputError
+from datamodules.view import View
 from tests.zoo.models.test_models_command import build
 from zoo.checkpoints.initial_weights import load_weights
+from zoo.cli.compose import compose_config
+from zoo.models.make_network import make_network
 
 # Kernels as Keras keeps them: (h, w, in, out), (columns, in, out) and (in, out).
 KERNELS = {
@@ -228,7 +231,8 @@ def test_the_layer_that_differs_is_named_with_what_to_set(tmp_path: Path) -> Non
         "crops 50 rows above, 20 below"
     )
     assert all(torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
-    load_weights(build("nvidia", "data.crop=[50,20]", "model.size=null")[0], str(path))
+    model = compose_config(["model=nvidia", "model.size=null"])["model"]
+    load_weights(make_network(model, View([50, 20], model["colour"], None)), str(path))
 
 
 @pytest.mark.parametrize(
