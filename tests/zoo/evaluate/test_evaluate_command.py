@@ -28,6 +28,7 @@ def drives_of(folder: Path) -> list[dict]:
     return [{key: one[key] for key in one if key != "latency_ms"} for one in drives]
 
 
+@pytest.mark.slow
 def test_the_figures_do_not_depend_on_the_number_of_workers(
     checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -223,6 +223,7 @@ def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
     assert "not finite" in status["reason"]
 
 
+@pytest.mark.slow
 def test_two_trainings_at_once_on_an_empty_cache_agree(recorded: Written, tmp_path: Path) -> None:
     overrides = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
     processes = [
@@ -478,6 +479,7 @@ def test_resuming_as_what_it_was_not_is_refused(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
+@pytest.mark.slow
 def test_no_disk_space_is_said_in_one_line(recorded: Written, tmp_path: Path) -> None:
     """A limit on the size of files stands for a full disk: writes fail in the same place."""
     arguments = command("zoo", *SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run")
