@@ -49,7 +49,7 @@ def never(_: list[str]) -> None:
 def test_an_argument_beyond_all_bounds_is_refused_before_it_is_parsed(
     argument: str, words: str, capsys: pytest.CaptureFixture
 ) -> None:
-    assert run_command("zoo", never, [argument]) == 1
+    assert run_command("zoo", never, [argument]) == 2
     line = line_of(capsys)
     assert words in line
     assert len(line) < 200

