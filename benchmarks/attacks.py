@@ -2,7 +2,7 @@
 
 Serves one checkpoint by a driver process for each attack, all at the same time, and attacks each
 from one thread, at most `rate` requests a second. A genuine client drives throughout, and another
-connects anew every two seconds: both must be answered. The driver's memory is its resident set.
+connects every two seconds: both must be answered. The driver's memory is its resident set.
 """
 
 import contextlib
