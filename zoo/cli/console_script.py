@@ -19,7 +19,10 @@ def main() -> int:
     name, *rest = sys.argv[1:] or ["--help"]
     modules = commands()
     if name in HELP:
-        print_commands(modules)
+        try:
+            print(help_text(modules), flush=True)
+        except BrokenPipeError:  # the reader has seen enough, as `| head` does
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if name not in modules:
         near = difflib.get_close_matches(name, modules, n=1)
@@ -40,12 +43,11 @@ def commands() -> dict[str, str]:
     return OTHERS | {name: f"zoo.{name}" for name in sorted(names)}
 
 
-def print_commands(modules: dict[str, str]) -> None:
-    """Print the usage and what each command does, from its module's first line."""
-    print("usage: drivezoo COMMAND [argument] [key=value ...]\n")
-    for name, module in modules.items():
-        print(f"  {name:<12}{_purpose(module)}")
-    print("\nwhat a command takes: drivezoo COMMAND --help")
+def help_text(modules: dict[str, str]) -> str:
+    """Return the usage and what each command does, from its module's first line."""
+    lines = [f"  {name:<12}{_purpose(module)}" for name, module in modules.items()]
+    usage = "usage: drivezoo COMMAND [argument] [key=value ...]"
+    return "\n".join([usage, "", *lines, "", "what a command takes: drivezoo COMMAND --help"])
 
 
 def _purpose(module: str) -> str:

@@ -44,3 +44,13 @@ def test_a_typo_is_one_line_and_wrong_use(tmp_path: Path) -> None:
     assert result.returncode == WRONG_USE
     (line,) = result.stderr.splitlines()
     assert "did you mean evaluate?" in line
+
+
+def test_a_reader_that_has_seen_enough_ends_it_quietly(tmp_path: Path) -> None:
+    begun = [sys.executable, "-c", CALL, "--help"]
+    with subprocess.Popen(
+        begun, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(), cwd=tmp_path
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 0
