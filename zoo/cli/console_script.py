@@ -21,7 +21,7 @@ def main() -> int:
     if name in HELP:
         try:
             print(help_text(modules), flush=True)
-        except BrokenPipeError:  # the reader has seen enough, as `| head` does
+        except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if name not in modules:

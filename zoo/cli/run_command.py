@@ -51,7 +51,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         failure = error
     except KeyboardInterrupt:
         failure = StoppedError("stopped")
-    except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
+    except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as error:
         failure = StoppedError("stopped") if was_stopped(error) else None

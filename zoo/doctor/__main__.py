@@ -127,7 +127,7 @@ def main(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         print("zoo.doctor: stopped", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # whoever read our output has seen enough, as `| head` does
+    except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     print(f"{counts[FAULT]} at fault, {counts[WARNING]} to be warned of, {counts[OK]} ok")
