@@ -28,6 +28,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
+	$(BIN)/codespell conf datamodules docs simulator tests zoo benchmarks *.md
 
 # make train ARGS="experiment=tiny41 data.root=FOLDER"
 train: $(READY)
