@@ -1,4 +1,4 @@
-"""`python -m simulator client track=lake url=...`: the original's autonomous mode."""
+"""The command `python -m simulator client track=lake url=...`: a client for a driver."""
 
 import time
 from collections import Counter
@@ -24,8 +24,8 @@ from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
 RETRY_S = 0.5
-SILENT_S = 5.0  # without a reply, a person wants to know
-LATE_S = 1 / 3  # what a slow computer falls behind by in real time, it does not drive later
+SILENT_S = 5.0  # seconds without a reply until the client reports it
+LATE_S = 1 / 3  # longest lag behind real time that is caught up; the rest is skipped
 START = "start it with: python -m zoo.drive CKPT"
 REPLIES = {
     "steer": '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]',
@@ -34,22 +34,25 @@ REPLIES = {
 
 
 class Socket(Protocol):
-    """`LegacySocket` or `ModernSocket`."""
+    """Interface of `LegacySocket` and `ModernSocket`."""
 
-    def emit(self, name: str, data: object) -> None: ...
+    def emit(self, name: str, data: object) -> None:
+        """Send an event."""
 
-    def events(self, wait_s: float) -> list[tuple[str, object]]: ...
+    def events(self, wait_s: float) -> list[tuple[str, object]]:
+        """Return the events received within `wait_s` seconds."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Close the connection."""
 
 
 class Client:
-    """A world that a driver on the socket drives.
+    """A world that a driver steers over a socket.
 
     Args:
-        world: with a renderer.
-        options: see `ClientOptions`.
-        console: for what a person should know; each thing is said once.
+        world: world with a renderer.
+        options: options of the client.
+        console: console for messages to the user; each message is printed once.
     """
 
     def __init__(self, world: World, options: ClientOptions, console: Console) -> None:
@@ -57,27 +60,27 @@ class Client:
         self.command = (0.0, 0.0)
         self.cte: list[float] = []
         self.counts: Counter[str] = Counter()
-        self.waiting = 0  # emits that the original would do at its next frame
-        self.expected = "steer"  # the reply to what was sent last
-        self.said: set[str] = set()
-        self.began = self.heard = self.next_frame = time.monotonic()
+        self.due = 0  # telemetry messages to send at the next frame, as the original does
+        self.expected = "steer"  # reply to the last message sent
+        self.printed: set[str] = set()
+        self.began_s = self.replied_s = self.next_frame_s = time.monotonic()
         self.dropped = self.held = self.opened = False
-        self.on_frame: list[Callable[[np.ndarray], None]] = []  # called with each frame drawn
+        self.on_frame: list[Callable[[np.ndarray], None]] = []  # called with each frame
         self._frame: tuple[int, np.ndarray] | None = None
 
     @property
     def manual(self) -> bool:
-        """Whether a person holds W."""
+        """Return whether a simulated person holds W now."""
         return any(begin <= self.world.time < end for begin, end in self.options.manual)
 
     @property
-    def obeyed(self) -> int:
-        """How many replies there were so far."""
+    def replies(self) -> int:
+        """Return the number of replies so far."""
         return self.counts["steer"] + self.counts["manual"]
 
     @property
     def finished(self) -> bool:
-        """Whether the laps or the seconds asked for are over."""
+        """Return whether the laps or seconds of the options are driven."""
         options, world = self.options, self.world
         return bool(
             (options.laps and world.travelled >= options.laps * world.track.length)
@@ -85,42 +88,42 @@ class Client:
         )
 
     def drive(self, socket: Socket) -> None:
-        """Until the end that the options name; raises ConnectionError when the driver goes."""
+        """Drive until `finished`; raise ConnectionError when the driver disconnects."""
         realtime = self.options.clock == "realtime"
-        self.waiting, self.heard = 0, time.monotonic()
-        self.opened = self.options.protocol != "legacy"  # else a socket is open before this
-        self.emit(socket)  # unasked, as the socket opens; and once more for the OPEN packet
+        self.due, self.replied_s = 0, time.monotonic()
+        self.opened = self.options.protocol != "legacy"  # a modern socket is open already
+        self.emit(socket)  # the original sends unasked at connecting, and again after OPEN
         while not self.finished:
-            left = self.next_frame - time.monotonic()
+            left = self.next_frame_s - time.monotonic()
             for name, data in socket.events(left if realtime else 0.25):
-                self.take(socket, name, data)
-            if realtime and time.monotonic() >= self.next_frame:
+                self.handle_event(socket, name, data)
+            if realtime and time.monotonic() >= self.next_frame_s:
                 self.advance()
-                for _ in range(self.waiting):
+                for _ in range(self.due):
                     self.emit(socket)
-                self.waiting = 0
-            self._say_silence()
+                self.due = 0
+            self._report_silence()
             if self.options.drop_at is not None and not self.dropped:
                 self._drop(socket)
 
     def pause(self, wait_s: float) -> None:
-        """Without a driver. In real time a car that was driven drives on."""
+        """Wait without a driver; in real time a car that was driven keeps its last command."""
         until = time.monotonic() + wait_s
-        if self.options.clock == "lockstep" or not self.obeyed:
+        if self.options.clock == "lockstep" or not self.replies:
             time.sleep(wait_s)
             return
         while time.monotonic() < until and not self.finished:
-            time.sleep(max(self.next_frame - time.monotonic(), 0))
+            time.sleep(max(self.next_frame_s - time.monotonic(), 0))
             self.advance()
 
-    def take(self, socket: Socket, name: str, data: object) -> None:
-        """Obey an event. What the original would swallow ends its loop here too."""
+    def handle_event(self, socket: Socket, name: str, data: object) -> None:
+        """Handle a reply; discard it, and send nothing, if the original client would discard it."""
         if name == OPENED:
             self.opened = True
             self.emit(socket)
             return
         if name == UNREADABLE:
-            self._swallow("a message", f"{str(data)[:80]!r} is no event with a name")
+            self._discard("a message", f"{str(data)[:80]!r} is not an event with a name")
             return
         if name not in REPLIES:
             return
@@ -133,28 +136,29 @@ class Client:
                 if self.options.put_back:
                     put_back_mph = read_put_back(data, self.options.decimal_comma)
         except ValueError as error:
-            self._swallow(f"a {name}", str(error))
+            self._discard(f"a {name}", str(error))
             return
-        self.heard = time.monotonic()
+        self.replied_s = time.monotonic()
         self.counts[name] += 1
         if put_back_mph is not None:
             self.put_back(put_back_mph)
         if self.options.clock == "realtime":
-            self.waiting += 1
+            self.due += 1
             return
-        if put_back_mph is None:  # else the command is for the place that the car has left
+        if put_back_mph is None:  # after put_back, the command belongs to the old place
             self.advance()
         self.emit(socket)
 
     def put_back(self, speed_mph: float) -> None:
-        """Set the car down on the centre, pointing ahead."""
+        """Put the car on the centreline, pointing along the road."""
         self.counts["put back"] += 1
         self.world.put_back(Start(self.world.place.distance, speed_mph=speed_mph))
         self._frame = None
 
     def advance(self) -> None:
-        """Drive for a frame's time."""
-        self.next_frame = max(self.next_frame + self.world.frame_s, time.monotonic() - LATE_S)
+        """Advance the world by one frame."""
+        next_frame_s = self.next_frame_s + self.world.frame_s
+        self.next_frame_s = max(next_frame_s, time.monotonic() - LATE_S)
         held, was_off = self.manual, self.world.off_road
         self.counts["taken over"] += held and not self.held
         self.held = held
@@ -166,7 +170,7 @@ class Client:
                 each(self.frame())
 
     def emit(self, socket: Socket) -> None:
-        """Send telemetry, or null while a person drives."""
+        """Send telemetry, or null while a simulated person drives."""
         self.counts["telemetry"] += 1
         self.expected = "manual" if self.manual else "steer"
         if self.manual:
@@ -180,7 +184,7 @@ class Client:
         socket.emit("telemetry", message)
 
     def _truth(self) -> dict[str, float]:
-        """What the original does not send: the time, and what a scorer needs."""
+        """Return telemetry beyond the original's: the time, and inputs of scoring."""
         if not self.options.truth:
             return {}
         world = self.world
@@ -193,48 +197,48 @@ class Client:
         }
 
     def frame(self) -> np.ndarray:
-        """The centre camera's picture, drawn once a frame."""
+        """Return the centre camera's frame; it is drawn once for each frame of the world."""
         if self._frame is None or self._frame[0] != self.world.frames:
             self._frame = self.world.frames, self.world.frame()
         return self._frame[1]
 
-    def say(self, text: str) -> None:
-        """Print a line, once."""
-        if text not in self.said:
-            self.said.add(text)
+    def print_once(self, text: str) -> None:
+        """Print a line, unless it was printed before."""
+        if text not in self.printed:
+            self.printed.add(text)
             self.console.print(text, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
-    def _swallow(self, what: str, reason: str) -> None:
-        self.counts["swallowed"] += 1
-        self.say(f"{what} was swallowed, as by the original, and its loop ends: {reason}")
+    def _discard(self, what: str, reason: str) -> None:
+        self.counts["discarded"] += 1
+        self.print_once(f"{what} was discarded, as the original client does: {reason}")
 
-    def _say_silence(self) -> None:
-        if time.monotonic() - self.heard > SILENT_S:
+    def _report_silence(self) -> None:
+        if time.monotonic() - self.replied_s > SILENT_S:
             if not self.opened:
-                self.say_no_handshake()
-            self.say(
-                f"no reply for {SILENT_S:.0f} s, and the original never asks again; expected: "
-                f"{REPLIES[self.expected]}"
+                self.report_no_handshake()
+            self.print_once(
+                f"no reply for {SILENT_S:.0f} s; the client never sends a message twice, so answer "
+                f"each one; expected: {REPLIES[self.expected]}"
             )
 
-    def say_no_handshake(self) -> None:
-        """Print that something is there, which does not speak as a driver does."""
-        self.say(
-            f"connected to {self.options.url}, but the driver has not answered the handshake for "
+    def report_no_handshake(self) -> None:
+        """Print that a server accepts connections but does not answer as a driver."""
+        self.print_once(
+            f"connected to {self.options.url}, but no answer to the handshake for "
             f"{SILENT_S:.0f} s; is another program on the port? {START}"
         )
 
     def _drop(self, socket: Socket) -> None:
         if self.world.time >= self.options.drop_at:
             self.dropped = True
-            raise ConnectionError("dropped, as asked")
+            raise ConnectionError(f"dropped by drop_at={self.options.drop_at:g}")
 
 
 def run_client(options: ClientOptions, console: Console) -> Client:
-    """Connect, drive, reconnect when need be, and say at the end how it went.
+    """Connect and drive, reconnect after each lost connection, and print a summary.
 
     Raises:
-        SimulatorError: an option that cannot be, no renderer, a film that cannot be written.
+        SimulatorError: an option is wrong, no renderer opens, or the film cannot be written.
     """
     check_options(options)
     world = open_world(
@@ -247,7 +251,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     )
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     client = Client(world, options, console)
-    client.say(f"{world.track.name}, drawn by the {world.pictures.name} renderer")
+    client.print_once(f"{world.track.name}, drawn by the {world.pictures.name} renderer")
     with ExitStack() as open_things:
         if options.film:
             client.on_frame.append(
@@ -257,40 +261,40 @@ def run_client(options: ClientOptions, console: Console) -> Client:
             client.on_frame.append(_window(world.track.name))
         try:
             while not client.finished:
-                _drive_until_gone(client)
+                _drive_until_disconnected(client)
         except KeyboardInterrupt:
-            client.say("stopped")
+            client.print_once("stopped")
         finally:
-            _summary(client)
+            _print_summary(client)
     return client
 
 
-def _drive_until_gone(client: Client) -> None:
+def _drive_until_disconnected(client: Client) -> None:
     options = client.options
     try:
         socket = _connect(options)
     except HandshakeSilentError:
-        client.say_no_handshake()
+        client.report_no_handshake()
         client.pause(RETRY_S)
         return
     except OSError as error:
-        there = f" (what listens there says {error})" * isinstance(error, HandshakeRefusedError)
-        client.say(f"waiting for a driver at {options.url}; {START}{there}")
+        answer = f" (the server there answers {error})" * isinstance(error, HandshakeRefusedError)
+        client.print_once(f"waiting for a driver at {options.url}; {START}{answer}")
         client.pause(RETRY_S)
         return
-    connected, obeyed, dropped = time.monotonic(), client.obeyed, client.dropped
+    connected_s, replies, dropped = time.monotonic(), client.replies, client.dropped
     if not client.counts["connections"]:
-        client.began = client.next_frame = connected
+        client.began_s = client.next_frame_s = connected_s
     client.counts["connections"] += 1
     try:
         with closing(socket):
             client.drive(socket)
     except ConnectionError as error:
-        if time.monotonic() - connected > SILENT_S:
-            client.said.clear()  # a driver that was there and went is news, each time
-        client.say(f"the connection is gone ({error}); connecting again")
-        if client.obeyed == obeyed and client.dropped == dropped:
-            client.pause(RETRY_S)  # sent away at the door
+        if time.monotonic() - connected_s > SILENT_S:
+            client.printed.clear()  # after a longer connection, messages are printed again
+        client.print_once(f"disconnected ({error}); connecting again")
+        if client.replies == replies and client.dropped == dropped:
+            client.pause(RETRY_S)  # the driver refused the client
 
 
 def _connect(options: ClientOptions) -> Socket:
@@ -308,25 +312,25 @@ def _window(title: str) -> Callable[[np.ndarray], None]:
 
     def show(frame: np.ndarray) -> None:
         if not viewer.show(frame):
-            raise KeyboardInterrupt  # closed by the person
+            raise KeyboardInterrupt  # the user closed the window
 
     return show
 
 
-def _summary(client: Client) -> None:
+def _print_summary(client: Client) -> None:
     world, counts = client.world, client.counts
-    put_back = f", {counts['put back']} times put back" if client.options.put_back else ""
+    put_back = f", put back {counts['put back']} times" if client.options.put_back else ""
     cte = np.abs(client.cte) if client.cte else np.zeros(1)
-    wall_s = max(time.monotonic() - client.began, 1e-9)
-    client.say(
+    wall_s = max(time.monotonic() - client.began_s, 1e-9)
+    client.print_once(
         f"{world.travelled / world.track.length:.2f} laps in {world.time:.1f} s of simulated time; "
-        f"{world.frames:,} frames, {world.frames / wall_s:.0f} a second; {counts['telemetry']:,} "
-        f"telemetry in {counts['connections']} connections; {counts['taken over']} times taken "
-        f"over by hand; off centre {cte.mean():.2f} m on average, {cte.max():.2f} m at most; "
-        f"{counts['off road']} times off the road{put_back}"
+        f"{world.frames:,} frames, {world.frames / wall_s:.0f} per second; "
+        f"{counts['telemetry']:,} telemetry messages; connected {counts['connections']} times; "
+        f"taken over by hand {counts['taken over']} times; cross-track error {cte.mean():.2f} m "
+        f"on average, {cte.max():.2f} m at most; left the road {counts['off road']} times{put_back}"
     )
 
 
 def main(arguments: Sequence[str]) -> None:
-    """The command: `key=value` arguments, see `ClientOptions`."""
+    """Run the command with `key=value` arguments; see `ClientOptions`."""
     run_client(read_options(ClientOptions, arguments), Console())

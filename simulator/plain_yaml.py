@@ -31,7 +31,9 @@ def read_yaml(path: Path) -> object:
             if not stat.S_ISREG(found.st_mode):
                 raise SimulatorError(f"{path}: not a regular file; give a track's .yaml file")
             if found.st_size > MOST_BYTES:
-                raise SimulatorError(f"{path}: larger than {MOST_BYTES:,} bytes; give a track's .yaml file")
+                raise SimulatorError(
+                    f"{path}: larger than {MOST_BYTES:,} bytes; give a track's .yaml file"
+                )
             return parse_yaml(file.read(found.st_size).decode("utf-8-sig"))
     except OSError as error:
         raise SimulatorError(f"{path}: {error.strerror or error}") from None
