@@ -12,7 +12,7 @@ from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, VERTICAL_FOV_DEG
 from simulator.scenery.air import FOG_RGB
 from simulator.scenery.bonnet import SHAPES
 from simulator.weather import Weather
-from simulator.window import Picture, Window
+from simulator.window import ImagePanel, Window
 
 HELP = (
     "arrows or W A S D: drive     left mouse button held, moved sideways: steer     "
@@ -44,12 +44,12 @@ class DriveScreen:
         )
         flat = window.flat
         flat.setBin("unsorted", 0)  # draws nodes in the order of their creation
-        Picture(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
+        ImagePanel(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
         self.corner = flat.attachNewNode("top right")
         self.left = flat.attachNewNode("top left")
         top = 0.96 - INSET_WIDTH / 2
         _box(self.corner, (-INSET_WIDTH - 0.01, 0.01), (top - 0.09, 0.97), DARK)
-        self.inset = Picture(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
+        self.inset = ImagePanel(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
         caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.037, core.TextNode.ACenter)
         _set_text(caption, "centre camera, as recorded", GREY)
         _box(self.left, (0, 0.95), (0.71, 0.97), DARK)

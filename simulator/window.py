@@ -97,12 +97,12 @@ class Window:
         self.window = None
 
 
-class Picture:
+class ImagePanel:
     """A rectangle that shows an image, in the units of a window's flat layer."""
 
     def __init__(self, parent: core.NodePath, left: float, bottom: float, width: float) -> None:
         self.parent, self.place = parent, (left, bottom, width)
-        self.texture = core.Texture("picture")
+        self.texture = core.Texture("image")
         self.texture.setMagfilter(core.SamplerState.FTLinear)
         self.node: core.NodePath | None = None
 
@@ -121,7 +121,7 @@ class Picture:
         self._stored = np.zeros((rows, columns, channels), np.uint8)
         kind = core.Texture.FRgba if channels == 4 else core.Texture.FRgb
         self.texture.setup2dTexture(columns, rows, core.Texture.TUnsignedByte, kind)
-        card = core.CardMaker("picture")
+        card = core.CardMaker("image")
         left, bottom, wide = self.place
         card.setFrame(left, left + wide, bottom, bottom + wide * height / width)
         # Half a pixel inside, because the texture beyond the image is black.
@@ -138,15 +138,15 @@ class Viewer:
 
     def __init__(self, title: str, size: tuple[int, int]) -> None:
         self.window = Window(title, size)
-        self.picture = Picture(self.window.flat, -1.0, -0.5, 2.0)
+        self.panel = ImagePanel(self.window.flat, -1.0, -0.5, 2.0)
 
     def show(self, frame: np.ndarray) -> bool:
-        """Show uint8 [160, 320, 3], RGB, as large as fits; return False when the window is closed."""
+        """Show uint8 [160, 320, 3], RGB, as large as fits; return False when it is closed."""
         if not self.window.is_open:
             return False
-        self.picture.show(frame)
+        self.panel.show(frame)
         height, width = frame.shape[:2]
-        self.picture.node.setScale(min(self.window.aspect, width / height))
+        self.panel.node.setScale(min(self.window.aspect, width / height))
         return self.window.draw() and "escape" not in self.window.pressed
 
     def close(self) -> None:
