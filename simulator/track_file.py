@@ -140,7 +140,7 @@ def _check_crossings(centreline: dict, width: float) -> None:
                 least, place = apart.min(), (distance[first], distance[second[apart.argmin()]])
     if place:
         raise SimulatorError(
-            f"points: the road crosses or nearly touches itself: {place[0]:.0f} m and "
+            f"points: the road crosses itself, or nearly: {place[0]:.0f} m and "
             f"{place[1]:.0f} m along it are {least:.1f} m apart and need {room:.1f} m: "
             "move the points there apart"
         )

@@ -1,4 +1,4 @@
-"""`make bench` works; how fast anything is, a test does not judge."""
+"""`make bench` runs and writes its table; tests do not judge speed."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What `benchmarks/first_try.py` makes of a candidate."""
+"""Runs and figures of `benchmarks/first_try.py`."""
 
 import json
 
