@@ -18,10 +18,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from simulator import bounded_socket
+from simulator import autonomous_mode, bounded_socket
 from simulator import client as client_module
+from simulator.autonomous_mode import Client
 from simulator.bounded_socket import MAX_MESSAGE, HandshakeSilentError
-from simulator.client import Client, ClientOptions
+from simulator.client_options import ClientOptions
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.modern_socket import ModernSocket
 from simulator.world import open_world
@@ -170,7 +171,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (bounded_socket, sys.modules[LegacySocket.__module__]):
         monkeypatch.setattr(module, "HANDSHAKE_S", 0.3)
     monkeypatch.setattr(sys.modules[ModernSocket.__module__], "HANDSHAKE_S", 0.3)
-    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
+    monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
     monkeypatch.setattr(client_module, "RETRY_S", 0.01)
 
 

@@ -16,8 +16,10 @@ import cv2
 import pytest
 from rich.console import Console
 
-from simulator import client as client_module
-from simulator.client import RETRY_S, Client, ClientOptions, run_client
+from simulator import autonomous_mode
+from simulator.autonomous_mode import Client
+from simulator.client import RETRY_S, run_client
+from simulator.client_options import ClientOptions
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.legacy_socket import LegacySocket
@@ -141,7 +143,7 @@ def test_a_reply_that_the_original_discards_is_not_answered_and_is_reported(
     ],
 )
 def test_a_silent_driver_is_reported_with_the_expected_reply(monkeypatch, options, reply) -> None:
-    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
+    monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
 
     def slow(text: str) -> Iterator[str]:
         if text.startswith('42["telemetry"'):
