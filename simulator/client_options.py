@@ -12,8 +12,8 @@ from simulator.weather import read_weather
 class ClientOptions:
     """Connect to a driver as the original simulator's autonomous mode does.
 
-    The client sends the same bytes as the original client of 2016, with one difference: without a
-    driver, or refused by one, it tries to connect twice a second, not thousands of times.
+    The client sends the same bytes as the original client of 2016, with one difference: while no
+    driver accepts it, it tries to connect twice a second, not thousands of times.
 
     Args:
         track: name of a track, or path of its YAML file.
