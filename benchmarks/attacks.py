@@ -1,8 +1,8 @@
-"""`python benchmarks/attacks.py [seconds=600] [rate=100]`: the driver's memory under attack.
+"""Measure the driver's memory under attack: `benchmarks/attacks.py [seconds=600] [rate=100]`.
 
-Serves one checkpoint by a driver process for each attack, all at the same time, and attacks each
-from one thread, at most `rate` requests a second. A genuine client drives throughout, and another
-connects every two seconds: both must be answered. The driver's memory is its resident set.
+It starts a driver process for each attack, all at the same time, and attacks each from one thread
+with at most `rate` requests per second. One genuine client drives throughout, and another connects
+every two seconds; the driver must answer both. The driver's memory is its resident set.
 """
 
 import contextlib
@@ -40,10 +40,10 @@ from zoo.checkpoints.checkpoint import make_card
 from zoo.models.make_network import make_network
 
 MOST_GROWTH_MB = 100
-LEAST_ANSWERED = 0.9  # of a genuine client's telemetry
+LEAST_ANSWERED = 0.9  # share of a genuine client's telemetry
 MOST_OPEN = 500  # connections that an attack holds at a time; the driver allows 512
-LARGE_S = 0.1  # between large messages: 10 a second, 21 MB/s
-SETTLE_S = 2.0  # before the driver's memory is read for the first and the last time
+LARGE_S = 0.1  # pause between large messages: 10 per second, 21 MB/s
+SETTLE_S = 2.0  # pause before the first and the last reading of memory
 EVERY_S = 2.0  # between a genuine client and the next
 POLLING = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 POST = (
@@ -61,11 +61,11 @@ BINARY, TEXT = 2, 1  # opcodes
 
 @dataclass(frozen=True)
 class AttackOptions:
-    """How long and how fast to attack.
+    """Options of the attacks.
 
     Args:
-        seconds: of each attack; all run at the same time.
-        rate: requests a second of each attack.
+        seconds: duration of each attack; all run at the same time.
+        rate: largest number of requests per second of each attack.
         only: name of one attack; null for all.
     """
 
@@ -80,9 +80,11 @@ class Measured:
 
     Attributes:
         requests: requests and connections of the attack.
-        before, peak, after: megabytes of the driver; `after` with all connections closed.
-        steady, late: genuine clients' telemetry, as (answered, sent): of one that drives
-            throughout, and of one after the other that connects meanwhile.
+        before: megabytes of the driver before the attack.
+        peak: largest megabytes of the driver during the attack.
+        after: megabytes of the driver after all connections are closed.
+        steady: telemetry (answered, sent) of the client that drives throughout.
+        late: telemetry (answered, sent) of the clients that connect during the attack.
     """
 
     requests: int
@@ -94,16 +96,16 @@ class Measured:
 
     @property
     def withstood(self) -> bool:
-        """Whether the driver grew little, and answered genuine clients."""
+        """Return whether the driver grew little and answered genuine clients."""
         served = (answered >= LEAST_ANSWERED * sent for answered, sent in (self.steady, self.late))
         return self.peak - self.before < MOST_GROWTH_MB and all(served)
 
 
 class Attacker:
-    """The connections to a driver, of which the oldest are closed beyond `MOST_OPEN`.
+    """Connections to a driver; beyond `MOST_OPEN` the oldest are closed.
 
     Args:
-        port: of the driver, on this machine.
+        port: port of the driver on this machine.
     """
 
     def __init__(self, port: int) -> None:
@@ -126,7 +128,7 @@ class Attacker:
         while b"\r\n\r\n" not in answer:
             more = connection.recv(4096)
             if not more:
-                raise ConnectionError("the driver has hung up")
+                raise ConnectionError("the driver closed the connection")
             answer += more
         return connection
 
@@ -153,7 +155,7 @@ def frame(opcode: int, size: int, sent: bytes) -> bytes:
 
 
 def handshakes(attacker: Attacker) -> float:
-    """Open a polling session and leave it."""
+    """Open a polling session and leave it open."""
     attacker.ask(POLLING)
     return 0.0
 
@@ -191,7 +193,7 @@ def whole(attacker: Attacker) -> float:
 
 
 def lists(attacker: Attacker) -> float:
-    """Send a message that takes 20 times its size once it is read."""
+    """Send a message that takes 20 times its size in memory when parsed."""
     text = b'42["telemetry"' + b",[]" * (LARGE // 3 - 10) + b"]"
     attacker.websocket().sendall(frame(TEXT, len(text), text))
     return LARGE_S
@@ -213,7 +215,7 @@ def half_posts(attacker: Attacker) -> float:
     return LARGE_S
 
 
-# Each makes one request, and returns how many seconds it waits at least before the next.
+# Each makes one request and returns the smallest pause before the next, in seconds.
 ATTACKS: dict[str, Callable[[Attacker], float]] = {
     "polling handshakes": handshakes,
     "half-open connections": half_open,
@@ -228,11 +230,11 @@ ATTACKS: dict[str, Callable[[Attacker], float]] = {
 
 
 class Genuine(threading.Thread):
-    """Simulator's client that counts its answers.
+    """A simulator's client that counts the driver's answers.
 
     Args:
-        port: of the driver.
-        steady: keeps its connection; otherwise each telemetry has a connection of its own.
+        port: port of the driver.
+        steady: whether it keeps its connection; otherwise it connects for each telemetry.
     """
 
     def __init__(self, port: int, steady: bool) -> None:
@@ -261,13 +263,13 @@ class Genuine(threading.Thread):
         client.emit("telemetry", self._message)
         ends = time.monotonic() + 10
         while (left_s := ends - time.monotonic()) > 0:
-            # A reply to telemetry has a steering; what a new client is sent at first has none.
+            # A reply to telemetry has an argument; the first message to a new client has none.
             if any(name != OPENED and argument for name, argument in client.events(left_s)):
                 return True
         return False
 
     def end(self) -> tuple[int, int]:
-        """Stop, and return how many were answered and sent."""
+        """Stop, and return the numbers of answered and sent messages."""
         self.ended.set()
         self.join(20)
         return self.answered, self.sent
@@ -286,7 +288,9 @@ def measure_attack(
     ends = time.monotonic() + options.seconds
     while (began := time.monotonic()) < ends:
         wait_s = 1 / options.rate
-        with contextlib.suppress(OSError, ValueError):  # the driver closed it, as it should
+        with contextlib.suppress(
+            OSError, ValueError
+        ):  # the driver closed the connection, as it should
             wait_s = max(wait_s, ATTACKS[name](attacker))
         requests += 1
         peak = max(peak, megabytes(process))
@@ -304,7 +308,7 @@ def megabytes(process: psutil.Process) -> float:
 
 @contextlib.contextmanager
 def driver(checkpoint: Path) -> Iterator[tuple[psutil.Process, int]]:
-    """A process of `zoo.drive` and its port."""
+    """Start a process of `zoo.drive`; yield it and its port."""
     command = [sys.executable, "-m", "zoo.drive", str(checkpoint), "drive.port=0"]
     environ = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     with subprocess.Popen(
@@ -326,7 +330,7 @@ def driver(checkpoint: Path) -> Iterator[tuple[psutil.Process, int]]:
 
 
 def attack(name: str, options: AttackOptions) -> Measured:
-    """Attack a driver of its own."""
+    """Start a driver, attack it, and return the figures."""
     with tempfile.TemporaryDirectory() as folder:
         checkpoint = write_checkpoint(Path(folder) / "random.ckpt")
         with driver(checkpoint) as (process, port):
@@ -346,11 +350,13 @@ def write_checkpoint(path: Path) -> Path:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table; 1 where a driver grew too much or did not answer a genuine client."""
+    """Print the table; return 1 if a driver grew too much or left a genuine client unanswered."""
     try:
         options = read_options(AttackOptions, arguments)
         if options.only not in (None, *ATTACKS):
-            raise SimulatorError(f"only={options.only}: there are {', '.join(ATTACKS)}")
+            raise SimulatorError(
+                f"only={options.only}: no such attack; available: {', '.join(ATTACKS)}"
+            )
         for key in ("seconds", "rate"):
             if not 0 < (value := getattr(options, key)) < math.inf:
                 raise SimulatorError(f"{key}={value:g}: must be above 0")
@@ -358,16 +364,16 @@ def main(arguments: list[str]) -> int:
         print(f"attacks: {error}", file=sys.stderr)
         return 1
     names = [options.only] if options.only else list(ATTACKS)
-    # A process for each attacker: in one, they would wait for each other.
+    # A process for each attacker, because threads of one process would wait for each other.
     with ProcessPoolExecutor(len(names), get_context("spawn")) as pool:
         found = list(pool.map(attack, names, [options] * len(names)))
     columns = ("attack", "seconds", "requests", "before MB", "peak MB", "after MB", "growth MB")
     table = Table(*columns, "steady client", "new clients")
     for name, one in zip(names, found, strict=True):
         sizes = (one.before, one.peak, one.after, one.peak - one.before)
-        told = [f"{answered:,} of {sent:,}" for answered, sent in (one.steady, one.late)]
+        shares = [f"{answered:,} of {sent:,}" for answered, sent in (one.steady, one.late)]
         figures = (f"{options.seconds:g}", f"{one.requests:,}", *(f"{mb:.0f}" for mb in sizes))
-        table.add_row(name, *figures, *told)
+        table.add_row(name, *figures, *shares)
     Console(width=150).print(table)
     return int(not all(one.withstood for one in found))
 

@@ -1,8 +1,9 @@
-"""`python benchmarks/beyond_memory.py [short] [rows=N] [limit_mb=N]`: more views than memory.
+"""Train on more views than memory: `beyond_memory.py [short] [rows=N] [limit_mb=N]`.
 
-Trains from the view cache with a limit on the memory of the whole process, its page cache included:
-a control group's (v1 or v2; needs the right to make one, as root has). Where none can be made the
-process is only watched. A recording a quarter as long shows what grows with the rows.
+The training reads the view cache under a limit on the memory of the whole process, including its
+page cache. The limit is that of a control group (v1 or v2), which usually only root can create.
+Without one the process is measured but not limited. A recording with a quarter of the rows shows
+which memory grows with the rows.
 """
 
 import contextlib
@@ -24,7 +25,7 @@ from datamodules.recording import read_recordings
 from zoo.training.build import build_data
 
 ROWS, LIMIT_MB = 12_000, 1_500
-# Views of 100 x 320 x 3 bytes: a small network over large pictures, so that feeding is the work.
+# Views of 100 x 320 x 3 bytes: with a small network and large images, feeding is the main work.
 MODEL = (
     "model=lenet",
     "model.width=0.25",
@@ -32,21 +33,22 @@ MODEL = (
     "model.size=[100,320]",
     "data.crop=[40,20]",
 )
-EPOCHS, SAMPLES = 4, 6_400  # drawn from all rows
+EPOCHS, SAMPLES = 4, 6_400  # samples of an epoch are drawn from all rows
 CGROUPS = Path("/sys/fs/cgroup")
 
 
 @dataclass(frozen=True)
 class Watched:
-    """What a training came to.
+    """Memory and speed of a training.
 
     Attributes:
-        views_mb: of its views, all in files.
-        anonymous_mb: the most memory of its own in each epoch; the first has loading in it.
-        mapped_mb: the most of the mapped files that was in memory.
-        held_mb: what the control group held at most; None without one.
+        rows: rows of the recording.
+        views_mb: size of the files of its views.
+        anonymous_mb: peak of memory without files in each epoch; the first includes loading.
+        mapped_mb: peak of mapped files in memory.
+        held_mb: peak memory of the control group; None without one.
         limited: whether it ran under the limit.
-        samples_per_s: of the last epoch.
+        samples_per_s: samples per second of the last epoch.
     """
 
     rows: int
@@ -81,11 +83,11 @@ def main(arguments: list[str]) -> None:
             one.samples_per_s,
         )
     console.print(table)
-    console.print(f"a row takes {row_bytes(linked_recording(rows)):,.0f} bytes of its own memory")
+    console.print(f"memory of a row: {row_bytes(linked_recording(rows)):,.0f} bytes")
 
 
 def row_bytes(folder: Path) -> float:
-    """What Python and numpy allocate for a row of a recording that is read, its paths above all."""
+    """Return the bytes that Python and numpy allocate per row of a recording, mostly for paths."""
     tracemalloc.start()
     recording = read_recordings(str(folder))
     held, _ = tracemalloc.get_traced_memory()
@@ -94,12 +96,12 @@ def row_bytes(folder: Path) -> float:
 
 
 def train(rows: int, limit_mb: int | None, console: Console) -> Watched:
-    """Train on a recording of so many rows in a process of its own, and watch its memory."""
+    """Train on a recording with a number of rows in a new process, and measure its memory."""
     folder = linked_recording(rows)
     overrides = (*MODEL, "augment=[]", f"trainer.max_epochs={EPOCHS}", "callbacks=published")
     overrides += (f"data.samples_per_epoch={SAMPLES}",)
     data = build_data(config_for(folder, *overrides))
-    data.load(Console(quiet=True))  # decodes what is not in the cache yet
+    data.load(Console(quiet=True))  # decodes images that are not in the cache
     views_mb = sum(file.nbytes for file in data.views.files) / 1e6
     del data
     for file in Path(CACHE).glob("*.npy"):
@@ -125,13 +127,15 @@ def train(rows: int, limit_mb: int | None, console: Console) -> Watched:
             ),
         )
         anonymous, mapped, epoch_ends = watch(process)
-        said = process.stdout.read()
+        output = process.stdout.read()
         held = peak_mb(group)
     if process.returncode:
-        raise SystemExit(f"training ended with {process.returncode}: over the limit?")
-    rates = [line.split()[-2] for line in said.splitlines() if line.startswith("epoch ")]
+        raise SystemExit(
+            f"training ended with {process.returncode}; raise limit_mb= if it ran out of memory"
+        )
+    rates = [line.split()[-2] for line in output.splitlines() if line.startswith("epoch ")]
     if limit_mb and group is None:
-        console.print("no control group could be made here: watched, not limited")
+        console.print("no control group could be created here: memory is measured, not limited")
     starts = [0, *epoch_ends[:-1]]
     ends = [max(anonymous[one:end]) for one, end in zip(starts, epoch_ends, strict=True)]
     console.print(
@@ -143,13 +147,15 @@ def train(rows: int, limit_mb: int | None, console: Console) -> Watched:
 
 
 def watch(process: subprocess.Popen) -> tuple[list[float], list[float], list[int]]:
-    """Megabytes of its own and of mapped files, ten times a second; and how many of them there were
-    when each epoch was logged."""
+    """Return megabytes without files and of mapped files, ten times per second.
+
+    The third result is the number of these samples at the end of each epoch.
+    """
     anonymous, mapped, epochs = [0.0], [0.0], []
     log = Path(CACHE).parent / "beyond_memory" / "metrics.csv"
     log.unlink(missing_ok=True)
     while process.poll() is None:
-        with contextlib.suppress(OSError, KeyError):  # it has just ended
+        with contextlib.suppress(OSError, KeyError):  # the process has just ended
             fields = dict(
                 line.split(":", 1)
                 for line in Path(f"/proc/{process.pid}/status").read_text().splitlines()
@@ -157,7 +163,7 @@ def watch(process: subprocess.Popen) -> tuple[list[float], list[float], list[int
             anonymous.append(int(fields["RssAnon"].split()[0]) / 1000)
             mapped.append(int(fields["RssFile"].split()[0]) / 1000)
         done = log.read_text().count("\n") if log.is_file() else 0
-        # Below its header, a line each of the rate, of validation and of training.
+        # After the header, an epoch has three lines: rate, validation and training.
         if (done - 1) // 3 > len(epochs):
             epochs.append(len(anonymous))
         time.sleep(0.1)
@@ -165,7 +171,7 @@ def watch(process: subprocess.Popen) -> tuple[list[float], list[float], list[int
 
 
 def forget(file: Path) -> None:
-    """Take a file out of the page cache: what is there already is not counted as the reader's."""
+    """Drop a file from the page cache, so that the next reader is charged for it."""
     descriptor = os.open(file, os.O_RDONLY)
     os.fsync(descriptor)
     os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
@@ -174,8 +180,10 @@ def forget(file: Path) -> None:
 
 @contextlib.contextmanager
 def control_group(limit_mb: int | None) -> Iterator[Path | None]:
-    """The folder of a group whose memory is limited, its page cache with it; None without a limit,
-    or where none can be made."""
+    """Yield the folder of a control group with limited memory, page cache included.
+
+    It is None without a limit, or where no group can be created.
+    """
     if limit_mb is None:
         yield None
         return
@@ -197,7 +205,7 @@ def control_group(limit_mb: int | None) -> Iterator[Path | None]:
 
 
 def peak_mb(group: Path | None) -> float | None:
-    """The most that a group has held."""
+    """Return the peak memory of a group in megabytes."""
     for name in ("memory.max_usage_in_bytes", "memory.peak"):
         if group is not None and (group / name).is_file():
             return int((group / name).read_text()) / 1e6

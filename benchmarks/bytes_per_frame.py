@@ -1,7 +1,8 @@
-"""`python benchmarks/bytes_per_frame.py [RECORDING] [hours=N]`: what `docs/scale.md` counts with.
+"""Measure the figures of `docs/scale.md`: `benchmarks/bytes_per_frame.py [RECORDING] [hours=N]`.
 
-Bytes of a picture as recorded and as views of it are, how fast one core decodes them, and what so
-many hours of three cameras come to. Prices are S3's of us-east-1, first tier, as published.
+These are the bytes of an image as recorded and as a view, the speed at which one core decodes them,
+and the storage of N hours of three cameras. Prices are the published ones of S3 in us-east-1, first
+tier.
 """
 
 import random
@@ -22,7 +23,7 @@ from datamodules.view import View
 
 ROWS_PER_S, CAMERAS, SHARD_BYTES = 15, 3, 128e6
 GB_MONTH, GET, PUT = 0.023, 0.0004 / 1000, 0.005 / 1000  # US dollars
-AIM = 200_000  # samples a second of a GPU
+AIM = 200_000  # samples per second of a GPU
 VIEW = View((40, 20), "rgb", (66, 200))
 
 
@@ -41,13 +42,13 @@ def main(arguments: list[str]) -> None:
             view_of,
         ),
         "view, PNG": (encoded(views, ".png", []), view_of),
-        "view, as it is": (views, None),
+        "view, uncompressed": (views, None),
     }
     count = float(options.get("hours", 10_000)) * 3600 * ROWS_PER_S * CAMERAS
     console = Console()
-    console.print(f"{count:,.0f} pictures; a GPU that takes {AIM:,} samples/s; by kind:")
+    console.print(f"{count:,.0f} images; a GPU that takes {AIM:,} samples/s; by kind of storage:")
     table = Table(
-        "stored", "bytes", "all", "a month", "an epoch's GETs", "a GPU's network", "its cores"
+        "stored", "bytes", "total", "per month", "GETs of an epoch", "network of a GPU", "its cores"
     )
     for name, (data, decode) in kinds.items():
         size = float(np.mean([one.nbytes for one in data]))
@@ -65,9 +66,9 @@ def main(arguments: list[str]) -> None:
     size = float(np.mean([one.nbytes for one in recorded]))
     shards, seconds = size * count / SHARD_BYTES, SHARD_BYTES / size / CAMERAS / ROWS_PER_S
     console.print(
-        f"a shard of {SHARD_BYTES / 1e6:.0f} MB as recorded: {SHARD_BYTES / size:,.0f} pictures, "
-        f"{seconds:,.0f} s of driving; {shards:,.0f} shards, ${shards * PUT:,.2f} to put there\n"
-        f"an object a picture: ${count * PUT:,.0f} to put there, ${count * GET:,.0f} an epoch"
+        f"a shard of {SHARD_BYTES / 1e6:.0f} MB as recorded: {SHARD_BYTES / size:,.0f} images, "
+        f"{seconds:,.0f} s of driving; {shards:,.0f} shards, ${shards * PUT:,.2f} to upload\n"
+        f"one object per image: ${count * PUT:,.0f} to upload, ${count * GET:,.0f} per epoch"
     )
 
 
@@ -80,7 +81,7 @@ def view_of(data: np.ndarray) -> np.ndarray:
 
 
 def rate(data: list[np.ndarray], decode: Callable) -> float:
-    """Pictures a second of one core's own time, the best of five rounds."""
+    """Return the images per second of processor time on one core, the best of five rounds."""
     best = np.inf
     for _ in range(5):
         began = time.process_time()

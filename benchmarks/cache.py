@@ -1,4 +1,4 @@
-"""`python benchmarks/cache.py`: decoding a recording into the cache of views, on all cores."""
+"""Measure how fast all cores decode a recording into the cache: `python benchmarks/cache.py`."""
 
 import multiprocessing
 import shutil
@@ -20,8 +20,11 @@ VIEW = View((40, 20), "rgb", (66, 200))
 
 
 def measure(short: bool) -> list[Row]:
-    """Pictures a second, as a multiple of one thread's that reads, decodes and resizes them; and of
-    as many processes that do nothing else, which is what the machine has to give just then."""
+    """Measure images per second, relative to one thread and to one process for each core.
+
+    The references only read, decode and resize. The one with processes shows the speed that the
+    machine has at that moment.
+    """
     rows, rounds = (100, 1) if short else (1_500, 5)
     folder = linked_recording(rows, ("center",))
     paths = sorted(map(str, (folder / "IMG").iterdir()))
@@ -34,7 +37,9 @@ def measure(short: bool) -> list[Row]:
 
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(cores, spawn, cv2.setNumThreads, (1,)) as pool:
-        list(pool.map(decode, [share[:5] for share in shares]))  # started, imported
+        list(
+            pool.map(decode, [share[:5] for share in shares])
+        )  # starts the processes and their imports
         found = take_turns(
             {
                 "ours/s": ours,
@@ -65,13 +70,13 @@ def measure(short: bool) -> list[Row]:
 
 
 def decode(paths: list[str]) -> None:
-    """Views of pictures, kept nowhere."""
+    """Make the views of images and discard them."""
     for path in paths:
         VIEW(decode_image(Path(path).read_bytes()))
 
 
 def decode_in_one_thread(paths: list[str]) -> None:
-    """OpenCV has threads of its own, otherwise."""
+    """Decode with OpenCV's own threads off."""
     its_own = cv2.getNumThreads()
     cv2.setNumThreads(1)
     decode(paths)

@@ -1,8 +1,8 @@
-"""`python benchmarks/driver.py [SECONDS]`: telemetry served a second, and latency, per network.
+"""Measure the driver's throughput and latency per network: `python benchmarks/driver.py [SECONDS]`.
 
-The client speaks the original's protocol and runs at 60 frames a second: its two loops make 120
-telemetry a second at most, each picture twice. Latency is from a frame's last byte read to its
-reply written.
+The client has the original's protocol and 60 frames per second. Its two loops send at most 120
+telemetry messages per second, each frame twice. Latency is the time from the last byte of a frame
+to its written reply.
 """
 
 import multiprocessing
@@ -25,13 +25,19 @@ from zoo.cli.compose import choices, compose_config
 
 FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 1.2
 CONSTANT = "a constant"
-TURNS = 3  # of nvidia, driving and not
+TURNS = 3  # turns of nvidia in the driver and alone
 
 
 @dataclass(frozen=True)
 class Driven:
-    """What a driver came to: telemetry it answered a second, its latencies in ms, and medians in ms
-    of those with a forward pass and of that pass in it; NaN of a policy without a network."""
+    """Figures of a driver.
+
+    Attributes:
+        rate: telemetry messages answered per second.
+        latency: percentiles of the latency in ms.
+        looked: median latency of replies with a forward pass, in ms; NaN without a network.
+        forward: median of that forward pass, in ms; NaN without a network.
+    """
 
     rate: float
     latency: dict[str, float]
@@ -50,12 +56,15 @@ def main(seconds: float) -> None:
 
 
 def measure(short: bool) -> list[Row]:
-    """For `make bench`: the driver with every network, beside what two loops of 60 fps can ask for,
-    and beside nvidia's forward pass."""
+    """Measure for `make bench`.
+
+    The driver with every network is compared with the demand of two loops at 60 frames per second,
+    and nvidia's latency with its forward pass.
+    """
     asked = f"two loops at {FPS} fps, answered at once"
     seconds, turns = (1.0, 1) if short else (BENCH_SECONDS, TURNS)
     others = [] if short else [CONSTANT, *(one for one in choices("model") if one != "nvidia")]
-    # The last turns are nvidia's, after each of which its forward pass is timed alone.
+    # The last turns are nvidia's; after each one its forward pass is timed alone.
     names = [*others, *["nvidia"] * turns]
     forward_ms("nvidia", 20)
     found: dict[str, Driven] = {}
@@ -95,25 +104,27 @@ def measure(short: bool) -> list[Row]:
 
 
 def forward_ms(name: str, repeats: int, pause_s: float = 0.0) -> float:
-    """The median time of a network's forward pass of one picture, as it is, on one thread, after
-    pauses, in which its weights leave the processor's caches and the processor falls asleep."""
+    """Return the median time of a forward pass of one image on one thread, in ms.
+
+    During pauses the weights leave the processor's caches, and the processor lowers its clock.
+    """
     import torch
 
     policy, times = random_policy(name), []
     height, width, channels = policy.view.shape
-    picture = torch.zeros(1, channels, height, width, dtype=torch.uint8)
+    image = torch.zeros(1, channels, height, width, dtype=torch.uint8)
     with torch.inference_mode():
         for _ in range(repeats):
             if pause_s:
                 time.sleep(pause_s)
             began = time.perf_counter()
-            policy.network(picture)
+            policy.network(image)
             times.append(1000 * (time.perf_counter() - began))
     return float(np.median(times))
 
 
 def drive_each(names: Sequence[str], seconds: float) -> Iterator[Driven]:
-    """The driver with one network after the other, in one process: torch takes long to load."""
+    """Yield the figures of each network, driven in one process, because torch loads slowly."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=serve_each, args=(list(names), theirs))
@@ -127,8 +138,10 @@ def drive_each(names: Sequence[str], seconds: float) -> Iterator[Driven]:
 
 
 def send_telemetry(port: int, seconds: float) -> float:
-    """Be a simulator of 60 frames a second: in each, one telemetry for each reply that came since
-    the last. Returns telemetry per second that was answered."""
+    """Simulate 60 frames per second; return the telemetry messages answered per second.
+
+    Each frame sends one message for each reply since the last frame.
+    """
     rng = np.random.default_rng(0)
     frames = [rng.integers(0, 255, (20, 40, 3)).repeat(8, 0).repeat(8, 1) for _ in range(30)]
     messages = [make_telemetry(frame.astype(np.uint8), 0.0, 0.0, 9.0, False) for frame in frames]
@@ -149,7 +162,7 @@ def send_telemetry(port: int, seconds: float) -> float:
 
 
 def serve_each(names: list[str], pipe: Connection) -> None:
-    """The driver with networks of random weights; sends its port, and its figures at the end."""
+    """Serve networks with random weights; send the port, then the figures of each."""
     for name in names:
         serve(name, pipe)
         pipe.recv()
@@ -181,7 +194,7 @@ def serve(name: str, pipe: Connection) -> None:
 
 
 def noting_looks(sent: Callable, times: list[float], looked: list[float]) -> Callable:
-    """`Driver.sent` that keeps the latency of replies before which a forward pass was timed."""
+    """Wrap `Driver.sent` to keep the latency of replies that had a forward pass."""
 
     def call(reply: object, latency_ms: float) -> None:
         if len(times) > call.before:
@@ -194,7 +207,7 @@ def noting_looks(sent: Callable, times: list[float], looked: list[float]) -> Cal
 
 
 def timed(function: Callable, times: list[float]) -> Callable:
-    """A function that adds the seconds of each call to `times`."""
+    """Wrap a function so that it adds the seconds of each call to `times`."""
 
     def call(*arguments: object) -> object:
         began = time.perf_counter()
@@ -206,7 +219,7 @@ def timed(function: Callable, times: list[float]) -> Callable:
 
 
 def random_policy(name: str) -> object:
-    """The network of `model=name`, not trained, as a policy on one thread."""
+    """Return the untrained network of `model=name` as a policy on one thread."""
     import torch
 
     from datamodules.view import View

@@ -1,7 +1,7 @@
-"""`python benchmarks/expert.py`: how well the expert drives, and whether every day can be drawn.
+"""Measure how well the expert drives: `python benchmarks/expert.py`.
 
-Ten laps of each track, both ways round, without noise and with noise of three seeds; then 200
-starts in weather drawn at random, each drawn and driven for two seconds.
+It drives ten laps of each track in both directions, without noise and with three seeds of noise.
+Then it renders and drives two seconds from 200 random starts in random weather.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ LAPS, DAYS = 10, 200
 
 
 def drive_laps(world: World, expert: Expert, seed: int) -> tuple[np.ndarray, int]:
-    """Cross-track errors float [N] in metres of all frames, and how many were off the road."""
+    """Return the frames' cross-track errors, float [N], in metres, and the number off the road."""
     world.reset(seed)
     expert.reset(seed)
     errors, off = [], 0
@@ -30,7 +30,7 @@ def main() -> None:
     """Print both tables."""
     console = Console()
     table = Table(
-        "track", "way", "noise", "seed", "mean cte, m", "max cte, m", "lap, s", "off road"
+        "track", "direction", "noise", "seed", "mean cte, m", "max cte, m", "lap, s", "off road"
     )
     for track in ("lake", "mountain"):
         for way in (1, -1):
@@ -58,9 +58,9 @@ def main() -> None:
                 world.step(*expert(world))
                 off += world.off_road
             if world.frame().std() < 5:
-                console.print(f"{track}: seed {seed} draws next to nothing")
+                console.print(f"{track}: seed {seed}: the frame is nearly blank")
         console.print(
-            f"{track}: {DAYS} days and starts drawn and driven, {off} frames off the road"
+            f"{track}: {DAYS} random starts and weathers driven, {off} frames off the road"
         )
 
 

@@ -1,4 +1,4 @@
-"""`python benchmarks/feed.py`: training samples a second, ours and sample by sample."""
+"""Compare our feeding with a DataLoader's, in samples per second: `python benchmarks/feed.py`."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ BATCH = 64
 
 
 def measure(short: bool) -> list[Row]:
-    """Batches of nvidia's view, flipped and changed by brightness, shadow and shift."""
+    """Measure batches of nvidia's view with flips, brightness, shadow and shift."""
     rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 7)
     config = config_for(linked_recording(rows), AUGMENT, f"data.batch_size={BATCH}")
     data = build_data(config)
@@ -28,7 +28,7 @@ def measure(short: bool) -> list[Row]:
         "ours/s": rate(batch_sizes(data), 8 * batches),
         "sample by sample/s": rate(map(len, (one["images"] for one in endless(loader))), batches),
     }
-    take_turns(measures, 1)  # pages, pools
+    take_turns(measures, 1)  # warms up memory pages and thread pools
     found = take_turns(measures, rounds)
     ratio = median_ratio(*found.values())
     what = "feeding, 66 x 200, flip, brightness, shift, shadow"
@@ -36,19 +36,19 @@ def measure(short: bool) -> list[Row]:
 
 
 def batch_sizes(data: DrivingData) -> Iterator[int]:
-    """Batch after batch of ours, as a DataLoader asks for them."""
+    """Yield the size of our batches, endlessly."""
     for batch in endless(data.train_dataloader()):
         yield len(batch["images"])
 
 
 def endless(loader: DataLoader) -> Iterator[dict]:
-    """Epoch after epoch."""
+    """Yield batches epoch after epoch."""
     while True:
         yield from loader
 
 
 def rate(sizes: Iterator[int], batches: int) -> Callable[[], float]:
-    """A measure: samples a second over the next so many batches."""
+    """Return a function that measures samples per second over the next batches."""
 
     def run() -> float:
         began = time.perf_counter()

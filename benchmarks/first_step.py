@@ -1,4 +1,4 @@
-"""A callback for `benchmarks/start.py`, which `python -m zoo` makes by its name."""
+"""A callback for `benchmarks/start.py`, which `python -m zoo` creates by its name."""
 
 import os
 
@@ -6,7 +6,7 @@ import lightning
 
 
 class EndAtFirstStep(lightning.Callback):
-    """Ends the process, with success, when the first training step is about to be taken."""
+    """A callback that ends the process with success just before the first training step."""
 
     def on_train_batch_start(self, *_: object) -> None:
         os._exit(0)

@@ -1,9 +1,9 @@
-"""`python benchmarks/first_try.py [real=FOLDER]`: which first training drives?
+"""Compare candidates for a first training: `python benchmarks/first_try.py [real=FOLDER]`.
 
-Records laps of the embedded lake as a student drives them, with the mouse and with the keyboard,
-one way round, without recoveries; trains each candidate on each, and on a recording of the original
-simulator where `real` names one, one training at a time; drives a lap of the lake at 15 mph, the
-run's own score, by the best checkpoint and by the last one. Finished runs are not repeated.
+It records laps of the embedded lake by a simulated student with mouse and with keyboard, forward
+only and without recoveries. It trains each candidate on each recording, one at a time, and on a
+recording of the original simulator if `real` names one. Then the best and the last checkpoint drive
+a lap of the lake at 15 mph, the score of a run. Finished runs are not repeated.
 """
 
 import json
@@ -25,7 +25,7 @@ from simulator.errors import SimulatorError
 from simulator.human_control import REACTION_S
 
 AUGMENTED = "augment=[brightness,shadow,shift]"
-BEFORE = "quick_samples=3200"  # what quick=true once was
+BEFORE = "quick_samples=3200"  # an earlier quick=true
 CANDIDATES = {
     "first_try": ("experiment=first_try",),
     "lenet": ("experiment=lenet", "quick=true"),
@@ -38,17 +38,17 @@ CANDIDATES = {
 
 @dataclass(frozen=True)
 class FirstTryOptions:
-    """What to try, and where to keep it.
+    """Options of the comparison.
 
     Args:
         out: folder of the recordings and runs.
-        real: a recording of the original simulator; null for none.
-        only: the name of one candidate; null for all.
-        recording: mouse, keyboard, real, or all.
-        seeds: trainings of each candidate on each recording.
-        laps: how many to record.
-        speed: miles per hour of the recorded laps.
-        threads: OpenMP threads of a training.
+        real: folder of a recording of the original simulator; null for none.
+        only: name of one candidate; null for all.
+        recording: name of one recording (mouse, keyboard or real), or all.
+        seeds: number of trainings of each candidate on each recording.
+        laps: number of recorded laps.
+        speed: speed of the recorded laps in mph.
+        threads: number of OpenMP threads of a training.
     """
 
     out: str = "outputs/first_try"
@@ -63,7 +63,7 @@ class FirstTryOptions:
 
 @dataclass(frozen=True)
 class Tried:
-    """One run: wall and CPU seconds of the training and its score, and how it drives."""
+    """A run: wall and CPU seconds of training with score, and figures of its drives."""
 
     wall_s: float
     cpu_s: float
@@ -74,7 +74,7 @@ class Tried:
 
 
 def recordings(options: FirstTryOptions) -> dict[str, str]:
-    """Return the folders by name; record what is not there yet.
+    """Return the recordings' folders by name; make the missing ones.
 
     Raises:
         InputError: no recording has that name.
@@ -95,7 +95,7 @@ def recordings(options: FirstTryOptions) -> dict[str, str]:
 
 
 def try_one(overrides: Sequence[str], data: str, run: Path, options: FirstTryOptions) -> Tried:
-    """Return a candidate's run, made now unless it is there."""
+    """Return a candidate's run; make it if it is missing."""
     result = run / "tried.json"
     if result.is_file():
         return Tried(**json.loads(result.read_text()))
@@ -119,7 +119,7 @@ def _run(words: list[str], threads: int) -> tuple[float, float]:
     """Run `python -m words`; return its wall and CPU seconds.
 
     Raises:
-        InputError: it failed.
+        InputError: the command failed.
     """
     environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -134,17 +134,19 @@ def _run(words: list[str], threads: int) -> tuple[float, float]:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Make the runs and print the table, a line a run as soon as it is there.
+    """Make the runs; print a line after each run, and the table at the end.
 
     Raises:
-        InputError: an option that cannot be, or a command that failed.
+        InputError: an option is wrong, or a command failed.
     """
     try:
         options = read_options(FirstTryOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
     if options.only not in (None, *CANDIDATES):
-        raise InputError(f"only={options.only}: there are {'; '.join(CANDIDATES)}")
+        raise InputError(
+            f"only={options.only}: no such candidate; available: {'; '.join(CANDIDATES)}"
+        )
     table = Table("recording", "candidate", "seed", "wall, CPU s", "best", "last", "of epochs")
     for candidate, overrides in CANDIDATES.items():
         if options.only not in (None, candidate):

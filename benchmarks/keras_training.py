@@ -1,8 +1,9 @@
-"""`KERAS_PYTHON=venv/bin/python python benchmarks/keras_training.py`: nvidia, ours and in Keras.
+"""Compare training with Keras: `KERAS_PYTHON=... python benchmarks/keras_training.py`.
 
-The reference is a well-known solution of the course (`keras_solution.py`), in its own settings and
-with TensorFlow's defaults, in the interpreter that `KERAS_PYTHON` names: TensorFlow is too large to
-be installed for this alone. `make bench` has this part only where that is set.
+The reference is a well-known solution of the course (`keras_solution.py`), with its own settings
+and TensorFlow's defaults. It runs in the interpreter that `KERAS_PYTHON` names, such as
+`venv/bin/python`, because TensorFlow is too large to install for this alone. `make bench` skips
+this part if `KERAS_PYTHON` is not set.
 """
 
 import os
@@ -22,12 +23,12 @@ INSTALL = (
 
 
 def measure(short: bool) -> list[Row]:
-    """Samples a second of `python -m zoo`, as a multiple of the Keras solution's; and in bf16."""
+    """Measure `python -m zoo`'s samples per second relative to Keras, also in bf16."""
     batches, steps, rounds = (2, 2, 1) if short else (24, 30, 5)
     python = os.environ.get("KERAS_PYTHON")
     if not python:
         raise SystemExit(f"keras_training: {INSTALL}")
-    from training import BATCH, zoo_targets  # takes seconds
+    from training import BATCH, zoo_targets  # a slow import
 
     targets = zoo_targets(batches)
     log = linked_recording(ROWS) / "driving_log.csv"
@@ -51,15 +52,18 @@ def measure(short: bool) -> list[Row]:
 
 @contextmanager
 def keras_process(python: str, log: Path, steps: int) -> Iterator[tuple[Callable[[], float], str]]:
-    """What measures once there, and what it runs on; SystemExit, with what to do, where it cannot.
+    """Start the Keras process; yield a function that measures in it, and its name.
 
-    Its threads wait as TensorFlow has it.
+    Its threads use TensorFlow's wait policy.
+
+    Raises:
+        SystemExit: the process cannot start or has no Keras; the message names the remedy.
     """
     program = Path(__file__).with_name("keras_solution.py")
     kept = {k: v for k, v in os.environ.items() if k not in ("OMP_WAIT_POLICY", "PYTHONPATH")}
     OUT.mkdir(parents=True, exist_ok=True)
-    said = OUT / "keras.txt"
-    with said.open("w") as errors:
+    log_file = OUT / "keras.txt"
+    with log_file.open("w") as errors:
         try:
             process = subprocess.Popen(
                 [python, str(program), str(log), str(steps)],
@@ -74,7 +78,7 @@ def keras_process(python: str, log: Path, steps: int) -> Iterator[tuple[Callable
     try:
         ready = process.stdout.readline()
         if not ready.startswith("ready: "):
-            last = said.read_text().strip().splitlines()[-1:] or ["it said nothing"]
+            last = log_file.read_text().strip().splitlines()[-1:] or ["no output"]
             raise SystemExit(f"keras_training: {python}: {last[0]}; {INSTALL}")
         yield lambda: _ask(process), ready.removeprefix("ready: ").strip()
     finally:

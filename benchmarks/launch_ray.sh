@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # bash benchmarks/launch_ray.sh [RECORDING]
-# A Ray cluster of two nodes on this machine (two raylets), a sweep of four jobs on it, and where
-# each was trained. Wants pip install 'drivezoo[ray]'. PYTHON=... names the interpreter.
+# Start a Ray cluster of two nodes on this machine (two raylets), run a sweep of four jobs on it, and
+# print where each job ran. Needs pip install 'drivezoo[ray]'. PYTHON=... names the interpreter.
 set -euo pipefail
 export RAY_TMPDIR="${RAY_TMPDIR:-$(mktemp -d /tmp/ray-XXXX)}" RAY_AUTH_MODE=disabled RAY_USAGE_STATS_ENABLED=0
 python="${PYTHON:-python}"
 ray="$(dirname "$("$python" -c 'import sys; print(sys.executable)')")/ray"
 out="$(mktemp -d)"
 nodes=()
-trap 'kill "${nodes[@]}" 2>/dev/null; wait; rm -rf "$RAY_TMPDIR"; echo "left in $out"' EXIT
+trap 'kill "${nodes[@]}" 2>/dev/null; wait; rm -rf "$RAY_TMPDIR"; echo "runs kept in $out"' EXIT
 
 "$ray" start --head --port=6399 --num-cpus=1 --include-dashboard=false --disable-usage-stats --block \
     >/dev/null 2>&1 & nodes+=($!)

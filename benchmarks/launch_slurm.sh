@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # sudo bash benchmarks/launch_slurm.sh [RECORDING]
-# Slurm on this machine, controller and node, from Debian's packages (apt install slurmctld slurmd
-# slurm-client munge); a sweep of four jobs on it; and what Slurm says of them. Wants
-# pip install 'drivezoo[slurm]'. PYTHON=... names the interpreter. Ends the daemons that it started.
+# Start Slurm's controller and node on this machine from Debian's packages (apt install slurmctld
+# slurmd slurm-client munge), run a sweep of four jobs on it, and print Slurm's states of the jobs.
+# Needs pip install 'drivezoo[slurm]'. PYTHON=... names the interpreter. It ends its daemons.
 set -euo pipefail
 python="${PYTHON:-python}"
 place="$(mktemp -d /tmp/slurm-XXXX)" out="$(mktemp -d)"
@@ -58,6 +58,6 @@ sinfo
 "$python" -m zoo -m hydra/launcher=slurm hydra.launcher.partition=all \
     hydra.launcher.cpus_per_task=1 hydra.launcher.mem_gb=1 hydra.launcher.timeout_min=10 \
     experiment=tiny41 seed=1,2,3,4 trainer.max_epochs=3 score=none hydra.sweep.dir="$out" \
-    ${1:+data.root="$1"} 2>&1 | grep -v -e sacct -e "accounting storage" # this Slurm keeps none
-for _ in $(seq 60); do [ -z "$(squeue -h)" ] && break; sleep 1; done # Slurm takes a while to tidy up
+    ${1:+data.root="$1"} 2>&1 | grep -v -e sacct -e "accounting storage" # this Slurm keeps no accounts
+for _ in $(seq 60); do [ -z "$(squeue -h)" ] && break; sleep 1; done # Slurm takes a while to clean up
 scontrol show job --oneliner | sed -E 's/.*(ArrayJobId=[^ ]*).*(ArrayTaskId=[^ ]*).*(JobState=[^ ]*).*(RunTime=[^ ]*).* (NodeList=[^ ]*).*/\1 \2 \3 \4 \5/'

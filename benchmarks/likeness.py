@@ -1,8 +1,9 @@
-"""`python benchmarks/likeness.py RECORDING`: are the embedded pictures like the original ones?
+"""Compare our frames with the original simulator's: `python benchmarks/likeness.py RECORDING`.
 
-RECORDING was made with the original simulator on its lake track. Prints, row by row, mean colour,
-the road's colour, its grain and the saturation of both, and writes `outputs/likeness/sheet.png`:
-left, centre and right camera at eight places, the original's above ours.
+RECORDING is from the original simulator's lake track. The script prints for rows of pixels the mean
+colour, the road's colour, its grain, and the saturation, of both simulators. It also writes
+`outputs/likeness/sheet.png`: left, centre and right camera at eight places, the original's frames
+above ours.
 """
 
 import sys
@@ -18,11 +19,11 @@ from datamodules.recording import read_recordings
 from simulator.rig import CAMERAS
 from simulator.world import Start, World, open_world
 
-EVERY = 20  # of the recording's rows
-PLACES = 120  # of ours, round the lap
+EVERY = 20  # every 20th row of the recording
+PLACES = 120  # of our frames, along the lap
 ROWS = (0, 10, 20, 30, 40, 50, 60, 68, 76, 84, 92, 100, 108, 116, 124, 132, 140, 148, 156)
-ROAD = slice(130, 190)  # columns that show nothing else, below the horizon
-# Alike by eye: a row of the recording, as a share of it, and metres along our lap.
+ROAD = slice(130, 190)  # columns that show only road below the horizon
+# Places matched by eye: a row as a share of the recording, and metres along our lap.
 PAIRS = (
     (0.0, 0),
     (0.13, 320),
@@ -36,7 +37,7 @@ PAIRS = (
 
 
 def our_frames(world: World) -> np.ndarray:
-    """uint8 [PLACES, 160, 320, 3], half of them the other way round, a little off the middle."""
+    """Return uint8 [PLACES, 160, 320, 3], half of them backward, slightly off the centreline."""
     frames = []
     for number in range(PLACES):
         world.direction = 1 if number % 2 else -1
@@ -48,7 +49,7 @@ def our_frames(world: World) -> np.ndarray:
 
 
 def saturation(frames: np.ndarray) -> np.ndarray:
-    """The mean of each row, float64 [160], 0..255."""
+    """Return each row's mean saturation, float64 [160], 0..255."""
     return np.mean([cv2.cvtColor(f, cv2.COLOR_RGB2HSV)[..., 1].mean(1) for f in frames], 0)
 
 

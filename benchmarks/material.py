@@ -1,4 +1,4 @@
-"""What the benchmarks measure on: a recording, of any length, and configs for it."""
+"""Recordings of any length for the benchmarks, and configs for them."""
 
 import datetime
 from pathlib import Path
@@ -15,7 +15,7 @@ AUGMENT = "augment=[brightness,shadow,shift]"
 
 
 def pictures() -> dict[str, list[Path]]:
-    """Pictures by camera: of the lake that `python -m zoo` records, or drawn where it did not."""
+    """Return images by camera, from the lake that `python -m zoo` recorded, or drawn ones."""
     recorded = sorted(LAKE.glob("**/IMG"))
     folder = recorded[0] if recorded else OUT / "drawn" / "IMG"
     if not folder.is_dir():
@@ -26,7 +26,7 @@ def pictures() -> dict[str, list[Path]]:
 
 
 def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "right")) -> Path:
-    """A recording of so many rows, whose pictures are links to the same few."""
+    """Return a recording with a number of rows, whose images link to the same few files."""
     folder = OUT / f"{rows}-{len(cameras)}"
     log = folder / "driving_log.csv"
     if log.is_file():
@@ -53,7 +53,7 @@ def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "r
 
 
 def config_for(folder: Path, *overrides: str) -> DictConfig:
-    """What `python -m zoo` would run with, without driving at the end."""
+    """Return the config of `python -m zoo` without driving at the end."""
     ours = (f"data.root={folder}", f"data.cache={CACHE}", "score=none", *overrides)
     config = OmegaConf.create(compose_config(list(ours)))
     OmegaConf.set_struct(config, True)

@@ -1,7 +1,7 @@
-"""What `benchmarks/results.py` trains: a row of its table each, and variations of cheap networks.
+"""Recipes that `benchmarks/results.py` trains: its table's rows, and variations.
 
-*published* is a publication's own recipe, from `conf/experiment`. The others were chosen by what
-drove the lake, with training seeds that the table does not use, and by a look at the mountain.
+*published* is the recipe of a publication, from `conf/experiment`. The others were chosen by their
+drives on the lake, with training seeds that the table does not use, and checked on the mountain.
 """
 
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Recipe:
-    """A row of the table: a network, and the settings that it is trained with.
+    """A row of the table: a network and its training settings.
 
     Attributes:
-        model: of the zoo.
-        setting: `published`, or what was changed.
-        overrides: of `python -m zoo`.
-        seeds: trained at most so often.
-        in_table: False for those that only the offline metrics are compared on.
+        model: name of the network.
+        setting: `published`, or the settings that differ.
+        overrides: overrides of `python -m zoo`.
+        seeds: largest number of training seeds.
+        in_table: False for recipes that only serve to compare offline metrics.
     """
 
     model: str
@@ -30,8 +30,8 @@ class Recipe:
         return f"{self.model}-{self.setting.replace(',', '').replace(' ', '_')}"
 
 
-# The last epoch of a schedule that runs out, in place of the one with the best validation MSE: that
-# often is the first, as rows of an expert in the middle reward a network that hardly steers.
+# The last epoch of a schedule, not the one with the best validation MSE. The latter is often the
+# first epoch, because an expert's rows on the centreline reward a network that hardly steers.
 LAST = ("schedule=cosine", "callbacks=published", "callbacks.best.monitor=train/loss")
 BENDS = "augment=[brightness,bend]"
 HALF = "trainer.precision=bf16-mixed"
@@ -39,12 +39,12 @@ NO_BONNET = ("data.crop=[60,40]", "data.offset=0.4", "optim.lr=0.003", "trainer.
 
 
 def recipes() -> list[Recipe]:
-    """The rows of the table, then the variations."""
+    """Return the recipes of the table, then the variations."""
     return [*table_recipes(), *variations()]
 
 
 def table_recipes() -> list[Recipe]:
-    """Each network as published and, below it, as it drives best."""
+    """Return each network's published recipe, then the one with which it drives best."""
     cropped = (
         *LAST,
         BENDS,
@@ -85,7 +85,7 @@ def table_recipes() -> list[Recipe]:
 
 
 def variations() -> list[Recipe]:
-    """Better and worse ones, which tell whether a metric can tell them apart."""
+    """Return better and worse recipes, to test whether a metric can distinguish them."""
     bases = {
         "lenet": ("model=lenet", "quick=true", "quick_samples=3200"),
         "tiny": ("experiment=tiny41", "trainer.max_epochs=10"),

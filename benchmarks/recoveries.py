@@ -1,14 +1,16 @@
-"""What one recording of recoveries says of any network, whatever that was trained and tested on.
+"""Open-loop metrics of networks on one recording of recoveries, the same for all of them.
 
-Laps of the lake that no training has seen, by an expert who is pushed about and comes back: the
-same pictures for all networks. Their own test rows differ by split, and by the labels' offset.
+An expert that sways off its line and returns drives laps of the lake, which no training uses. The
+networks' own test rows differ by split and by the offset of the labels, so they cannot be compared.
 """
 
 import json
 import os
 from pathlib import Path
 
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # it asks the network for its own version
+os.environ.setdefault(
+    "NO_ALBUMENTATIONS_UPDATE", "1"
+)  # it would look for its newest version online
 
 import numpy as np
 from omegaconf import OmegaConf
@@ -24,15 +26,15 @@ RECORD = {
     "out": "outputs/recordings/recoveries",
     "passes": [{"track": "lake", "direction": "both", "laps": 1, "noise": 1.0, "seed": 9}],
 }
-EVERY = 3  # rows: neighbours are alike
-# The labels of the side cameras; networks trained with another offset are compared with it, too.
+EVERY = 3  # every third row, because neighbours are alike
+# Offset of the side cameras' labels, also for networks trained with another one.
 OFFSET = 0.275
 MEASURED = ("mse", "mae", "balanced_mae", "side_mae", "side_response")
 FILE = "recoveries.json"
 
 
 def measure_missing(folders: list[Path], console: Console) -> None:
-    """Write `recoveries.json` into each run's folder that has none."""
+    """Write `recoveries.json` into each run's folder without one."""
     missing = [folder for folder in folders if not (folder / FILE).is_file()]
     if not missing:
         return
@@ -46,23 +48,23 @@ def measure_missing(folders: list[Path], console: Console) -> None:
     for folder in missing:
         figures = figures_of(folder / "checkpoints" / "best.ckpt", recording, rows, frames)
         (folder / FILE).write_text(json.dumps(figures, indent=2))
-        said = ", ".join(f"{name} {value:.4f}" for name, value in figures.items())
-        console.print(f"{folder}: recoveries: {said}", highlight=False)
+        shown = ", ".join(f"{name} {value:.4f}" for name, value in figures.items())
+        console.print(f"{folder}: recoveries: {shown}", highlight=False)
 
 
 def figures_of(
     checkpoint: Path, recording: Recording, rows: np.ndarray, frames: list[list[np.ndarray]]
 ) -> dict[str, float]:
-    """Figures of a network on `rows`, whose pictures are `frames` (of centre, left and right).
+    """Return the figures of a network on `rows` with `frames` of centre, left and right camera.
 
-    `mse`, `mae` and `balanced_mae` of the centre camera; `side_mae` of the side cameras, whose
-    steering is the recorded one and `OFFSET`; `side_response` as `zoo.training.open_loop` has it.
+    `mse`, `mae` and `balanced_mae` are of the centre camera. `side_mae` is of the side cameras,
+    with the recorded steering corrected by `OFFSET` as label. `side_response` is that of
+    `zoo.training.open_loop`.
     """
     policy = load_policy(str(checkpoint))
     true, speed = recording.steering[rows], recording.speed_mph[rows]
     center, left, right = (
-        np.array([policy(*one)[0] for one in zip(pictures, speed, strict=True)])
-        for pictures in frames
+        np.array([policy(*one)[0] for one in zip(images, speed, strict=True)]) for images in frames
     )
     figures = open_loop_metrics(center, true)
     sides = np.abs([left - (true + OFFSET), right - (true - OFFSET)])

@@ -1,7 +1,7 @@
-"""`python benchmarks/rendering.py`: frames per second of the embedded simulator, on one core.
+"""Measure the simulator's frames per second on one core: `python benchmarks/rendering.py`.
 
-Medians of five rounds; the drawings of one camera and of three, of both tracks and qualities, and
-physics alone, taken in turns.
+The figures are medians of five rounds, with turns between one and three cameras, both tracks, both
+qualities, and physics without rendering.
 """
 
 import statistics
@@ -21,7 +21,7 @@ FRAMES, ROUNDS = 150, 5
 
 
 def per_second(action: Callable[[int], object]) -> float:
-    """How often an action ran in a second."""
+    """Return how often an action runs per second."""
     began = time.perf_counter()
     for number in range(FRAMES):
         action(number)
@@ -29,7 +29,7 @@ def per_second(action: Callable[[int], object]) -> float:
 
 
 def drawing(world: World, cameras: tuple[str, ...]) -> Callable[[int], object]:
-    """Frames from all round the lap."""
+    """Return a function that draws frames at places along the lap."""
 
     def draw(number: int) -> None:
         world.put_back(Start(number * world.track.length / FRAMES))
@@ -40,7 +40,7 @@ def drawing(world: World, cameras: tuple[str, ...]) -> Callable[[int], object]:
 
 
 def measure(short: bool) -> list[Row]:
-    """For `make bench`: frames a second on one core, as a multiple of the simulator's own 15."""
+    """Measure, for `make bench`, frames per second relative to the simulator's 15."""
     world = open_world("lake", renderer="software")
     kinds = {"1 camera": drawing(world, ("center",)), "3 cameras": drawing(world, CAMERAS)}
     rows = []
@@ -61,9 +61,9 @@ def main() -> None:
             name = f"{track}, {quality}"
             measured[f"{name}, 1 camera"] = drawing(world, ("center",))
             measured[f"{name}, 3 cameras"] = drawing(world, CAMERAS)
-        blind = open_world(track, renderer="none")
-        blind.reset(0, Start(speed_mph=20))
-        measured[f"{track}, physics alone"] = lambda _, world=blind: world.step(0.0, 0.2)
+        physics = open_world(track, renderer="none")
+        physics.reset(0, Start(speed_mph=20))
+        measured[f"{track}, physics alone"] = lambda _, world=physics: world.step(0.0, 0.2)
     rates: dict[str, list[float]] = {name: [] for name in measured}
     for _ in range(ROUNDS):
         for name, action in measured.items():

@@ -1,12 +1,11 @@
-"""`python benchmarks/replay_validation.py RECORDING CKPT...`: is a replay's score to be trusted?
+"""Compare replays with drives: `python benchmarks/replay_validation.py RECORDING CKPT...`.
 
 RECORDING is of the embedded lake (`python -m simulator record track=lake laps=1 out=FOLDER`).
-First the warp beside the truth: frames rendered from a car that stands aside or is turned, against
-the recorded ones warped to there. Then every checkpoint is replayed on the recording, and drives a
-lap of the lake itself, at the recording's speed and with an intervention at 1 m, as the replay has;
-and with the settings of `python -m zoo.evaluate CKPT`. Rank correlations (Spearman) tell whether
-the replay puts them in the order in which they drive, and whether the mean squared error on the
-same rows would have done as well. Drives are kept in outputs/replay_validation.
+First, recorded frames warped to a displaced or turned car are compared with frames rendered there.
+Then every checkpoint is replayed on the recording, and drives a lap of the lake twice: with the
+replay's speed and interventions at 1 m, and with the settings of `python -m zoo.evaluate CKPT`.
+Rank correlations (Spearman) show whether replays order the checkpoints as drives do, and whether
+the mean squared error on the same rows does. Drives are kept in outputs/replay_validation.
 """
 
 import hashlib
@@ -39,7 +38,7 @@ FIGURES = ("autonomy", "interventions", "cte_mean_m", "cte_rms_m")
 
 
 def compare_warps(console: Console) -> None:
-    """Mean absolute difference from the truth below the horizon, in grey levels of 255."""
+    """Print the warp's mean absolute error below the horizon, in grey levels of 255."""
     world, warp = open_world("lake"), Warp()
     table = Table("right, m", "turned, deg", "warped", "not warped", "share", "warped, all rows")
     strips = []
@@ -53,8 +52,8 @@ def compare_warps(console: Console) -> None:
             car.place(car.x + right[0], car.y + right[1], heading - np.radians(heading_deg))
             truth = world.frame().astype(int)
             warped = warp(frames.__getitem__, list(CAMERAS), right_m, np.radians(heading_deg))
-            pictures = (frames["center"], warped)
-            road = [np.abs(one - truth)[HORIZON_ROW:].mean() for one in pictures]
+            images = (frames["center"], warped)
+            road = [np.abs(one - truth)[HORIZON_ROW:].mean() for one in images]
             differences.append([*road, np.abs(warped - truth).mean()])
             if place == PLACES[3]:
                 strips.append(np.hstack([frames["center"], warped, truth.astype(np.uint8)]))
@@ -62,13 +61,13 @@ def compare_warps(console: Console) -> None:
         cells = (f"{moved:.1f}", f"{still:.1f}", f"{moved / still:.0%}", f"{all_rows:.1f}")
         table.add_row(f"{right_m:+.2f}", f"{heading_deg:+.0f}", *cells)
     console.print(table)
-    picture = OUT / "warps.png"
-    cv2.imwrite(str(picture), np.vstack(strips)[..., ::-1])
-    console.print(f"{picture} (recorded, warped, true)")
+    sheet = OUT / "warps.png"
+    cv2.imwrite(str(sheet), np.vstack(strips)[..., ::-1])
+    console.print(f"{sheet} (recorded, warped, true)")
 
 
 def drive_and_replay(checkpoint: str, recording_folder: str) -> dict[str, dict[str, float]]:
-    """The figures of one checkpoint: `replay`, `same` (speed and margin), `evaluate`."""
+    """Return a checkpoint's figures: `replay`, `same` (speed and margin), `evaluate`."""
     import torch
 
     from zoo.drives.metrics import measure
@@ -96,14 +95,14 @@ def digest(checkpoint: str) -> str:
 
 
 def mean_squared_error(policy: Policy, recording: Recording) -> float:
-    """Of the steering, on the centre frames as they were recorded."""
+    """Return the steering's mean squared error on the recorded centre frames."""
     frames = (decode_image(Path(path).read_bytes()) for path in recording.images[:, 0])
     steering = [policy(*pair)[0] for pair in zip(frames, recording.speed_mph, strict=True)]
     return float(np.mean((np.array(steering) - recording.steering) ** 2))
 
 
 def print_table(console: Console, found: dict[str, dict]) -> None:
-    """A checkpoint a row, best replay first, then the correlations."""
+    """Print a row for each checkpoint, best replay first, then the correlations."""
     order = sorted(
         found,
         key=lambda one: (-found[one]["replay"]["autonomy"], found[one]["replay"]["cte_rms_m"]),
@@ -133,10 +132,10 @@ def print_table(console: Console, found: dict[str, dict]) -> None:
 
 
 def main(recording: str, checkpoints: list[str]) -> None:
-    """Print the tables; leave the pictures and `figures.json`."""
+    """Print the tables; write the images and `figures-NAME.json`."""
     OUT.mkdir(parents=True, exist_ok=True)
     console = Console(width=160)
-    # Where the last epoch was the best, one network would count twice.
+    # Without this, a network whose last epoch was the best would count twice.
     checkpoints = list({digest(one): one for one in reversed(checkpoints)}.values())[::-1]
     compare_warps(console)
     workers = int(os.environ.get("WORKERS", max(1, (os.cpu_count() or 2) - 1)))

@@ -1,10 +1,10 @@
-"""`python benchmarks/results.py [only=lenet] [seeds=3] [jobs=2]`: how every network drives.
+"""Measure how networks drive: `python benchmarks/results.py [only=lenet] [seeds=3] [jobs=2]`.
 
-Trains each recipe on recordings of the embedded lake alone, several seeds each, and drives a
-lap of the lake and of the mountain, which no recipe has seen, at 15 mph. Writes `docs/results.csv`,
-a run a line, and the table in the README between its two markers. Runs are kept in
-`outputs/results`, and a finished one is not repeated: a command that was stopped goes on. What is
-trained stands in `benchmarks/recipes.py`.
+It trains each recipe of `benchmarks/recipes.py` with several seeds, on recordings of the embedded
+lake only. Each network drives a lap of the lake and of the mountain, which no training uses, at 15
+mph. The script writes `docs/results.csv`, one run per line, and the table between the README's two
+markers. Runs are kept in `outputs/results`. A finished run is not repeated, so that an interrupted
+command resumes.
 """
 
 import csv
@@ -43,13 +43,13 @@ DRIVEN = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms")
 
 @dataclass(frozen=True)
 class ResultOptions:
-    """Which runs to make, and how many at a time.
+    """Options of the runs.
 
     Args:
-        only: a part of the names of recipes; null for all.
-        seeds: at most so many each.
-        jobs: trainings at a time, which share the cores.
-        table: false to make the runs alone.
+        only: part of the names of recipes; null for all.
+        seeds: largest number of seeds of a recipe.
+        jobs: number of parallel trainings, which share the cores.
+        table: whether to write the table and the CSV file.
     """
 
     only: str | None = None
@@ -59,7 +59,7 @@ class ResultOptions:
 
 
 def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
-    """Make the runs that are not there yet."""
+    """Make the missing runs."""
     threads = max(1, usable_cores() // jobs)
     environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
 
@@ -80,8 +80,8 @@ def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
                 check=False,
             ).returncode
         last = (folder / "log.txt").read_text().strip().splitlines()[-1:]
-        said = "finished" if not code else f"failed: {' '.join(last)}"
-        print(f"{folder}: {said}", flush=True)
+        result = "finished" if not code else f"failed: {' '.join(last)}"
+        print(f"{folder}: {result}", flush=True)
 
     with ThreadPoolExecutor(jobs) as pool:
         list(pool.map(lambda job: run(*job), chosen))
@@ -92,7 +92,7 @@ def run_folder(recipe: Recipe, seed: int) -> Path:
 
 
 def csv_row(recipe: Recipe, seed: int) -> dict:
-    """A finished run as a line of `docs/results.csv`."""
+    """Return a finished run's row of `docs/results.csv`."""
     path = run_folder(recipe, seed) / "metrics.json"
     metrics = json.loads(path.read_text())
     test, zero = metrics["open_loop"]["test"], metrics["baselines"]["test"]["always zero"]
@@ -119,7 +119,7 @@ def csv_row(recipe: Recipe, seed: int) -> dict:
 
 
 def markdown_table(rows: list[dict]) -> str:
-    """A line a recipe, in their order: means over its training seeds, and the worst of them."""
+    """Return the table in Markdown: means and worst values over the seeds of each recipe."""
     lines = [
         "| model | setting | parameters | training seeds | training | test MSE (zero) "
         "| lake: autonomy (worst) | mean, max error | mountain: autonomy (worst) | latency |",
@@ -155,13 +155,13 @@ def markdown_table(rows: list[dict]) -> str:
 
 
 def _duration(seconds: float) -> str:
-    if not seconds:  # a run that was stopped and resumed when all was trained
+    if not seconds:  # a run that was interrupted and resumed after its last epoch
         return "-"
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def write_results(rows: list[dict]) -> None:
-    """`docs/results.csv` and the README's table."""
+    """Write `docs/results.csv` and the README's table."""
     CSV.parent.mkdir(exist_ok=True)
     with CSV.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
@@ -175,10 +175,10 @@ def write_results(rows: list[dict]) -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Make the runs, then the files.
+    """Make the runs, then write the files.
 
     Raises:
-        InputError: an option that is none, or no run has figures.
+        InputError: an option is wrong, or no run has figures.
     """
     try:
         options = read_options(ResultOptions, arguments)
@@ -196,7 +196,7 @@ def main(arguments: list[str]) -> None:
     measure_missing([run_folder(*job) for job in done], Console(soft_wrap=True))
     rows = [csv_row(*job) for job in done]
     if not rows:
-        raise InputError(f"{RUNS}: no run has figures")
+        raise InputError(f"{RUNS}: no run has a metrics.json; see each run's log.txt")
     write_results(rows)
 
 

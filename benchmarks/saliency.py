@@ -1,10 +1,8 @@
-"""Does saliency find what matters? Hold it against greying out patches of real frames.
+"""Compare saliency with greyed-out patches: `python benchmarks/saliency.py CKPT RECORDING`.
 
-    python benchmarks/saliency.py CKPT RECORDING
-
-For each frame a patch of 20 x 20 pixels goes to its mean colour, at every 10 pixels, and the change
-of steering is noted. Printed: the mean rank correlation of those changes with the saliency of the
-same places, within what the view sees.
+In each frame, patches of 20 x 20 pixels, 10 pixels apart, get their mean colour one by one, and
+change the steering. The script prints the mean rank correlation between these changes and the
+saliency at the same places, within the network's view.
 """
 
 import sys
@@ -22,7 +20,7 @@ FRAMES, PATCH, STEP = 11, 20, 10
 
 
 def steering_changes(policy: Policy, frame: np.ndarray) -> np.ndarray:
-    """float64 [16, 32]: how far the steering moves when the patch around a place is greyed out."""
+    """Return float64 [16, 32]: the change of steering when the patch at a place is grey."""
     steering = policy(frame, 9.0)[0]
     changes = np.zeros((frame.shape[0] // STEP, frame.shape[1] // STEP))
     for row, column in np.ndindex(*changes.shape):

@@ -1,4 +1,4 @@
-"""The usual way to feed, as a reference: each sample decoded, resized and augmented when drawn."""
+"""The usual data set, as a reference: it decodes, resizes and augments each drawn sample."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from datamodules.driving import DrivingData
 
 
 class SampleBySample(Dataset):
-    """The same samples as `DrivingData`'s, by OpenCV and albumentations, one at a time."""
+    """The samples of `DrivingData`, one at a time, by OpenCV and albumentations."""
 
     def __init__(self, data: DrivingData) -> None:
         self.samples, self.images, self.view = data.samples, data.recording.images, data.view
@@ -28,10 +28,10 @@ class SampleBySample(Dataset):
         samples = self.samples
         path = Path(self.images[samples.row[index], samples.camera[index]])
         frame = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
-        picture, steering = self.view(frame), float(samples.steering[index])
+        image, steering = self.view(frame), float(samples.steering[index])
         if self.rng.random() < 0.5:
-            picture, steering = np.ascontiguousarray(picture[:, ::-1]), -steering
-        changed = self.augment(image=picture, steering=steering)
+            image, steering = np.ascontiguousarray(image[:, ::-1]), -steering
+        changed = self.augment(image=image, steering=steering)
         return {
             "images": torch.from_numpy(changed["image"]).permute(2, 0, 1).contiguous(),
             "targets": torch.tensor([changed["steering"]], dtype=torch.float32),

@@ -1,8 +1,9 @@
-"""`python benchmarks/scored_lap.py`: what scoring costs beside the pictures and the network.
+"""Measure the cost of scoring beyond rendering and network: `python benchmarks/scored_lap.py`.
 
-A scored drive of the lake with PilotNet (random weights: it is put back often, which costs no more)
-against rendering the same pictures alone and running the network on them alone, in CPU time: all
-of it is one thread's. And four such drives on four cores against one on one, by the clock.
+It compares the CPU time of a scored drive on the lake with that of rendering the same frames and
+running the network on them, each on one thread. PilotNet has random weights; the car is put back
+often, which costs nothing extra. It also compares the wall time of four drives on four cores with
+one on one core.
 """
 
 import tempfile
@@ -25,7 +26,7 @@ MANY = 4
 
 
 def measure(short: bool) -> list[Row]:
-    """The two ratios."""
+    """Measure the two ratios."""
     torch.set_num_threads(1)
     laps, rounds = (SHORT_LAPS, 1) if short else (LAPS, 3)
     setup = Setup("lake", laps=laps, speed_mph=20.0)
@@ -74,7 +75,7 @@ def measure(short: bool) -> list[Row]:
 
 
 def _many(short: bool) -> Row:
-    """Four laps at once, the start of their processes among their time, against one."""
+    """Compare four parallel laps, including the start of their processes, with one."""
     laps, rounds = (SHORT_LAPS, 1) if short else (1.0, 1)
     with tempfile.TemporaryDirectory() as folder:
         checkpoint = _random_checkpoint(Path(folder))

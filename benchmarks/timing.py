@@ -1,7 +1,7 @@
-"""What the parts of `make bench` share: rows of its table, and fair turns for what is compared.
+"""Functions of all parts of `make bench`: rows of its table, and fair turns of measurements.
 
-A part is a file here with `measure(short) -> list[Row]`. It runs alone, `python benchmarks/PART.py
-[short]`, and as one of many, by `python benchmarks/bench.py`.
+A part is a file here with `measure(short) -> list[Row]`. It runs alone, by `python
+benchmarks/PART.py [short]`, or together with others, by `python benchmarks/bench.py`.
 """
 
 import json
@@ -24,13 +24,15 @@ from rich.table import Table
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table.
+    """A line of the table.
 
     Attributes:
-        ratio: what was measured as a multiple of its reference, the median over the rounds.
-        aim: what the ratio should reach; None where the row is for information.
-        at_least: whether more is better; otherwise less is.
-        figures: what the ratio is of, medians with their units in their names.
+        what: measured work.
+        reference: work that it is compared with.
+        ratio: the measured figure divided by its reference's, median over the rounds.
+        aim: ratio to reach; None for a row without an aim.
+        at_least: whether a larger ratio is better.
+        figures: medians behind the ratio, with units in their names.
     """
 
     what: str
@@ -48,7 +50,7 @@ class Row:
 
 
 def take_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
-    """Each measure once a round, so that a busy minute of the machine strikes all alike."""
+    """Call each measure once per round, so that other load affects all of them equally."""
     found: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(rounds):
         for name, measure in measures.items():
@@ -57,12 +59,12 @@ def take_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[st
 
 
 def median_ratio(ours: list[float], theirs: list[float]) -> float:
-    """The median over rounds of one over the other."""
+    """Return the median over rounds of `ours` divided by `theirs`."""
     return statistics.median(one / other for one, other in zip(ours, theirs, strict=True))
 
 
 def medians(found: dict[str, list[float]]) -> dict[str, float]:
-    """For `Row.figures`."""
+    """Return medians for `Row.figures`."""
     return {name: statistics.median(values) for name, values in found.items()}
 
 
@@ -70,15 +72,16 @@ def medians(found: dict[str, list[float]]) -> dict[str, float]:
 def contestants(
     targets: dict[str, tuple], asleep: bool = False
 ) -> Iterator[dict[str, Callable[[], float]]]:
-    """A process each, for settings that a process makes once; what is yielded measures in them.
+    """Run each target in its own process and yield functions that measure there.
 
-    `target(pipe, *arguments)` sends None when it is ready; each time it receives True it measures
-    and sends the figure; it ends when it receives False.
+    Processes are needed for settings that a process makes only once. `target(pipe, *arguments)`
+    sends None when it is ready. Each time it receives True, it measures and sends the figure. It
+    ends when it receives False.
 
     Args:
-        targets: by name, the target and its arguments.
-        asleep: their threads sleep while they wait for each other, where torch would have them
-            spin, which is time of the processor's too.
+        targets: target and arguments by name.
+        asleep: whether waiting threads sleep; by default they spin, which also takes processor
+            time.
     """
     context = multiprocessing.get_context("spawn")
     with ExitStack() as stack:
@@ -91,7 +94,7 @@ def contestants(
                 process.start()
             stack.callback(_end, process, pipes[name])
             theirs.close()
-        for pipe in pipes.values():  # which start at the same time
+        for pipe in pipes.values():  # all start at the same time
             pipe.recv()
         yield {name: partial(_ask, pipe) for name, pipe in pipes.items()}
 
@@ -102,7 +105,7 @@ def _ask(pipe: Connection) -> float:
 
 
 def _end(process: BaseProcess, pipe: Connection) -> None:
-    with suppress(OSError):  # it has ended
+    with suppress(OSError):  # the process has ended
         pipe.send(False)
         process.join(30)
     process.kill()
@@ -110,13 +113,13 @@ def _end(process: BaseProcess, pipe: Connection) -> None:
 
 
 def make_console() -> Console:
-    """Wide enough for the table, where nobody says how wide it is."""
+    """Return a console; without a terminal it is wide enough for the table."""
     console = Console()
     return console if console.is_terminal else Console(width=120)
 
 
 def print_rows(rows: list[Row], console: Console) -> None:
-    """The table, and the figures below each row."""
+    """Print the table with the figures below each row."""
     table = Table("what", "against", "ratio", "aim", "met")
     for row in rows:
         sign = "at least" if row.at_least else "at most"
@@ -130,7 +133,7 @@ def print_rows(rows: list[Row], console: Console) -> None:
 
 
 def run_part(measure: Callable[[bool], list[Row]]) -> None:
-    """`__main__` of a part: `[short] [out=FILE]`."""
+    """Run a part with the command's arguments: `[short] [out=FILE]`."""
     rows = measure("short" in sys.argv[1:])
     out = [one.removeprefix("out=") for one in sys.argv[1:] if one.startswith("out=")]
     if out:

@@ -1,7 +1,7 @@
-"""`python benchmarks/tiny.py`: 30 epochs of the network of 41 parameters, whose cost is overhead.
+"""Measure the overhead of training with a network of 41 parameters: `python benchmarks/tiny.py`.
 
-A whole fit of `python -m zoo`, with validation, checkpoints, logs and progress, against a bare loop
-that takes as many steps over the same batches, which are tensors in memory.
+It compares a whole fit of `python -m zoo`, with validation, checkpoints, logs and progress, with a
+bare loop of as many steps over the same batches in memory.
 """
 
 import time
@@ -15,11 +15,11 @@ from timing import Row, median_ratio, medians, run_part, take_turns
 from datamodules.driving import DrivingData
 
 SAMPLES, BATCH, EPOCHS = 24_000, 128, 30
-BARE = 3  # of the bare loop only every third epoch is run, as each is like the others
+BARE = 3  # the bare loop runs only every third epoch, because all epochs are alike
 
 
 def measure(short: bool) -> list[Row]:
-    """The time of a fit as a multiple of the bare loop's, and of ten seconds."""
+    """Measure the time of a fit relative to the bare loop, and to ten seconds."""
     epochs, rounds = (1, 1) if short else (EPOCHS, 2)
     config = config_for(
         linked_recording(200 if short else 3_000),
@@ -61,7 +61,7 @@ def measure(short: bool) -> list[Row]:
 
 
 def fit(config: object, data: DrivingData) -> float:
-    """Seconds of the fit alone: the load is the cache's matter, the start-up another row's."""
+    """Return the seconds of the fit alone; other parts measure loading and start-up."""
     from zoo.training.build import build_feed, build_module, build_network, build_trainer
     from zoo.training.host_settings import set_up_process
     from zoo.training.plan import make_plan

@@ -1,10 +1,9 @@
-"""`python benchmarks/training.py`: training nvidia from end to end, and as a bare loop.
+"""Measure training nvidia, whole runs and bare loops: `python benchmarks/training.py`.
 
-Processes take turns: `python -m zoo` itself, epoch by epoch; the same network in a bare loop on
-tensors that are in memory, with the settings of the first; that loop as torch has it by default;
-and the usual one, fed by a DataLoader with four workers that decodes, resizes and augments sample
-by sample. Threads wait for each other as torch has it, which is to spin; those of the first as it
-decides itself (`zoo.training.openmp_threads`).
+Four processes take turns: `python -m zoo`, epoch by epoch; a bare loop with the same network and
+settings on tensors in memory; that loop with torch's defaults; and a loop fed by a DataLoader,
+whose four workers decode, resize and augment sample by sample. Threads spin while they wait,
+torch's default; `python -m zoo` decides itself (`zoo.training.openmp_threads`).
 """
 
 import itertools
@@ -24,14 +23,16 @@ from zoo.training.host_settings import multiplies_bf16
 from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
-ROUND_S = 1.0  # a loop goes on for so long, however slow a busy machine makes it
+ROUND_S = 1.0  # duration of a loop, whatever the machine's load
 HALF = "zoo, bf16/s"
 SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 
 def measure(short: bool) -> list[Row]:
-    """Against the DataLoader, against the bare loop, and that against torch's; and in bf16, where
-    the processor has instructions for that."""
+    """Compare `python -m zoo` with DataLoader and bare loop, and the latter with torch's defaults.
+
+    On processors with bf16 instructions `python -m zoo` is also measured in bf16.
+    """
     batches, rounds = (2, 1) if short else (24, 3)
     seconds = 0.1 if short else ROUND_S
     targets = {
@@ -40,7 +41,7 @@ def measure(short: bool) -> list[Row]:
         "bare by default/s": (run_bare, seconds, False),
         "sample by sample/s": (run_samples, seconds),
     }
-    linked_recording(ROWS)  # once, not by each of them
+    linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets) as measures:
         found = take_turns(measures, rounds)
     what = f"training nvidia, batch {BATCH}, augmented"
@@ -61,7 +62,7 @@ def measure(short: bool) -> list[Row]:
 
 
 def zoo_targets(batches: int) -> dict[str, tuple]:
-    """`python -m zoo` as contestants; in bf16, too, where the processor has instructions for it."""
+    """Return the targets of `python -m zoo`, with bf16 if the processor has instructions for it."""
     targets = {"zoo/s": (run_zoo, batches)}
     if multiplies_bf16():
         targets[HALF] = run_zoo, batches, "trainer.precision=bf16-mixed"
@@ -69,14 +70,16 @@ def zoo_targets(batches: int) -> dict[str, tuple]:
 
 
 def _row(found: dict[str, list[float]], what: str, reference: str, *names: str, aim: float) -> Row:
-    """One of the contestants as a multiple of another."""
+    """Return the row that compares two targets."""
     both = {name: found[name] for name in names}
     return Row(what, reference, median_ratio(*both.values()), aim, figures=medians(both))
 
 
 class EpochByEpoch(lightning.Callback):
-    """Lets a training go on when it is told to, until an epoch has begun in which threads spin if
-    the machine is quiet, and says that epoch's samples a second."""
+    """A callback that trains on request and sends the samples per second of one epoch.
+
+    It measures an epoch that begins after `SETTLE_S`, when threads spin if the machine is quiet.
+    """
 
     def __init__(self, pipe: Connection) -> None:
         self.pipe, self.settled_s, self.counts = pipe, 0.0, False
@@ -100,8 +103,10 @@ class EpochByEpoch(lightning.Callback):
 
 
 def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
-    """`python -m zoo` with more overrides, of which a round is an epoch or two; what it prints is
-    dropped."""
+    """Run `python -m zoo` with more overrides; a round is one or two epochs.
+
+    Its output is discarded.
+    """
     from unittest.mock import patch
 
     from zoo.training import build, run
@@ -130,7 +135,7 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
-    """Forward, backward, step, on batches of noise."""
+    """Run forward, backward and step on batches of noise."""
     from zoo.training.host_settings import keep_freed_memory
 
     if tuned:
@@ -149,7 +154,7 @@ def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
 
 
 def run_samples(pipe: Connection, seconds: float) -> None:
-    """The usual loop, as torch's tutorials have it."""
+    """Run the usual loop of torch's tutorials."""
     from sample_by_sample import SampleBySample
     from torch.utils.data import DataLoader
 
@@ -162,7 +167,7 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     step, feed = bare_step(tuned=False), endless(loader)
 
     def run() -> float:
-        # First what its workers prepared while others had their turn.
+        # Uses up the batches that its workers prepared during other turns.
         rate(step, itertools.islice(feed, 2 * WORKERS), seconds)
         return rate(step, feed, seconds)
 
@@ -170,7 +175,7 @@ def run_samples(pipe: Connection, seconds: float) -> None:
 
 
 def bare_step(tuned: bool) -> Callable[[torch.Tensor, torch.Tensor], None]:
-    """A training step of nvidia by mean squared error and Adam."""
+    """Return a training step of nvidia with mean squared error and Adam."""
     from zoo.models import pilotnet
 
     if not tuned:
@@ -190,7 +195,7 @@ def bare_step(tuned: bool) -> Callable[[torch.Tensor, torch.Tensor], None]:
 
 
 def rate(step: Callable, feed: Iterator[dict], seconds: float) -> float:
-    """Samples a second over so many seconds, a batch at least."""
+    """Return samples per second over a number of seconds, at least one batch."""
     began, count = time.perf_counter(), 0
     for batch in feed:
         step(**batch)
@@ -201,18 +206,18 @@ def rate(step: Callable, feed: Iterator[dict], seconds: float) -> float:
 
 
 def endless(loader: object) -> Iterator[dict]:
-    """Epoch after epoch."""
+    """Yield batches epoch after epoch."""
     while True:
         yield from loader
 
 
 def answer(pipe: Connection, run: Callable[[], float]) -> None:
-    """Be a contestant: once to warm up, then once each time it is asked."""
+    """Serve `timing.contestants`: run once to warm up, then once per request."""
     run()
     pipe.send(None)
     while pipe.recv():
         pipe.send(run())
-    os._exit(0)  # to end its workers takes a DataLoader up to 25 s; they see that it is gone
+    os._exit(0)  # a DataLoader takes up to 25 s to end its workers; they end without it
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # bash benchmarks/two_workers.sh [RECORDING]
-# Two processes on one Optuna study in SQLite, trials given up by how they drive; then the study as
-# Optuna reads it. Wants pip install 'drivezoo[optuna]'. PYTHON=... names the interpreter.
+# Run two processes on one Optuna study in SQLite, with trials pruned by how they drive; then print
+# the study. Needs pip install 'drivezoo[optuna]'. PYTHON=... names the interpreter.
 set -euo pipefail
 python="${PYTHON:-python}"
 out="$(mktemp -d)"
@@ -26,4 +26,4 @@ for trial in study.trials:
     epochs = len(trial.intermediate_values)
     print(f"{trial.number:>2} {worker} {trial.state.name:<8} {epochs:>2} epochs", trial.value, trial.params)
 PY
-echo "left in $out"
+echo "runs kept in $out"

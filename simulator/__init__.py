@@ -4,11 +4,11 @@ from simulator.early_interrupt import stop_quietly
 
 stop_quietly("simulator")
 
-import gymnasium  # noqa: E402 - it takes most of the time in which Ctrl-C would print a trace
+import gymnasium  # noqa: E402 - slow: Ctrl-C must be handled before this import
 
 from simulator.track_names import environment_id, track_names  # noqa: E402
 
-# Entry points are strings: nothing of the renderer is imported before an environment is made.
+# Entry points are strings, so that the renderer is imported only when an environment is made.
 for _name in track_names():
     if environment_id(_name) not in gymnasium.registry:
         gymnasium.register(

@@ -1,4 +1,4 @@
-"""`python -m simulator record|drive|client [key=value...]`: the embedded simulator."""
+"""Command line of the simulator: `python -m simulator record|drive|client [key=value...]`."""
 
 import difflib
 import importlib
@@ -10,17 +10,17 @@ from types import ModuleType
 from simulator.command_line import options_help, run_command
 from simulator.errors import UsageError
 
-# What each imports takes a second: --help and a typo need none of it.
+# Modules are imported only when needed: --help and typos answer without the slow imports.
 COMMANDS = {
-    "record": "record laps that the simulator drives",
-    "drive": "drive in a window, with the keyboard",
-    "client": "connect to a driver, exactly as the original simulator does",
+    "record": "record laps that a simulated driver drives",
+    "drive": "drive in a window, with keyboard, mouse or gamepad",
+    "client": "connect to a driver as the original simulator does",
 }
 HELP = ("-h", "--help", "help")
 
 
 def simulator(arguments: Sequence[str]) -> None:
-    """Hand the arguments to the command that the first one names."""
+    """Run the command that the first argument names with the other arguments."""
     name, *rest = arguments or ["--help"]
     if name in HELP:
         print("usage: python -m simulator COMMAND [key=value...]\n")
@@ -30,7 +30,7 @@ def simulator(arguments: Sequence[str]) -> None:
         return
     if name not in COMMANDS:
         near = difflib.get_close_matches(name, COMMANDS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+        hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(COMMANDS)}"
         raise UsageError(f"there is no command {name}; {hint}")
     module = importlib.import_module(f"simulator.{name}")
     if any(one in HELP for one in rest):
@@ -40,7 +40,7 @@ def simulator(arguments: Sequence[str]) -> None:
 
 
 def help_text(module: ModuleType) -> str:
-    """What a command does and its options, of the module's dataclass `...Options`."""
+    """Return the purpose and options of a command, from its module's `...Options` dataclass."""
     return options_help(
         next(
             one

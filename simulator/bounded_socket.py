@@ -1,4 +1,4 @@
-"""A WebSocket client that no server can fill the memory of, or hold up."""
+"""A WebSocket client with limits on memory and time, for untrusted servers."""
 
 import contextlib
 import math
@@ -9,13 +9,13 @@ import time
 import websocket
 from websocket._abnf import continuous_frame, frame_buffer
 
-MAX_MESSAGE = 1 << 20  # bytes of a frame and of a message; a driver's reply has 60
-HANDSHAKE_S = 5.0  # for the answer to a handshake, from its first byte to its last
-_GRACE_S = 0.1  # beyond the timeout, for what is there already
+MAX_MESSAGE = 1 << 20  # bytes of one frame and of one message; a driver's reply has about 60
+HANDSHAKE_S = 5.0  # seconds for the whole answer to a handshake
+_GRACE_S = 0.1  # extra seconds for data that has arrived already
 
 
 class HandshakeSilentError(ConnectionError):
-    """Something accepts connections there, and does not answer the handshake."""
+    """A server that accepts connections but does not answer the handshake."""
 
 
 class _Frames(frame_buffer):
@@ -33,8 +33,8 @@ class _Message(continuous_frame):
 class BoundedWebSocket(websocket.WebSocket):
     """websocket-client's WebSocket, with limits on a message and on a handshake.
 
-    A timeout is that of a whole message: in the library a server that sends byte by byte meets it
-    again with each.
+    The timeout covers a whole message. In the library it restarts with each byte, so that a server
+    that sends byte by byte never reaches it.
     """
 
     def __init__(self, *arguments: object, **options: object) -> None:
@@ -46,15 +46,15 @@ class BoundedWebSocket(websocket.WebSocket):
         self._until_s = math.inf
 
     def connect(self, url: str, **options: object) -> None:
-        """Connect and shake hands.
+        """Connect and complete the handshake.
 
         Raises:
-            HandshakeSilentError: the handshake was not answered within `HANDSHAKE_S`.
+            HandshakeSilentError: the server did not answer within `HANDSHAKE_S`.
         """
         late = threading.Event()
 
         def give_up() -> None:
-            if self.sock is not None:  # else it still waits for the connection
+            if self.sock is not None:  # None while TCP still connects
                 late.set()
                 with contextlib.suppress(OSError):
                     self.sock.shutdown(socket.SHUT_RDWR)
@@ -73,30 +73,30 @@ class BoundedWebSocket(websocket.WebSocket):
             timer.cancel()
 
     def recv_data(self, control_frame: bool = False) -> tuple:
-        """Return the next message's opcode and bytes; half of one is kept for the next call."""
+        """Return the next message's opcode and bytes; keep an incomplete one for the next call."""
         timeout_s = self.gettimeout()
         self._until_s = math.inf if timeout_s is None else time.monotonic() + timeout_s + _GRACE_S
         return super().recv_data(control_frame)
 
     def close(self, *_arguments: object, **_options: object) -> None:
-        """Close the connection. The library waits for the other end, which may never answer."""
+        """Close the connection without waiting for the server, for which the library waits."""
         if self.sock is not None:
             with contextlib.suppress(OSError, websocket.WebSocketException):
                 self.sock.settimeout(_GRACE_S)
                 if self.connected:
                     self.send_close()
             with contextlib.suppress(OSError):
-                self.sock.shutdown(socket.SHUT_RDWR)  # ends a thread that reads
+                self.sock.shutdown(socket.SHUT_RDWR)  # ends a thread that is reading
         self.shutdown()
 
     def _recv(self, bufsize: int) -> bytes:
         if time.monotonic() > self._until_s:
-            raise websocket.WebSocketTimeoutException("the message takes too long")
+            raise websocket.WebSocketTimeoutException("the message took too long")
         return super()._recv(bufsize)
 
 
 def _check(size: int) -> None:
     if size > MAX_MESSAGE:
         raise websocket.WebSocketPayloadException(
-            f"the driver sends a message of {size:,} bytes, the limit is {MAX_MESSAGE:,}"
+            f"the driver sent a message of {size:,} bytes; the limit is {MAX_MESSAGE:,}"
         )

@@ -1,9 +1,9 @@
 """The car: a single-track ("bicycle") model whose tyres can slip, stepped every 0.02 s.
 
-Rajamani, *Vehicle Dynamics and Control* (2012), ch. 2, with Pacejka's magic formula for the tyres.
-Measures are the original car's (`simulator.rig`); drive and reverse force were read off the speeds
-of a recording of the original: 0 to 20 mph in 1.9 s, backwards at 1.25 m/s2. Plain floats and
-`math`: with numpy's scalars a step took seven times as long.
+The model is from Rajamani, *Vehicle Dynamics and Control* (2012), ch. 2, with Pacejka's magic
+formula for the tyres. Measures are the original car's (`simulator.rig`). Drive and reverse force
+come from the speeds of a recording of the original: 0 to 20 mph in 1.9 s, backwards at 1.25 m/s2.
+The code uses plain floats and `math`, because numpy's scalars make a step seven times slower.
 """
 
 import math
@@ -24,19 +24,19 @@ from simulator.rig import (
 DRIVE_N = 5400.0  # 2000 Nm at the wheels
 REVERSE_N = 1300.0
 DRAG_PER_S = 0.1
-BRAKE_MPS2 = 9.0  # 20,000 Nm lock the wheels: what is left is their grip
+BRAKE_MPS2 = 9.0  # 20,000 Nm lock the wheels, so the grip is the limit
 DOWNFORCE_N_PER_MPS = 100.0
 YAW_INERTIA_KG_M2 = 1500.0
 REVERSE_BELOW_MPH = 5.0
 GRAVITY_MPS2 = 9.81
-# Below this the tyres' slip angles lose their meaning, and the wheels simply roll.
+# Below this speed slip angles are undefined, and the wheels roll without slip.
 ROLLING_BELOW_MPS = 3.0
 TYRE_STIFFNESS, TYRE_SHAPE = 10.0, 1.4
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What is under the wheels: friction coefficient and rolling resistance in m/s2."""
+    """The ground under the wheels: friction coefficient and rolling resistance in m/s2."""
 
     grip: float
     resistance_mps2: float
@@ -49,8 +49,11 @@ OFF_ROAD = Surface(grip=0.6, resistance_mps2=2.5)
 class Car:
     """Position (x east, y north, metres), heading (radians from east) and motion of the car.
 
-    Its origin is the rig's, between the axles. `steering` and `throttle` are what takes effect,
-    -1..1, after `delay_s` of actuation delay; steering is positive to the right.
+    The origin is the rig's, between the axles. `steering` (right positive) and `throttle`, -1..1,
+    are the commands in effect.
+
+    Args:
+        delay_s: seconds from a command to its effect.
     """
 
     def __init__(self, delay_s: float = 0.0) -> None:
@@ -58,7 +61,7 @@ class Car:
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float, speed_mph: float = 0.0) -> None:
-        """Put the car down, rolling straight ahead at a speed."""
+        """Put the car at a place, rolling straight ahead at a speed."""
         self.x, self.y, self.heading = float(x), float(y), float(heading)
         self.ahead_mps, self.left_mps, self.yaw_rate = float(speed_mph) * MPS_PER_MPH, 0.0, 0.0
         self.steering = self.throttle = 0.0
@@ -66,16 +69,23 @@ class Car:
 
     @property
     def speed_mph(self) -> float:
-        """How fast it moves, in any direction; never negative, as in the original's telemetry."""
+        """Return the speed in any direction; never negative, as in the original's telemetry."""
         return math.hypot(self.ahead_mps, self.left_mps) / MPS_PER_MPH
 
     def step(self, steering: float, throttle: float, grade: float, surface: Surface) -> None:
-        """Move on by 0.02 s; commands beyond -1..1 are clamped. `grade` is the rise per metre
-        ahead; a negative throttle brakes, and reverses below 5 mph."""
+        """Advance by 0.02 s.
+
+        Args:
+            steering: steering command, clamped to -1..1, right positive.
+            throttle: throttle command, clamped to -1..1; below 0 it brakes, and reverses below
+                5 mph.
+            grade: rise of the road ahead, per metre.
+            surface: surface under the wheels.
+        """
         self._waiting.append((_clamp(steering), _clamp(throttle)))
         self.steering, self.throttle = self._waiting.popleft()
         pull = self._pull_mps2(float(grade), surface)
-        # Left turns are positive in the plane, right ones in the command.
+        # Left is positive for angles in the plane, right for commands.
         wheel = -math.radians(MAX_STEERING_DEG) * self.steering
         if abs(self.ahead_mps) < ROLLING_BELOW_MPS:
             self._roll(wheel, pull)
@@ -91,7 +101,7 @@ class Car:
         self.heading += self.yaw_rate * PHYSICS_STEP_S
 
     def _pull_mps2(self, grade: float, surface: Surface) -> float:
-        """Acceleration along the car by engine, brakes, drag, slope and rolling resistance."""
+        """Return the acceleration along the car by engine, brakes, drag, slope and rolling."""
         pull = -DRAG_PER_S * self.ahead_mps - GRAVITY_MPS2 * grade / math.hypot(1, grade)
         resistance = surface.resistance_mps2
         if self.throttle >= 0:
@@ -100,19 +110,19 @@ class Car:
             pull += self.throttle * REVERSE_N / MASS_KG
         else:
             resistance -= self.throttle * BRAKE_MPS2 * surface.grip
-        # Friction stops a car, and holds it, but never pushes it back.
+        # Friction stops a car and holds it, but never reverses its motion.
         after = self.ahead_mps + pull * PHYSICS_STEP_S
         slowed = math.copysign(max(abs(after) - resistance * PHYSICS_STEP_S, 0.0), after)
         return (slowed - self.ahead_mps) / PHYSICS_STEP_S
 
     def _roll(self, wheel: float, pull: float) -> None:
-        """Wheels that roll without slip: the slow case."""
+        """Apply wheels that roll without slip, at low speed."""
         self.ahead_mps += pull * PHYSICS_STEP_S
         self.yaw_rate = self.ahead_mps * math.tan(wheel) / WHEELBASE_M
         self.left_mps = self.yaw_rate * REAR_AXLE_M
 
     def _slip(self, wheel: float, pull: float, surface: Surface) -> None:
-        """Tyres that push sideways by their slip angle, up to what grips."""
+        """Apply the tyres' side forces, which grow with the slip angle up to the grip."""
         ahead = self.ahead_mps
         down = MASS_KG * GRAVITY_MPS2 + DOWNFORCE_N_PER_MPS * abs(ahead)
         front_slip = math.copysign(wheel, wheel * ahead) - math.atan2(
@@ -135,5 +145,5 @@ def _clamp(command: float) -> float:
 
 
 def _tyre_force(slip: float, grip_n: float) -> float:
-    """Pacejka's magic formula: a tyre's side force in newtons at a slip angle in radians."""
+    """Return a tyre's side force in newtons at a slip angle in radians (magic formula)."""
     return grip_n * math.sin(TYRE_SHAPE * math.atan(TYRE_STIFFNESS * slip))

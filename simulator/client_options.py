@@ -1,4 +1,4 @@
-"""What `python -m simulator client` can be told."""
+"""Options of `python -m simulator client`."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,35 +10,35 @@ from simulator.weather import read_weather
 
 @dataclass(frozen=True)
 class ClientOptions:
-    """Drive as a driver on the socket commands: the original's autonomous mode.
+    """Connect to a driver as the original simulator's autonomous mode does.
 
-    On the wire it behaves like the original client of 2016, but for one thing: where nobody listens
-    or a driver sends it away, it tries twice a second, not thousands of times.
+    The client sends the same bytes as the original client of 2016, with one difference: while no
+    driver accepts it, it tries to connect twice a second, not thousands of times.
 
     Args:
-        track: its name, or the path of a track's YAML file.
-        url: of the driver.
-        protocol: legacy, as the original speaks, or modern, as today's libraries do.
-        clock: lockstep advances a frame for each reply; realtime drives on meanwhile.
+        track: name of a track, or path of its YAML file.
+        url: address of the driver.
+        protocol: legacy (the original's Socket.IO of 2016) or modern (python-socketio).
+        clock: lockstep (one frame for each reply) or realtime (time passes without replies).
         frame_rate: frames per second of simulated time, up to 50.
-        seed: of the weather.
-        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
-        start: metres along the lap.
-        direction: 1, or -1 for the other way round.
-        laps: ends after so many; 0 never does.
-        seconds: ends after so many of simulated time; 0 never does.
-        film: a path ending in .mp4; null for none.
-        window: show what it sees.
-        manual: pairs of seconds between which a person holds W, [[5,7],[20,21]].
-        truth: send the driver the simulated time, the cross-track error, half the road's width and
-            wall contact, too; the original does not.
-        put_back: with truth, let the driver have the car put back on the road; the original does
-            not.
-        decimal_comma: write and read numbers as in a German locale.
-        drop_at: the second in which the connection is dropped once; null for never.
-        delay_s: from a command to the wheels.
+        seed: random seed of the weather.
+        weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
+        start: start position in metres along the lap.
+        direction: 1 (forward) or -1 (backward).
+        laps: number of laps until the end; 0 for no end.
+        seconds: seconds of simulated time until the end; 0 for no end.
+        film: path of the .mp4 to write; null for none.
+        window: whether to show the camera's frames in a window.
+        manual: spans of seconds in which a simulated person holds W, [[5,7],[20,21]].
+        truth: whether telemetry also has the simulated time, the cross-track error, half the
+            road's width and wall contact; the original sends none of them.
+        put_back: whether the driver may put the car back on the road; needs truth=true. The
+            original has no such command.
+        decimal_comma: whether numbers have a decimal comma, as in a German locale.
+        drop_at: simulated second at which the connection is dropped once; null for never.
+        delay_s: seconds from a command to the wheels, 0..2.
         renderer: auto, software or opengl.
-        quality: full or simple.
+        quality: full, or simple (fewer plants, no shadows, faster).
     """
 
     track: str = "lake"
@@ -65,7 +65,7 @@ class ClientOptions:
 
 
 def check_options(options: ClientOptions) -> None:
-    """Raises SimulatorError, in one line, for an option that cannot be."""
+    """Raise SimulatorError for an option whose value is not allowed."""
     choices = {"protocol": ("legacy", "modern"), "clock": ("lockstep", "realtime")}
     read_weather(options.weather)
     for key, known in choices.items():
@@ -73,17 +73,17 @@ def check_options(options: ClientOptions) -> None:
             raise SimulatorError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")
     websocket_address(options.url)
     if options.renderer == "none":
-        raise SimulatorError("renderer=none: a driver needs pictures; try renderer=auto")
+        raise SimulatorError("renderer=none: a driver needs camera frames; use renderer=auto")
     if options.put_back and not options.truth:
-        raise SimulatorError("put_back=true: the driver must see the car leave; add truth=true")
+        raise SimulatorError("put_back=true: needs the car's position in telemetry; add truth=true")
     if options.laps < 0 or options.seconds < 0:
         raise SimulatorError("laps and seconds must be 0 or more")
     if not all(_is_span(pair) for pair in options.manual):
-        raise SimulatorError("manual: must be pairs of seconds, [[5,7],[20,21]]")
+        raise SimulatorError("manual: must be pairs of seconds such as [[5,7],[20,21]]")
 
 
 def _is_span(pair: object) -> bool:
-    """Whether it is a pair of numbers, the first the smaller one."""
+    """Return whether a value is a pair of numbers with the smaller one first."""
     if not isinstance(pair, list | tuple) or len(pair) != 2:
         return False
     return all(type(one) in (int, float) for one in pair) and pair[0] < pair[1]

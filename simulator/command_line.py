@@ -1,4 +1,4 @@
-"""`key=value` arguments into a dataclass of options, and one line for a user's mistake."""
+"""Options from `key=value` arguments, their help text, and one-line errors."""
 
 import difflib
 import inspect
@@ -20,12 +20,12 @@ Options = TypeVar("Options")
 
 
 def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
-    """An instance of the dataclass `kind` from `key=value` and `--flag` arguments.
+    """Parse `key=value` and `--flag` arguments into an instance of the dataclass `kind`.
 
-    `--relative` stands for `relative=true`, `--sun-angle 40` is not taken: values follow `=`.
+    `--relative` means `relative=true`. `--seed 40` is refused, because a value must follow `=`.
 
     Raises:
-        UsageError: no such key, a value of another type, a key given twice or left out.
+        UsageError: a key is unknown, repeated or missing, or a value has the wrong type.
     """
     names = [field.name for field in fields(kind)]
     given: dict[str, object] = {}
@@ -53,8 +53,11 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
 
 
 def options_help(kind: type) -> str:
-    """What a dataclass of options is for, and a line for each: its default, and its meaning, which
-    stands under `Args:` in the docstring."""
+    """Return the help text of a dataclass of options.
+
+    The text is the docstring's introduction, then a line for each option: its default, and its
+    meaning from the docstring's `Args:` section.
+    """
     intro, _, args = inspect.getdoc(kind).partition("Args:")
     found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
     meanings = {name: " ".join(meaning.split()) for name, meaning in found}
@@ -69,18 +72,20 @@ def options_help(kind: type) -> str:
 
 
 def _text(value: object) -> str:
-    """As it is typed: true, null, []."""
+    """Return a value as users type it: true, null, []."""
     if value is None:
         return "null"
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[str]) -> int:
-    """Call `command(arguments)`; the exit status: 0, 130 when stopped; after an error's one
-    line 2 for wrong use, else 1."""
+    """Call `command(arguments)` and return the exit status.
+
+    The status is 0 on success, 1 after an error, 2 after wrong use, and 130 after Ctrl-C.
+    """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a terminal may not know every character
+            stream.reconfigure(errors="replace")  # a terminal's encoding may lack some characters
     try:
         raise_again()
         command(arguments)
@@ -88,12 +93,12 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
         _print_error(error)
         return 2 if isinstance(error, UsageError) else 1
     except MemoryError:
-        print("simulator: not enough memory; end other programs, or choose less", file=sys.stderr)
+        print("simulator: not enough memory; close other programs or ask for less", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("simulator: stopped", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
+    except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         if error.strerror is None:
@@ -104,22 +109,22 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
 
 
 def _print_error(error: object) -> None:
-    """Print one line, whose control characters a terminal does not obey."""
+    """Print an error as one line, with control characters escaped for the terminal."""
     line = " ".join(str(error).split())
     shown = (one if one.isprintable() else ascii(one)[1:-1] for one in line)
     print(f"simulator: {''.join(shown)}", file=sys.stderr)
 
 
 def _value(text: str) -> object:
-    """YAML's reading of a value, where it is one; a path with odd characters stays as it is."""
+    """Return a value parsed as YAML, or the text itself where it is not YAML, such as a path."""
     try:
         check_yaml(f"value: {text}")
         value = OmegaConf.create(f"value: {text}")["value"]
-    except Exception:  # a parser's error for text that is no YAML is no mistake in itself
+    except Exception:  # text that is not YAML is taken as a plain string
         return text
     return text if isinstance(value, dict) else value
 
 
 def _nearest(key: str, names: Sequence[str]) -> str:
     near = difflib.get_close_matches(key, names, n=1)
-    return f"; did you mean {near[0]}?" if near else f"; there are {', '.join(names)}"
+    return f"; did you mean {near[0]}?" if near else f"; available: {', '.join(names)}"

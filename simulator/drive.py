@@ -1,4 +1,4 @@
-"""`python -m simulator drive track=lake`: a window to drive in, and to record what was driven."""
+"""The command `python -m simulator drive track=lake`: drive and record in a window."""
 
 import datetime
 import time
@@ -29,18 +29,18 @@ class DriveOptions:
     """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
 
     Args:
-        track: its name, or the path of a track's YAML file.
-        out: the folder to record to; auto is recordings/ and the time when R is first pressed.
+        track: name of a track, or path of its YAML file.
+        out: folder of the recording; auto is recordings/ and the time of its start.
         direction: forward or backward.
-        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
-        seed: of the weather.
-        start: metres along the lap.
-        frame_rate: rows per second, up to 50.
-        width: of the window, in pixels; it is half as high.
-        renderer: of the recorded pictures: auto, software or opengl.
-        header: begin the log with the columns' names, as the course's sample data does.
-        relative: write paths beginning with IMG/, not this machine's.
-        seconds: quit after so much driving; 0 never.
+        weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
+        seed: random seed of the weather.
+        start: start position in metres along the lap.
+        frame_rate: rows per second of simulated time, up to 50.
+        width: width of the window in pixels, 320..7680; its height is half of that.
+        renderer: renderer of the recorded images: auto, software or opengl.
+        header: whether the log begins with column names, as the course's sample data does.
+        relative: whether the log has paths relative to its folder (IMG/...).
+        seconds: seconds of driving until the end; 0 for no end.
     """
 
     track: str = "lake"
@@ -58,10 +58,10 @@ class DriveOptions:
 
 
 def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
-    """Open the window and let a person drive; the recording's folder, None where there is none.
+    """Let a person drive in a window; return the recording's folder, or None without rows.
 
     Raises:
-        SimulatorError: an option cannot be, no window opens, or the recording cannot be written.
+        SimulatorError: an option is wrong, no window opens, or the recording cannot be written.
     """
     console = console or Console(soft_wrap=True)
     world = _open(options)
@@ -77,7 +77,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
     finally:
         window.close()
     if run.recorder is None or not run.recorder.rows:
-        console.print("nothing was recorded: R starts a recording")
+        console.print("nothing was recorded; press R while driving to record")
         return None
     took = time.perf_counter() - began
     print_report(console, run.recorder, [run.driven], took, world.pictures.name)
@@ -85,7 +85,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """The command: `key=value` arguments, see `DriveOptions`."""
+    """Run the command with `key=value` arguments; see `DriveOptions`."""
     folder = drive(read_options(DriveOptions, arguments))
     if folder is None:
         return
@@ -98,9 +98,9 @@ def main(arguments: Sequence[str]) -> None:
 def _open(options: DriveOptions) -> World:
     if options.direction not in DIRECTIONS:
         raise SimulatorError(f"direction={options.direction}: must be forward or backward")
-    read_weather(options.weather)  # says now what is wrong with it
+    read_weather(options.weather)  # raises for wrong weather before anything is opened
     if options.renderer == "none":
-        raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
+        raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
     if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
         raise SimulatorError(f"frame_rate={options.frame_rate:g}: must be above 0, up to 50")
     if not 320 <= options.width <= 7680:
@@ -123,6 +123,6 @@ def _open_recorder(options: DriveOptions) -> Recorder:
 
 
 def _folder(out: str) -> Path:
-    """`out`, or a folder named for this moment."""
+    """Return the folder `out`; for `auto`, one named after the present time."""
     moment = datetime.datetime.now()
     return Path("recordings", f"{moment:%Y-%m-%d_%H-%M-%S}") if out == "auto" else Path(out)

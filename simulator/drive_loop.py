@@ -1,4 +1,4 @@
-"""A person's drive: what is pressed moves the car, what is seen becomes rows."""
+"""The loop of a person's drive: read input, step the world, draw it, record rows."""
 
 import time
 from collections.abc import Callable
@@ -13,16 +13,16 @@ from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.world import Start, World
 
 SHOWN_PER_S = 60.0
-LONGEST_S = 0.1  # that a picture may take; on a slower machine the world goes slower, too
+LONGEST_S = 0.1  # longest step of real time; on slower machines the world slows down
 
 
 class Drive:
-    """A person's drive, and the recording made of it.
+    """A person's drive and its recording.
 
     Args:
-        world: in steps of 0.02 s, whatever the rows' rate.
-        screen: what the person looks at.
-        open_recorder: called when R is first pressed.
+        world: world with a frame for each physics step of 0.02 s.
+        screen: screen that the person watches.
+        open_recorder: function called when R is first pressed.
         frame_rate: rows per second of simulated time.
     """
 
@@ -43,9 +43,11 @@ class Drive:
         self._before = world.pose()
 
     def run(self, recorders: ExitStack, seconds: float = 0.0) -> None:
-        """Drive until the person quits, or so many seconds; 0 is no end.
+        """Drive until the person quits.
 
-        A recorder that is opened goes on the stack, which closes it whatever happens.
+        Args:
+            recorders: stack that closes the recorder at its end, also after an error.
+            seconds: seconds of simulated time until the end; 0 for no end.
 
         Raises:
             SimulatorError: the recording's folder cannot be written, or the disk is full.
@@ -56,7 +58,7 @@ class Drive:
             while owed_s >= PHYSICS_STEP_S:
                 owed_s -= PHYSICS_STEP_S
                 self._step(hands)
-            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._obey(recorders):
+            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._handle_keys(recorders):
                 break
             time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
             now = time.perf_counter()
@@ -69,7 +71,7 @@ class Drive:
         return Hands(frozenset(window.held), window.pointer, *self.gamepads.read())
 
     def _step(self, hands: Hands) -> None:
-        """Drive for 0.02 s, after the row that is due."""
+        """Record a row if one is due, then drive for 0.02 s."""
         world = self.world
         steering, throttle = self.control.step(PHYSICS_STEP_S, hands)
         if world.time >= self._next_row_s - 1e-6:
@@ -82,7 +84,7 @@ class Drive:
             self._lap_began_s = world.time
 
     def _take_row(self, steering: float, throttle: float) -> None:
-        """Show what the centre camera sees; record it with the others' pictures."""
+        """Show the centre camera's frame; record all cameras' frames while recording."""
         world, self.driven.frames = self.world, self.driven.frames + 1
         cameras = CAMERAS if self.is_recording else CAMERAS[:1]
         frames = {camera: world.frame(camera) for camera in cameras}
@@ -95,25 +97,25 @@ class Drive:
             self.driven.steering.append(steering)
 
     def _draw(self, part: float) -> bool:
-        """Show the world between the last two steps, or the car would judder."""
+        """Draw the world at a fraction between its last two steps, for smooth motion."""
         rows = self.recorder.rows if self.recorder else 0
         if self.is_recording:
-            said = f"REC   {rows:,} rows"
+            status = f"REC   {rows:,} rows"
         else:
-            said = f"paused   {rows:,} rows" if rows else "R: record"
+            status = f"paused   {rows:,} rows" if rows else "R: record"
         notice = self.recorder.folder.name if self.recorder else "nothing is recorded yet"
         if self.world.off_road:
-            notice = "off the road: backspace puts you back"
+            notice = "off the road: press backspace to return"
         elif self.control.cruising:
             notice = "cruising: space or the brake ends it"
-        self.screen.say(said, self.is_recording, notice)
+        self.screen.show_status(status, self.is_recording, notice)
         pairs = zip(self._before, self.world.pose(), strict=True)
         pose = tuple(before + (after - before) * part for before, after in pairs)
         car = self.world.car
         return self.screen.draw(pose, car.speed_mph, self.control.steering, self.control.throttle)
 
-    def _obey(self, recorders: ExitStack) -> bool:
-        """What the keys just pressed ask for; False to quit."""
+    def _handle_keys(self, recorders: ExitStack) -> bool:
+        """Handle the keys just pressed; return False to quit."""
         for key in self.screen.window.pressed:
             if key == "escape":
                 return False
@@ -137,7 +139,7 @@ class Drive:
         self._began_s = self.world.time
 
     def _put_back(self) -> None:
-        """On the centreline, where it left it; readers of the recording see a gap."""
+        """Put the car on the centreline beside its place; the recording gets a gap there."""
         self.world.put_back(Start(self.world.place.distance))
         self.control.release()
         self.control.cruising = False

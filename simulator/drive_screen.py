@@ -1,5 +1,4 @@
-"""What a person sees who drives: the world through the centre camera, the picture that is recorded
-in a corner, and what to know and press."""
+"""The screen of a person's drive: the world, the recorded frame in a corner, texts and help."""
 
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, VERTICAL_FOV_DEG
 from simulator.scenery.air import FOG_RGB
 from simulator.scenery.bonnet import SHAPES
 from simulator.weather import Weather
-from simulator.window import Picture, Window
+from simulator.window import ImagePanel, Window
 
 HELP = (
     "arrows or W A S D: drive     left mouse button held, moved sideways: steer     "
@@ -21,15 +20,15 @@ HELP = (
 )
 WHITE, GREY, RED, GREEN = (1, 1, 1, 1), (0.85, 0.85, 0.85, 1), (1, 0.25, 0.2, 1), (0.4, 0.9, 0.5, 1)
 DARK = (0.05, 0.06, 0.08, 0.6)
-HELP_SIZE = 0.036  # fills the width of a window that is twice as wide as high
+HELP_SIZE = 0.036  # the help fills a window that is twice as wide as high
 INSET_WIDTH = 0.9  # in units of half the window's height, as all lengths here
-BAR_WIDTH = 0.5  # of the steering's bar, to each side
-BONNET_FROM = 128  # the row of the camera's picture from which on the bonnet is drawn
-FINE = 4  # pixels of the bonnet for one of the camera's
+BAR_WIDTH = 0.5  # half the width of the steering bar
+BONNET_FROM = 128  # first row of the camera's frame that the bonnet is drawn in
+FINE = 4  # rows of the drawn bonnet for one of the camera's rows
 
 
 class DriveScreen:
-    """Everything in the window; `draw` shows one moment."""
+    """The content of the drive's window."""
 
     def __init__(self, window: Window, pictures: Pictures, weather: Weather) -> None:
         self.window, self.pictures = window, pictures
@@ -38,21 +37,21 @@ class DriveScreen:
         self.camera = pictures.root.attachNewNode(core.Camera("driver", self.lens))
         self.camera.node().setInitialState(_weather_state(weather))
         window.window.makeDisplayRegion().setCamera(self.camera)
-        # In Panda3D's own font a zero looks like an o.
+        # In Panda3D's default font a zero looks like an o.
         font = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
         core.TextProperties.setDefaultFont(
             core.DynamicTextFont(core.Filename.fromOsSpecific(str(font)))
         )
         flat = window.flat
-        flat.setBin("unsorted", 0)  # drawn in the order that follows
-        Picture(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
+        flat.setBin("unsorted", 0)  # draws nodes in the order of their creation
+        ImagePanel(flat, -2, -1, 4).show(bonnet_overlay(weather.brightness))
         self.corner = flat.attachNewNode("top right")
         self.left = flat.attachNewNode("top left")
         top = 0.96 - INSET_WIDTH / 2
         _box(self.corner, (-INSET_WIDTH - 0.01, 0.01), (top - 0.09, 0.97), DARK)
-        self.inset = Picture(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
+        self.inset = ImagePanel(self.corner, -INSET_WIDTH, top, INSET_WIDTH)
         caption = _text(self.corner, -INSET_WIDTH / 2, top - 0.06, 0.037, core.TextNode.ACenter)
-        _say(caption, "the centre camera, as it is recorded", GREY)
+        _set_text(caption, "centre camera, as recorded", GREY)
         _box(self.left, (0, 0.95), (0.71, 0.97), DARK)
         self.recording = _text(self.left, 0.05, 0.87, 0.065)
         self.notice = _text(self.left, 0.05, 0.765, 0.042)
@@ -62,16 +61,16 @@ class DriveScreen:
         self.steering = _text(flat, 0, -0.86, 0.042, core.TextNode.ACenter)
         self.help_box = _box(flat, (-1, 1), (-1, -0.93), DARK)
         self.help = _text(flat, 0, -0.98, HELP_SIZE, core.TextNode.ACenter)
-        _say(self.help, HELP, GREY)
+        _set_text(self.help, HELP, GREY)
 
     def show_frame(self, frame: np.ndarray) -> None:
-        """The picture in the corner: uint8 [160, 320, 3], RGB."""
+        """Show a frame in the corner: uint8 [160, 320, 3], RGB."""
         self.inset.show(frame)
 
-    def say(self, recording: str, is_recording: bool, notice: str) -> None:
-        """The two lines in the upper left corner."""
-        _say(self.recording, recording, RED if is_recording else WHITE)
-        _say(self.notice, notice, GREY)
+    def show_status(self, recording: str, is_recording: bool, notice: str) -> None:
+        """Show two lines in the upper left corner."""
+        _set_text(self.recording, recording, RED if is_recording else WHITE)
+        _set_text(self.notice, notice, GREY)
 
     def draw(
         self,
@@ -80,7 +79,7 @@ class DriveScreen:
         steering: float,
         throttle: float,
     ) -> bool:
-        """Show the world from a pose, see `World.pose`; False when the window was closed."""
+        """Draw the world from a pose of `World.pose`; return False when the window is closed."""
         aspect = self.window.aspect
         self.corner.setX(aspect - 0.03)
         self.left.setX(-aspect + 0.03)
@@ -89,31 +88,33 @@ class DriveScreen:
         tangent = np.tan(np.radians(VERTICAL_FOV_DEG / 2))
         self.lens.setFov(float(2 * np.degrees(np.arctan(tangent * aspect))), VERTICAL_FOV_DEG)
         self.pictures.place_camera(self.camera, pose, "center")
-        _say(self.speed, f"{speed_mph:.0f} mph", WHITE)
+        _set_text(self.speed, f"{speed_mph:.0f} mph", WHITE)
         self.wheel.setX(steering * BAR_WIDTH)
         pedal = "brake" if throttle < 0 else "throttle"
-        _say(self.steering, f"steering {steering:+.2f}     {pedal} {abs(throttle):.2f}", WHITE)
+        _set_text(self.steering, f"steering {steering:+.2f}     {pedal} {abs(throttle):.2f}", WHITE)
         return self.window.draw()
 
 
 def bonnet_overlay(brightness: float) -> np.ndarray:
-    """The bonnet before the centre camera, drawn finer than it is recorded: uint8 [128, 1280, 4],
-    RGBA, for the rows from `BONNET_FROM` to the bottom."""
+    """Return the bonnet in the centre camera's view, finer than in its frames.
+
+    The result is uint8 [128, 1280, 4], RGBA, for the frame's rows from `BONNET_FROM` down.
+    """
     size = (FINE * (FRAME_HEIGHT - BONNET_FROM), FINE * FRAME_WIDTH)
-    # Twice as large, then averaged down: smooth edges.
-    picture = np.zeros((2 * size[0], 2 * size[1], 4), np.float32)
+    # Drawn twice as large, then averaged, for smooth edges.
+    image = np.zeros((2 * size[0], 2 * size[1], 4), np.float32)
     for colour, outline in SHAPES["center"]:
         corners = 2 * FINE * (np.array(outline) - (0, BONNET_FROM))
         lit = [min(one * brightness, 255) for one in colour]
-        cv2.fillPoly(picture, [np.round(corners).astype(np.int32)], (*lit, 255))
-    picture = cv2.resize(picture, size[::-1], interpolation=cv2.INTER_AREA)
-    # Averaged where covered only, or the edge would darken.
-    picture[..., :3] /= np.maximum(picture[..., 3:] / 255, 1e-6)
-    return picture.clip(0, 255).astype(np.uint8)
+        cv2.fillPoly(image, [np.round(corners).astype(np.int32)], (*lit, 255))
+    image = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
+    # The average is of covered pixels only; otherwise edges darken.
+    image[..., :3] /= np.maximum(image[..., 3:] / 255, 1e-6)
+    return image.clip(0, 255).astype(np.uint8)
 
 
 def _weather_state(weather: Weather) -> core.RenderState:
-    """What the air does to the recorded pictures, roughly: fog and exposure."""
+    """Return a render state that approximates the recorded frames' fog and exposure."""
     state = core.NodePath("weather")
     if weather.fog:
         fog = core.Fog("fog")
@@ -141,7 +142,7 @@ def _text(
     return path
 
 
-def _say(path: core.NodePath, text: str, colour: tuple[float, ...]) -> None:
+def _set_text(path: core.NodePath, text: str, colour: tuple[float, ...]) -> None:
     node = path.node()
     if node.getText() != text:
         node.setText(text)

@@ -1,4 +1,4 @@
-"""Ctrl-C while Python imports a command: a copy of `datamodules.early_interrupt`, see there."""
+"""Handling of Ctrl-C while Python imports a command; a copy of `datamodules.early_interrupt`."""
 
 import os
 import signal
@@ -6,15 +6,15 @@ import sys
 
 
 def stop_quietly(package: str) -> None:
-    """Let Ctrl-C end `python -m PACKAGE...` in one line, unless something else is set for it."""
+    """Print one line at Ctrl-C in `python -m PACKAGE...`, unless another handler is installed."""
     is_ours = _named_module().partition(".")[0] == package
-    importing = sys.argv[:1] == ["-m"]  # so Python calls a command while it imports what it needs
+    importing = sys.argv[:1] == ["-m"]  # Python's value while it imports a command
     if is_ours and importing and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _stop)
 
 
 def raise_again() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt again, which a command handles."""
+    """Restore Python's handler: Ctrl-C raises KeyboardInterrupt, which commands handle."""
     if signal.getsignal(signal.SIGINT) is _stop:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

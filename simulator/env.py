@@ -1,4 +1,4 @@
-"""The worlds as Gymnasium environments: `Lake-v0`, `Mountain-v0`, and any track's file.
+"""Gymnasium environments of the simulator: `Lake-v0`, `Mountain-v0`, and any track's file.
 
 >>> import gymnasium, simulator
 >>> env = gymnasium.make("Lake-v0", laps=1)
@@ -22,31 +22,32 @@ START_KEYS = {"distance", "cte", "heading_deg", "speed_mph"}
 
 
 class DrivingEnv(gymnasium.Env):
-    """A car on a track, one frame a step.
+    """A car on a track, with one frame for each step.
 
     Observation: `image` (uint8 [160, 320, 3] RGB, the centre camera; with `cameras="all"` also
     `left` and `right`) and `speed` (float32 [1], mph). Action: float32 [2], steering (right
-    positive) and throttle (negative brakes), -1..1 each. Reward: metres of progress along the lap,
-    or 0 off the road. Terminated when `laps` are driven, or after `off_road_s` off the road;
-    truncated after `max_seconds` of simulated time. `info` is `simulator.world.World.info`.
+    positive) and throttle (negative brakes), -1..1 each. Reward: metres of progress along the lap;
+    0 off the road. An episode is terminated when `laps` are driven, or after `off_road_s` off the
+    road. It is truncated after `max_seconds` of simulated time. `info` is
+    `simulator.world.World.info`.
 
     Args:
-        track: its name, or the path of a YAML file.
+        track: name of a track, or path of its YAML file.
         cameras: `center` or `all`.
         frame_rate: steps per second of simulated time, up to 50.
         delay_s: seconds from an action to the wheels.
-        direction: 1, or -1 for the other way round.
-        weather: `clear`, `random` for a day drawn from each seed, or a `Weather`.
-        random_start: begin anywhere on the lap, a little off the middle.
-        laps: how many to drive; None for no end.
-        max_seconds: of simulated time; None for no end.
-        off_road_s: how long it may stay off the road; 0 ends the drive at the edge line.
+        direction: 1 (forward) or -1 (backward).
+        weather: `clear`, `random` (drawn from each seed), or a `Weather`.
+        random_start: whether episodes begin at a random place, up to 0.5 m off the centreline.
+        laps: number of laps until the end; None for no end.
+        max_seconds: simulated seconds until the end; None for no end.
+        off_road_s: seconds allowed off the road; 0 ends the episode at the edge line.
         renderer: `auto`, `software` or `opengl`.
         quality: `full` or `simple`.
         render_mode: None or `rgb_array`.
 
     Raises:
-        SimulatorError: an argument that cannot be, or no renderer on this machine.
+        SimulatorError: an argument is wrong, or no renderer opens on this machine.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 - Gymnasium's own
@@ -72,12 +73,14 @@ class DrivingEnv(gymnasium.Env):
         if render_mode not in (None, "rgb_array"):
             raise SimulatorError(f"render_mode={render_mode}: must be rgb_array, or None")
         if renderer == "none":
-            raise SimulatorError("renderer=none: the observation is a picture; try renderer=auto")
+            raise SimulatorError(
+                "renderer=none: observations need camera frames; use renderer=auto"
+            )
         for name, value, least in (("laps", laps, 1), ("max_seconds", max_seconds, 0)):
             if value is not None and not value >= least:
                 raise SimulatorError(f"{name}={value}: must be {least} or more, or None")
         if not off_road_s >= 0:
-            raise SimulatorError(f"off_road_s={off_road_s}: must be 0 or more; inf never ends it")
+            raise SimulatorError(f"off_road_s={off_road_s}: must be 0 or more; inf for no limit")
         self.metadata = {**self.metadata, "render_fps": frame_rate}
         self.weather, self.random_start, self.render_mode = (
             _weather(weather),
@@ -89,28 +92,30 @@ class DrivingEnv(gymnasium.Env):
         self.images = {"image": "center"}
         if cameras == "all":
             self.images |= {camera: camera for camera in CAMERAS[1:]}
-        picture = spaces.Box(0, 255, (FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8)
+        image = spaces.Box(0, 255, (FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8)
         speed = spaces.Box(0, TOP_SPEED_MPH, (1,), np.float32)
-        self.observation_space = spaces.Dict(
-            {**dict.fromkeys(self.images, picture), "speed": speed}
-        )
+        self.observation_space = spaces.Dict({**dict.fromkeys(self.images, image), "speed": speed})
         self.action_space = spaces.Box(-1, 1, (2,), np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin a drive. `options` may hold `distance` (metres), `cte` (metres), `heading_deg`,
-        `speed_mph` and `weather` of its start.
+        """Begin an episode.
+
+        Args:
+            seed: random seed of start, weather and sensor noise.
+            options: start of the episode: `distance` and `cte` in metres, `heading_deg`,
+                `speed_mph`, and `weather`; each is optional.
 
         Raises:
-            SimulatorError: another option, or a value that cannot be.
+            SimulatorError: an option is unknown, or its value is not allowed.
         """
         super().reset(seed=seed)
         options = dict(options or {})
         weather = _weather(options.pop("weather", self.weather))
         if unknown := set(options) - START_KEYS:
             known = ", ".join(sorted(START_KEYS | {"weather"}))
-            raise SimulatorError(f"reset: no option {unknown.pop()}; there are {known}")
+            raise SimulatorError(f"reset: unknown option {unknown.pop()}; available: {known}")
         start = {}
         if self.random_start:
             start = {
@@ -128,7 +133,7 @@ class DrivingEnv(gymnasium.Env):
     def step(
         self, action: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for one frame's time; actions beyond -1..1 are clamped.
+        """Advance by one frame; actions beyond -1..1 are clamped.
 
         Raises:
             SimulatorError: the action is not two finite numbers.
@@ -149,11 +154,11 @@ class DrivingEnv(gymnasium.Env):
         return self._observation(), reward, lost or arrived, late, world.info()
 
     def render(self) -> np.ndarray | None:
-        """What the centre camera saw last, uint8 [160, 320, 3] RGB; None without a render mode."""
+        """Return the last frame, uint8 [160, 320, 3], RGB, or None without a render mode."""
         return self._image.copy() if self.render_mode else None
 
     def close(self) -> None:
-        """Give the renderer back; closing twice does no harm."""
+        """Close the renderer; a second call has no effect."""
         if self.world.pictures is not None:
             self.world.pictures.close()
             self.world.pictures = None
@@ -165,7 +170,7 @@ class DrivingEnv(gymnasium.Env):
 
 
 def _weather(given: str | Weather) -> str | Weather:
-    """What `World.reset` takes."""
+    """Return a weather as `World.reset` takes it."""
     if isinstance(given, Weather) or given == "random":
         return given
     if given != "clear":

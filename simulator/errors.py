@@ -1,9 +1,9 @@
-"""The exceptions that a user's input can cause, printed as one line and never as a trace."""
+"""Exceptions for bad user input; commands print them as one line without a traceback."""
 
 
 class SimulatorError(Exception):
-    """Bad input, in one line: the file, the key or the folder, what was found, and the fix."""
+    """Bad input: one line that names the file, key or folder, what was found, and the fix."""
 
 
 class UsageError(SimulatorError):
-    """A command that cannot be meant, for which commands exit with 2."""
+    """Wrong use of a command, such as an unknown option; the command exits with 2."""

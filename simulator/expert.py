@@ -1,4 +1,4 @@
-"""The expert: follows a line along the road from what the world knows and no camera shows."""
+"""The expert: a driver that follows the road by the world's exact state, without a camera."""
 
 from dataclasses import dataclass
 
@@ -17,23 +17,23 @@ from simulator.track import Track
 from simulator.world import World
 
 SLOWEST_MPS = 3.0
-THROTTLE_PER_MPS = 0.4  # per m/s that it is too slow
+THROTTLE_PER_MPS = 0.4  # throttle per m/s below the wanted speed
 
 
 @dataclass(frozen=True)
 class ExpertSettings:
-    """How the expert drives.
+    """Settings of the expert.
 
     Args:
-        speed_mph: on the straight; 30 holds the throttle down there, as a person does.
-        offset_m: right of the centreline, the line that it keeps to.
-        noise: 0..1, how far it sways off now and then: at 1 up to 60 % of the half width.
-        sway_every_m: the mean way from one sway's end to the next one's begin.
-        cornering_mps2: across; it slows down for bends that would take more.
-        braking_mps2: along, ahead of such bends.
-        steering_per_s: the most that the steering, -1..1, changes in a second.
-        reaction_s: how late its steering takes effect, besides the car's delay.
-        seed: of the swaying.
+        speed_mph: speed on straights in mph, 8..30; 30 holds full throttle, as a person does.
+        offset_m: line to follow, in metres right of the centreline.
+        noise: size of random sways off the line, 0..1; 1 is up to 60 % of the road's half width.
+        sway_every_m: mean distance from the end of a sway to the next one, in metres.
+        cornering_mps2: largest sideways acceleration; the expert slows down for sharper bends.
+        braking_mps2: deceleration before such bends.
+        steering_per_s: largest change of steering, -1..1, per second.
+        reaction_s: delay of its steering in seconds, added to the car's delay.
+        seed: random seed of the sways.
     """
 
     speed_mph: float = TOP_SPEED_MPH
@@ -64,11 +64,15 @@ class ExpertSettings:
 
 
 class Expert:
-    """Drives a world: `expert(world) -> (steering, throttle)`, once a frame.
+    """A driver of worlds: `expert(world) -> (steering, throttle)`, once for each frame.
 
-    The steering is the bend's own plus what brings the car back to its line; the speed is what the
-    bends ahead allow. With noise it sways off its line at random and comes back. `recording` is
-    False while it goes astray: a network should learn the way back only.
+    Steering is the road's curvature ahead plus a correction towards the line. The bends ahead limit
+    the speed. With noise the expert sways off its line at random and returns. `recording` is False
+    while it moves away, because a network should learn only the way back.
+
+    Args:
+        track: track to drive on.
+        settings: settings of the expert.
     """
 
     def __init__(self, track: Track, settings: ExpertSettings | None = None) -> None:
@@ -76,33 +80,36 @@ class Expert:
         room = track.width / 2 - 1
         if abs(self.settings.offset_m) > room:
             raise SimulatorError(
-                f"expert: offset_m={self.settings.offset_m:g}: the road has {room:.1f} m"
+                f"expert: offset_m={self.settings.offset_m:g}: must be in "
+                f"{-room:.1f}..{room:.1f} on this road"
             )
         self._limits = {way: speed_limits(track, self.settings, way) for way in (1, -1)}
         self.reset(self.settings.seed)
 
     def reset(self, seed: int) -> None:
-        """Begin a drive: straight wheels, and sways of another seed."""
+        """Begin a drive with straight wheels and the sways of a seed."""
         self.rng = np.random.default_rng(seed)
         self.steering = 0.0
         self.recording = True
-        self._sway: tuple[float, float, float] | None = None  # from, to (metres driven), how far
+        self._sway: tuple[float, float, float] | None = (
+            None  # begin and end in metres driven, size in metres
+        )
         self._next_sway: float | None = None
 
     def __call__(self, world: World) -> tuple[float, float]:
-        """Steering -1..1 (right positive) and throttle -1..1 (braking negative) for a frame."""
+        """Return steering (right positive) and throttle (braking negative), -1..1, for a frame."""
         wish = np.clip(self._steering(world, self._line(world)), -1, 1)
         change = self.settings.steering_per_s * world.frame_s
         self.steering = float(np.clip(wish, self.steering - change, self.steering + change))
         return self.steering, self._throttle(world)
 
     def _line(self, world: World) -> float:
-        """Where to drive, metres right of the centreline; begins and ends the sways."""
+        """Return the line to follow, in metres right of the centreline; begin and end sways."""
         usual, driven = self.settings.offset_m, world.travelled
         if self.settings.noise == 0:
             return usual
         if self._next_sway is None:
-            # Not sooner than the way back from the last one takes.
+            # At least 25 m later, the length of the way back from the last one.
             self._next_sway = driven + 25 + self.rng.exponential(self.settings.sway_every_m - 25)
         if self._sway is None and driven >= self._next_sway:
             room = 0.6 * self.track.width / 2 * self.settings.noise
@@ -112,7 +119,7 @@ class Expert:
         if self._sway is None:
             return usual
         begin, end, far = self._sway
-        # The car is behind its line, and gets some way to reach it.
+        # The car follows its line late, so it gets 10 m more to reach it.
         if driven >= end + 10 or world.cte / far >= 0.95:
             self._sway = self._next_sway = None
             self.recording = True
@@ -121,12 +128,12 @@ class Expert:
         return usual + (far - usual) * part * part * (3 - 2 * part)
 
     def _steering(self, world: World, line: float) -> float:
-        """The line's curvature ahead, and a second-order return to the line."""
+        """Return steering for the line's curvature ahead and a second-order return to the line."""
         car, way, track = world.car, world.direction, self.track
         speed = max(car.ahead_mps, 1.0)
-        # A command takes effect after the car's delay, and holds for a frame.
+        # A command takes effect after the car's delay and lasts for a frame.
         late = car.delay_steps * 0.02 + world.frame_s / 2 + self.settings.reaction_s
-        # Where the car goes, not where it points: in a bend its tail hangs out.
+        # The direction of motion, not of the car: they differ in bends, where the car slips.
         course = world.heading_error - float(np.arctan2(car.left_mps, speed))
         distance = world.place.distance
         here = way * float(track.curvature_at(distance))
@@ -142,7 +149,7 @@ class Expert:
         return -float(np.degrees(wheel)) / MAX_STEERING_DEG
 
     def _throttle(self, world: World) -> float:
-        """Holds what the bends ahead allow: the pull that it takes, and more to gain speed."""
+        """Return the throttle that reaches and holds the speed that the bends ahead allow."""
         way, speed = world.direction, world.car.ahead_mps
         distance = world.place.distance + way * speed * world.frame_s
         limits = self._limits[way]
@@ -152,19 +159,19 @@ class Expert:
         grade = way * float(self.track.grade_at(distance))
         hold = (DRAG_PER_S * speed + GRAVITY_MPS2 * grade) * MASS_KG / DRIVE_N
         wish = hold + THROTTLE_PER_MPS * (limit - speed)
-        # Slow cars reverse where they should brake.
+        # At low speed a negative throttle would reverse the car.
         lowest = 0.0 if speed < SLOWEST_MPS else -1.0
         return float(np.clip(wish, lowest, 1))
 
 
 def speed_limits(track: Track, settings: ExpertSettings, direction: int) -> np.ndarray:
-    """Metres per second, float64 [N], along the centreline's samples for a way round."""
+    """Return speed limits in m/s, float64 [N], at the centreline's samples for a direction."""
     tightest = np.abs(track.curvature) + 1e-9
     fastest = np.sqrt(settings.cornering_mps2 / tightest)
     limits = np.clip(fastest, SLOWEST_MPS, settings.speed_mph * MPS_PER_MPH)
     ordered = limits[::direction]
     step = track.length / len(ordered)
-    # Twice round, since the last bend's braking begins in the lap before.
+    # Two laps, because braking for the first bend begins in the lap before.
     for index in range(2 * len(ordered) - 1, 0, -1):
         after, before = ordered[index % len(ordered)], (index - 1) % len(ordered)
         ordered[before] = min(ordered[before], np.sqrt(after**2 + 2 * settings.braking_mps2 * step))

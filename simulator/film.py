@@ -1,4 +1,4 @@
-"""Films that play in a browser: H.264 in an .mp4, written frame by frame."""
+"""A writer of films that browsers play: H.264 in an .mp4, frame by frame."""
 
 import contextlib
 import signal
@@ -14,14 +14,16 @@ import numpy as np
 from simulator.errors import SimulatorError
 
 DISK_FULL = "No space left on device"
-LINES = 20  # of what ffmpeg wrote last, which are searched for a reason
+LINES = 20  # last lines of ffmpeg's output, searched for the reason of a failure
 
 
 class Film:
-    """A film being written; use it in a `with`. It takes its name when it is whole.
+    """A film that is being written; a context manager.
+
+    The file appears under its name when the film is complete.
 
     Args:
-        path: of the .mp4; replaced if it is there.
+        path: path of the .mp4; an existing file is replaced.
         fps: frames per second.
 
     Raises:
@@ -31,7 +33,7 @@ class Film:
     def __init__(self, path: Path | str, fps: float) -> None:
         self.path, self.fps = Path(path), fps
         if self.path.suffix != ".mp4":
-            raise SimulatorError(f"{self.path}: a film's name must end in .mp4")
+            raise SimulatorError(f"{self.path}: the name of a film must end in .mp4")
         if fps <= 0:
             raise SimulatorError(f"fps={fps:g}: must be above 0")
         self._unfinished = self.path.with_name(f".{self.path.name}.part.mp4")
@@ -47,18 +49,19 @@ class Film:
         return self
 
     def add(self, frame: np.ndarray) -> None:
-        """Append uint8 [H, W, 3] RGB; an odd row or column at the edge, which H.264 in yuv420p
-        cannot hold, is cut off.
+        """Append a frame, uint8 [H, W, 3], RGB.
+
+        H.264 in yuv420p needs an even height and width: an odd last row or column is cut off.
 
         Raises:
-            SimulatorError: it has not the first one's size, or the disk is full.
+            SimulatorError: the frame's size differs from the first one's, or the disk is full.
         """
         frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
         height, width = frame.shape[:2]
         if self._ffmpeg is None:
             self._size = width, height
             self._start(width, height)
-        if self._size != (width, height):  # bytes have no shape: ffmpeg would garble the rest
+        if self._size != (width, height):  # ffmpeg reads bytes without a shape
             raise SimulatorError(
                 f"{self.path}: a frame is {width} x {height}, the film is "
                 f"{self._size[0]} x {self._size[1]}"
@@ -79,18 +82,18 @@ class Film:
             return
         if kind is not None:
             self._ffmpeg.kill()
-        with contextlib.suppress(BrokenPipeError):  # it has ended, and its status tells
+        with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended; its status is read below
             self._ffmpeg.stdin.close()
-        whole = self._ffmpeg.wait() == 0 and kind is None
+        complete = self._ffmpeg.wait() == 0 and kind is None
         try:
-            if whole:
+            if complete:
                 self._unfinished.replace(self.path)
         except OSError as failure:
             self._lines.append(failure.strerror)
-            whole = False
-        if not whole:
+            complete = False
+        if not complete:
             self._unfinished.unlink(missing_ok=True)
-        if kind is None and not whole:
+        if kind is None and not complete:
             raise self._failed()
         self._reader.join()
 
@@ -99,10 +102,10 @@ class Film:
         command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
         command += ["-r", f"{self.fps:.6g}", "-i", "-", "-an"]
         command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "27"]
-        command += ["-pix_fmt", "yuv420p"]  # what every browser plays
-        # The index comes first, so that a browser need not have it all to begin.
+        command += ["-pix_fmt", "yuv420p"]  # the format that every browser plays
+        # The index comes first, so that a browser plays before it has the whole file.
         command += ["-movflags", "+faststart", str(self._unfinished.absolute())]
-        # In a session of its own: Ctrl-C ends the drive, and then the film is finished.
+        # In its own session, because Ctrl-C must end the drive only; the film is then completed.
         self._ffmpeg = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
         )

@@ -1,16 +1,16 @@
-"""Keys, mouse and gamepad into steering and throttle, at the original simulator's pace."""
+"""Steering and throttle from keys, mouse and gamepad, with the original simulator's rates."""
 
 from collections.abc import Set
 from dataclasses import dataclass
 
-# As the original does: its keys turn the wheel by 0.05 every 0.02 s, and Unity's axes (throttle,
-# and the wheel's way back) change by 3 a second.
+# As in the original: a key changes steering by 0.05 every 0.02 s; Unity's axes (throttle, and
+# steering on its way back to 0) change by 3 per second.
 STEERING_PER_S = 2.5
 AXIS_PER_S = 3.0
 CRUISE_THROTTLE = 0.4
-MOUSE_FULL_LOCK = 2 / 3  # of the window's width, from where the button was pressed
-DEAD_ZONE = 0.1  # of a stick that nobody touches
-TAKES_OVER = 0.05  # a pedal pressed so far ends cruising
+MOUSE_FULL_LOCK = 2 / 3  # share of the window's width, from where the button was pressed
+DEAD_ZONE = 0.1  # smaller values of a stick count as 0
+TAKES_OVER = 0.05  # a pedal pressed beyond this ends cruising
 
 LEFT, RIGHT = frozenset({"arrow_left", "a"}), frozenset({"arrow_right", "d"})
 UP, DOWN = frozenset({"arrow_up", "w"}), frozenset({"arrow_down", "s"})
@@ -19,12 +19,12 @@ MOUSE_BUTTON = "mouse1"
 
 @dataclass(frozen=True)
 class Hands:
-    """What a person does at a moment.
+    """Input of a person at one moment.
 
     Args:
-        held: names of the keys and mouse buttons that are down, as Panda3D has them.
-        pointer: where the mouse is, 0 at the window's left edge, 1 at its right.
-        stick: of a gamepad or a steering wheel, -1..1, right positive.
+        held: Panda3D's names of the keys and mouse buttons that are down.
+        pointer: x of the mouse, 0 at the window's left edge, 1 at its right.
+        stick: position of a gamepad's stick or a steering wheel, -1..1, right positive.
         pedals: accelerator minus brake, -1..1.
     """
 
@@ -35,21 +35,21 @@ class Hands:
 
 
 class HandControl:
-    """`step` gives the command for the next moment; the keys come before mouse and gamepad."""
+    """Steering and throttle over time; keys take precedence over mouse and gamepad."""
 
     def __init__(self) -> None:
         self.cruising = False
         self.release()
 
     def release(self) -> None:
-        """Let go of everything, as after the car was put back."""
+        """Reset steering and throttle to 0, as after the car is put back."""
         self.steering = self.throttle = 0.0
         self._pressed_at: float | None = None
 
     def step(self, seconds: float, hands: Hands) -> tuple[float, float]:
-        """Steering and throttle, -1..1 each (right and forward positive), `seconds` later."""
+        """Return steering and throttle after `seconds`, -1..1 each, right and forward positive."""
         self.steering = self._steer(seconds, hands)
-        self.throttle = self._push(seconds, hands)
+        self.throttle = self._accelerate(seconds, hands)
         return self.steering, self.throttle
 
     def _steer(self, seconds: float, hands: Hands) -> float:
@@ -67,15 +67,15 @@ class HandControl:
             return _clamp(beyond if hands.stick > 0 else -beyond)
         return _towards(self.steering, 0.0, AXIS_PER_S * seconds)
 
-    def _push(self, seconds: float, hands: Hands) -> float:
+    def _accelerate(self, seconds: float, hands: Hands) -> float:
         way = bool(hands.held & UP) - bool(hands.held & DOWN)
-        # The original cruises on whatever is pressed; whoever brakes wants to slow down.
+        # The original keeps cruising whatever is pressed; here braking ends it.
         if way < 0 or abs(hands.pedals) > TAKES_OVER:
             self.cruising = False
         if self.cruising:
             return CRUISE_THROTTLE
         if way:
-            # From accelerating to braking at once: Unity's axes "snap".
+            # From accelerating directly to braking, as Unity's axes with "snap".
             begin = self.throttle if self.throttle * way > 0 else 0.0
             return _towards(begin, float(way), AXIS_PER_S * seconds)
         if abs(hands.pedals) > TAKES_OVER:

@@ -1,4 +1,4 @@
-"""A student at the keyboard or the mouse: the expert's wish, seen late and steered by hand."""
+"""A simulated student at keyboard or mouse: the expert's commands, late and imprecise."""
 
 from collections import deque
 from collections.abc import Callable
@@ -17,19 +17,19 @@ from simulator.hand_control import (
 from simulator.rig import PHYSICS_STEP_S
 from simulator.world import World
 
-REACTION_S = {"keyboard": 0.15, "mouse": 0.2}  # from seeing to moving a finger, or the hand
-PEDAL_AT = 0.3  # a person holds a pedal key down where the expert wants more than this
-PRESS_AT, PRESS_SPREAD = 0.15, 0.3  # wanted steering at which a key is tapped; its relative spread
-TAP_PAYS_S = 0.25  # one tap turns the car as much as the wanted steering does in this time
+REACTION_S = {"keyboard": 0.15, "mouse": 0.2}  # reaction time before a finger or the hand moves
+PEDAL_AT = 0.3  # the expert's throttle or brake beyond which the pedal key is down
+PRESS_AT, PRESS_SPREAD = 0.15, 0.3  # wanted steering that causes a tap; its relative spread
+TAP_PAYS_S = 0.25  # seconds of the wanted steering that one tap replaces
 LONGEST_TAP_S = 0.6
-HAND_S = 0.12  # time constant of the hand that follows the wish with the mouse
-WOBBLE, WOBBLE_S = 0.015, 0.5  # steering that the hand adds: standard deviation, time constant
-MOUSE_DEAD_BAND = 0.012  # a smaller difference leaves the hand where it is
-WINDOW_WIDTH = 1280  # pixels: the mouse's steps
+HAND_S = 0.12  # time constant of the hand's movement with the mouse
+WOBBLE, WOBBLE_S = 0.015, 0.5  # random steering of the hand: standard deviation, time constant
+MOUSE_DEAD_BAND = 0.012  # smaller changes of the wanted steering do not move the hand
+WINDOW_WIDTH = 1280  # pixels; the mouse moves by whole ones
 
 
 class KeyTaps:
-    """Taps of the arrow keys, long enough to turn the car as much as wanted, then a pause."""
+    """Taps of the steering keys, each as long as the wanted turn needs, with pauses between."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
@@ -38,7 +38,7 @@ class KeyTaps:
         self._press_at = PRESS_AT
 
     def __call__(self, time: float, wish: float) -> Hands:
-        """Return the key that is down, if any, `time` seconds into the drive."""
+        """Return the key held `time` seconds into the drive, if any."""
         if self._key and time >= self._release_s:
             self._key = None
         if not self._key and time >= self._next_s and abs(wish) > self._press_at:
@@ -47,7 +47,7 @@ class KeyTaps:
 
     def _press(self, time: float, wish: float) -> None:
         self._key = "d" if wish > 0 else "a"
-        # A tap's steering rises to STEERING_PER_S times its length and falls back: a triangle.
+        # During a tap, steering rises to STEERING_PER_S times its length, then falls: a triangle.
         area = abs(wish) * TAP_PAYS_S
         peak = np.sqrt(2 * area / (1 / STEERING_PER_S + 1 / AXIS_PER_S))
         held_s = min(peak / STEERING_PER_S * self.rng.uniform(0.75, 1.25), LONGEST_TAP_S)
@@ -57,14 +57,14 @@ class KeyTaps:
 
 
 class MouseHand:
-    """A hand on the mouse, button down: follows smoothly, wobbles, and moves by whole pixels."""
+    """A hand on the mouse with its button down: smooth, slightly wobbling, in whole pixels."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
         self._hand = self._wobble = self._target = 0.0
 
     def __call__(self, time: float, wish: float) -> Hands:
-        """Return the button and the pointer, one physics step after the last call."""
+        """Return button and pointer; call once for each physics step."""
         if abs(wish - self._target) > MOUSE_DEAD_BAND:
             self._target = wish
         step = PHYSICS_STEP_S
@@ -72,7 +72,7 @@ class MouseHand:
         kick = WOBBLE * np.sqrt(2 * step / WOBBLE_S) * self.rng.standard_normal()
         self._wobble += kick - self._wobble * step / WOBBLE_S
         pointer = 0.5 + (self._hand + self._wobble) * MOUSE_FULL_LOCK
-        # Pressed in the window's middle on the first call.
+        # The first call presses the button in the middle of the window.
         return Hands(frozenset({MOUSE_BUTTON}), round(pointer * WINDOW_WIDTH) / WINDOW_WIDTH)
 
 
@@ -83,11 +83,13 @@ HANDS: dict[str, Callable[[np.random.Generator], KeyTaps | MouseHand]] = {
 
 
 class HumanControl:
-    """Drives a world as a person does: `human(world) -> (steering, throttle)`, each physics step.
+    """A driver that imitates a person: `human(world) -> (steering, throttle)`.
+
+    It must be called once for each physics step.
 
     Args:
         control: keyboard or mouse.
-        expert: what the person wants to do; it expects steering to come late by the reaction time.
+        expert: driver whose commands the person imitates; its `reaction_s` allows for the delay.
         seed: random seed of the person's inaccuracy.
     """
 
@@ -100,7 +102,7 @@ class HumanControl:
 
     @property
     def recording(self) -> bool:
-        """Whether this moment belongs in a recording: not while the expert goes astray."""
+        """Return whether to record this moment: not while the expert leaves its line on purpose."""
         return self.expert.recording
 
     def __call__(self, world: World) -> tuple[float, float]:

@@ -1,7 +1,8 @@
-"""The socket of the original's autonomous mode: a Socket.IO client of 2016, byte for byte.
+"""The original's Socket.IO client of 2016, byte for byte.
 
-It asks for `EIO=4` and speaks Engine.IO 3: it never sends the CONNECT packet, it pings by itself,
-and it announces itself twice. A driver that serves this one serves the original.
+It requests `EIO=4` but follows Engine.IO 3: it never sends the CONNECT packet, it sends pings
+itself, and it sends telemetry twice at the start. A driver that works with this client works with
+the original one.
 """
 
 import json
@@ -17,46 +18,46 @@ from simulator.errors import SimulatorError
 
 FRAGMENT_BYTES = 1016
 PING_EVERY_S = 25.0
-OPENED = "opened"  # what `events` yields for the Engine.IO OPEN packet
-UNREADABLE = "unreadable"  # and for an event that is no JSON array with a name, with its text
+OPENED = "opened"  # event for the Engine.IO OPEN packet
+UNREADABLE = "unreadable"  # event for a message that is not a JSON array with a name
 
 
 class HandshakeRefusedError(ConnectionError):
-    """Something listens there and answers, but not with a WebSocket; the text is `HTTP 400`."""
+    """An answer that does not open a WebSocket; the text is the status, such as `HTTP 400`."""
 
 
 def websocket_address(url: str) -> str:
-    """Where the original connects to, for a driver's `http://127.0.0.1:4567`.
+    """Return the address that the original connects to for a driver's `http://127.0.0.1:4567`.
 
     Raises:
-        SimulatorError: a URL that is none.
+        SimulatorError: the URL has no host, a wrong port or another scheme.
     """
     parts = urlsplit(url)
     try:
-        whole = parts.hostname and parts.port != 0  # a port that is no number raises
+        complete = parts.hostname and parts.port != 0  # a port that is not a number raises
     except ValueError:
-        whole = False
-    if parts.scheme not in ("http", "https", "ws", "wss") or not whole:
+        complete = False
+    if parts.scheme not in ("http", "https", "ws", "wss") or not complete:
         raise SimulatorError(f"url={url}: must be like http://127.0.0.1:4567")
     scheme = "wss" if parts.scheme in ("https", "wss") else "ws"
     return f"{scheme}://{parts.netloc}/socket.io/?EIO=4&transport=websocket"
 
 
 class LegacySocket:
-    """A WebSocket straight to `/socket.io/`.
+    """A WebSocket connection to a driver's `/socket.io/`, without polling before it.
 
     Args:
-        url: of the driver, `http://127.0.0.1:4567`.
+        url: address of the driver, such as `http://127.0.0.1:4567`.
 
     Raises:
-        SimulatorError: a URL that is none.
-        OSError: nobody listens there, or the handshake is refused or not answered.
+        SimulatorError: the URL is not an address of a driver.
+        OSError: no server listens there, or it refuses or does not answer the handshake.
     """
 
     def __init__(self, url: str) -> None:
         address = websocket_address(url)
         try:
-            # No Origin: the original sends none, and a driver may refuse strangers' pages by it.
+            # No Origin: the original sends none, and a driver may refuse other sites' pages by it.
             self._web = websocket.create_connection(
                 address, timeout=HANDSHAKE_S, class_=BoundedWebSocket, suppress_origin=True
             )
@@ -64,7 +65,7 @@ class LegacySocket:
             raise HandshakeRefusedError(f"HTTP {error.status_code}") from None
         except (websocket.WebSocketException, ssl.SSLError) as error:
             raise ConnectionError(str(error)) from None
-        # The original leaves Nagle's algorithm on, which meets the server's delayed ACK.
+        # The original leaves Nagle's algorithm on, which waits for the server's delayed ACK.
         self._web.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 0)
         self._pinged = time.monotonic()
         try:
@@ -78,9 +79,10 @@ class LegacySocket:
         self._text("42" + json.dumps([name, data], separators=(",", ":")))
 
     def events(self, wait_s: float) -> list[tuple[str, object]]:
-        """What came within `wait_s` seconds, as (name, argument); returns with the first.
+        """Return the events received within `wait_s` seconds, or as soon as one arrives.
 
-        The argument is None where an event has none, and a tuple of them where it has several.
+        Each event is (name, argument). The argument is None for an event without arguments and a
+        tuple for one with several.
 
         Raises:
             ConnectionError: the driver closed the connection.
@@ -90,20 +92,20 @@ class LegacySocket:
             self._pinged = time.monotonic()
         self._web.settimeout(max(wait_s, 0.0005))
         try:
-            kind, data = self._web.recv_data()  # half a frame is kept for the next call
+            kind, data = self._web.recv_data()  # an incomplete frame is kept for the next call
         except (websocket.WebSocketTimeoutException, BlockingIOError):
             return []
         except (websocket.WebSocketException, OSError) as error:
             raise ConnectionError(str(error)) from None
         if kind == websocket.ABNF.OPCODE_CLOSE:
-            raise ConnectionError("the driver closed it")
-        return self._understand(data.decode()) if kind == websocket.ABNF.OPCODE_TEXT else []
+            raise ConnectionError("the driver closed the connection")
+        return self._parse_packet(data.decode()) if kind == websocket.ABNF.OPCODE_TEXT else []
 
     def close(self) -> None:
-        """Drop the connection, as a car that is switched off does."""
+        """Close the connection without a CLOSE packet, as the original does."""
         self._web.shutdown()
 
-    def _understand(self, packet: str) -> list[tuple[str, object]]:
+    def _parse_packet(self, packet: str) -> list[tuple[str, object]]:
         if packet.startswith("0"):
             return [(OPENED, None)]
         if packet == "2":
@@ -116,12 +118,12 @@ class LegacySocket:
             if len(rest) > 1:
                 return [(str(name), tuple(rest))]
             return [(str(name), rest[0] if rest else None)]
-        # PONG, the CONNECT packet's answer, and what it never minds: a DISCONNECT, and the CLOSE of
-        # a session, after which a driver closes the connection too.
+        # The original ignores PONG, the answer to CONNECT, DISCONNECT, and the CLOSE of a session,
+        # after which a driver closes the connection anyway.
         return []
 
     def _text(self, text: str) -> None:
-        """Send in masked fragments of 1016 bytes and a rest."""
+        """Send a text in masked fragments of at most 1016 bytes."""
         data = text.encode()
         pieces = [data[at : at + FRAGMENT_BYTES] for at in range(0, len(data), FRAGMENT_BYTES)]
         self._web.settimeout(30)

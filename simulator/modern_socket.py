@@ -1,4 +1,4 @@
-"""`protocol=modern`: today's own Socket.IO client, for drivers that know no other."""
+"""Socket of `protocol=modern`: python-socketio's client, for drivers that need a recent one."""
 
 import queue
 
@@ -10,11 +10,14 @@ from simulator.legacy_socket import websocket_address
 
 
 class ModernSocket:
-    """As `LegacySocket`; announces itself once.
+    """A connection with the interface of `LegacySocket`, by python-socketio.
+
+    Args:
+        url: address of the driver, such as `http://127.0.0.1:4567`.
 
     Raises:
-        SimulatorError: a URL that is none.
-        OSError: nobody listens there, or the driver refuses or does not answer.
+        SimulatorError: the URL is not an address of a driver.
+        OSError: no server listens there, or it refuses or does not answer.
     """
 
     def __init__(self, url: str) -> None:
@@ -32,18 +35,18 @@ class ModernSocket:
             self._client.connect(url, transports=["websocket"], wait_timeout=HANDSHAKE_S)
         except socketio.exceptions.ConnectionError as error:
             raise (HandshakeSilentError if _silent(error) else ConnectionError)(error) from None
-        except (ValueError, TypeError, LookupError) as error:  # its OPEN packet is rubbish
-            raise ConnectionError(f"its handshake cannot be read: {error}") from None
+        except (ValueError, TypeError, LookupError) as error:  # a malformed OPEN packet
+            raise ConnectionError(f"the driver's handshake cannot be read: {error}") from None
 
     def emit(self, name: str, data: object) -> None:
         """Send an event of the default namespace."""
         try:
-            self._client.emit(name, (data,))  # for a bare None it would send no argument at all
+            self._client.emit(name, (data,))  # a bare None would be sent as no argument
         except socketio.exceptions.SocketIOError as error:
             raise ConnectionError(str(error)) from None
 
     def events(self, wait_s: float) -> list[tuple[str, object]]:
-        """What came within `wait_s` seconds; as of `LegacySocket`."""
+        """Return the events received within `wait_s` seconds; see `LegacySocket.events`."""
         try:
             event = self._queue.get(timeout=max(wait_s, 0.0005))
         except queue.Empty:
@@ -62,8 +65,8 @@ class ModernSocket:
 
 
 def _silent(error: BaseException | None) -> bool:
-    """Whether a failure to connect comes from a step of the handshake that was not answered."""
-    if str(error) == "Unexpected connection error":  # the CONNECT packet's answer did not come
+    """Return whether connecting failed because a step of the handshake was not answered."""
+    if str(error) == "Unexpected connection error":  # no answer to the CONNECT packet
         return True
     silent = (HandshakeSilentError, websocket.WebSocketTimeoutException)
     return error is not None and (isinstance(error, silent) or _silent(error.__context__))

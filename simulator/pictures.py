@@ -1,8 +1,8 @@
-"""Pictures of a world, drawn by Panda3D: in software without a display, or on OpenGL.
+"""A renderer of a track's camera frames with Panda3D: in software without a display, or OpenGL.
 
-The software renderer (`p3tinydisplay`) opens no display but loads libX11 all the same (Debian:
-libx11-6). Its frames are the same on every machine and in every run. Few large pieces are quicker
-than many small ones, and near things are drawn first, since what they hide costs nothing.
+The software renderer (`p3tinydisplay`) opens no display but needs libX11 (Debian: libx11-6). Its
+frames are identical on every machine and in every run. A few large pieces are faster than many
+small ones. Near materials are drawn first, because pixels hidden behind them are skipped.
 """
 
 from dataclasses import dataclass
@@ -45,17 +45,22 @@ POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
 @dataclass(frozen=True)
 class Piece:
-    """A mesh, and the renderer's copy of its points."""
+    """A mesh and the renderer's copy of its points."""
 
     mesh: Mesh
     data: core.GeomVertexData
 
 
 class Pictures:
-    """Draws one track; `name` says on what.
+    """A renderer of one track; `name` is `software` or `opengl`.
+
+    Args:
+        track: track to draw.
+        renderer: auto, software or opengl.
+        quality: full, or simple (fewer plants, no shadows, faster).
 
     Raises:
-        SimulatorError: there is no such renderer on this machine.
+        SimulatorError: the renderer does not open on this machine.
     """
 
     def __init__(self, track: Track, renderer: str = "auto", quality: str = "full") -> None:
@@ -73,7 +78,7 @@ class Pictures:
         self.set_weather(CLEAR, 0)
 
     def set_weather(self, weather: Weather, seed: int) -> None:
-        """Light the world anew; `seed` is of the rain and the sensor's noise."""
+        """Light the world for a weather; `seed` is for rain and sensor noise."""
         if weather.texture_seed != self.seed_drawn:
             for name, pixels in make_textures(weather.texture_seed).items():
                 _fill_texture(self.textures[name], pixels)
@@ -86,9 +91,12 @@ class Pictures:
     def frame(
         self, pose: tuple[float, float, float, float, float], camera: str, tick: int
     ) -> np.ndarray:
-        """What a camera sees from the car's pose: uint8 [160, 320, 3], RGB.
+        """Return a camera's frame: uint8 [160, 320, 3], RGB.
 
-        `pose` is x, y, z in metres, heading and upward pitch in radians; `tick` numbers frames.
+        Args:
+            pose: x, y, z of the car in metres, heading and upward pitch in radians.
+            camera: center, left or right.
+            tick: number of the frame, which seeds its rain and noise.
         """
         self.place_camera(self.camera, pose, camera)
         self.engine.renderFrame()
@@ -99,7 +107,7 @@ class Pictures:
     def place_camera(
         self, node: core.NodePath, pose: tuple[float, float, float, float, float], camera: str
     ) -> None:
-        """Put a Panda3D camera where the car's camera is, and the sky around it."""
+        """Move a Panda3D camera to the car's camera, and the sky around it."""
         x, y, z, heading, pitch = pose
         offset = self.weather.camera
         right_m, up_m, ahead_m = np.array(CAMERA_POSITIONS[camera]) + (
@@ -120,7 +128,7 @@ class Pictures:
         self.sky.setPos(*(float(value) for value in at))
 
     def close(self) -> None:
-        """Give the buffer back."""
+        """Free the buffer."""
         self.engine.removeWindow(self.buffer)
         self.root.removeNode()
 
@@ -165,12 +173,13 @@ class Pictures:
 def open_buffer(
     renderer: str, width: int, height: int
 ) -> tuple[core.GraphicsEngine, core.GraphicsOutput, str]:
-    """An offscreen buffer and the name of what draws it: `software` or `opengl`.
+    """Open an offscreen buffer; return engine, buffer and the renderer's name.
 
-    `auto` is software, whose frames are the same everywhere, and OpenGL where that does not open.
+    `auto` is `software`, whose frames are identical everywhere, or `opengl` where software does not
+    open.
 
     Raises:
-        SimulatorError: no such renderer, or it does not open here.
+        SimulatorError: the renderer is unknown or does not open on this machine.
     """
     if renderer not in RENDERERS or renderer == "none":
         raise SimulatorError(f"renderer={renderer}: must be auto, software or opengl")
@@ -190,7 +199,7 @@ def open_buffer(
         if buffer is not None:
             return engine, buffer, name
     raise SimulatorError(
-        f"renderer={renderer}: none opens here; the software renderer needs libX11 "
+        f"renderer={renderer}: does not open on this machine; the software renderer needs libX11 "
         "(Debian and Ubuntu: apt install libx11-6), OpenGL needs a driver with EGL"
     )
 
@@ -199,12 +208,12 @@ def _make_pipe(name: str) -> core.GraphicsPipe | None:
     known = core.GraphicsPipeSelection.getGlobalPtr()
     if name == "opengl":
         return known.makeModulePipe("p3headlessgl")
-    # By its type: the module's usual one connects to the display where there is one.
+    # By its type, because the module's default pipe connects to a display if there is one.
     return known.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
 
 
 def open_pictures(track: Track, renderer: str = "auto", quality: str = "full") -> Pictures:
-    """Pictures of a track; raises SimulatorError for a renderer or a quality that is none."""
+    """Open the renderer of a track; raise SimulatorError for a wrong renderer or quality."""
     if quality not in QUALITIES:
         raise SimulatorError(f"quality={quality}: must be {' or '.join(QUALITIES)}")
     return Pictures(track, renderer, quality)
@@ -221,11 +230,11 @@ def _lens() -> core.PerspectiveLens:
 
 
 def _car_axes(heading: float, pitch: float) -> np.ndarray:
-    """float64 [3, 3] whose columns are the car's right, up and ahead in the world."""
+    """Return float64 [3, 3] with the car's right, up and ahead in the world as columns."""
     cos, sin = float(np.cos(heading)), float(np.sin(heading))
     flat, up = float(np.cos(pitch)), float(np.sin(pitch))
     east, north = flat * cos, flat * sin
-    # Right x ahead, written out: np.cross takes ten times as long for one pair.
+    # Right x ahead by hand, because np.cross is ten times slower for one pair.
     above = (-cos * up, -sin * up, sin * north + cos * east)
     return np.array([(sin, -cos, 0.0), above, (east, north, up)]).T
 
@@ -249,12 +258,12 @@ def _fill_texture(texture: core.Texture, pixels: np.ndarray) -> None:
     height, width, channels = pixels.shape
     kind = core.Texture.FRgba if channels == 4 else core.Texture.FRgb
     texture.setup2dTexture(width, height, core.Texture.TUnsignedByte, kind)
-    order = [2, 1, 0, 3][:channels]  # Panda3D keeps blue first, and the lowest row first
+    order = [2, 1, 0, 3][:channels]  # Panda3D stores blue first and the lowest row first
     for number, level in enumerate(halvings(texture.getName(), pixels)):
         stored = np.ascontiguousarray(level[::-1, :, order]).tobytes()
         texture.setRamMipmapImage(number, core.CPTA_uchar(stored))
     texture.setMagfilter(core.SamplerState.FTLinear)
-    sharp = texture.getName() == "plants"  # blurred borders would swim at a distance
+    sharp = texture.getName() == "plants"  # blurred borders flicker at a distance
     texture.setMinfilter(
         core.SamplerState.FTNearest if sharp else core.SamplerState.FTLinearMipmapLinear
     )

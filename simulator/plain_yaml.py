@@ -1,4 +1,4 @@
-"""YAML of anybody's making as plain containers, within limits on size and depth."""
+"""A reader of untrusted YAML: plain containers, limited in size and depth."""
 
 import os
 import re
@@ -11,7 +11,7 @@ from simulator.errors import SimulatorError
 
 MOST_BYTES = 1_000_000
 MOST_LEVELS = 64
-MOST_DIGITS = 4300  # of a number; Python's own limit on decimal ones
+MOST_DIGITS = 4300  # of one number: Python's own limit for decimal numbers
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _STARTS = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
@@ -19,19 +19,21 @@ _ENDS = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 
 
 def read_yaml(path: Path) -> object:
-    """Return what a YAML file holds.
+    """Return the content of a YAML file.
 
     Raises:
-        SimulatorError: it is no regular file, too large, or see `parse_yaml`.
+        SimulatorError: the file cannot be read, is too large, or is not plain YAML.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with os.fdopen(descriptor, "rb") as file:
             found = os.fstat(descriptor)
             if not stat.S_ISREG(found.st_mode):
-                raise SimulatorError(f"{path}: is no regular file; name a track's .yaml file")
+                raise SimulatorError(f"{path}: not a regular file; give a track's .yaml file")
             if found.st_size > MOST_BYTES:
-                raise SimulatorError(f"{path}: has more than {MOST_BYTES:,} bytes; is it a track?")
+                raise SimulatorError(
+                    f"{path}: larger than {MOST_BYTES:,} bytes; give a track's .yaml file"
+                )
             return parse_yaml(file.read(found.st_size).decode("utf-8-sig"))
     except OSError as error:
         raise SimulatorError(f"{path}: {error.strerror or error}") from None
@@ -40,17 +42,18 @@ def read_yaml(path: Path) -> object:
 
 
 def parse_yaml(text: str) -> object:
-    """Return what a YAML text holds; raises as `check_yaml`."""
+    """Return the content of a YAML text; raise the errors of `check_yaml`."""
     check_yaml(text)
     return yaml.load(text, _LOADER)
 
 
 def check_yaml(text: str) -> None:
-    """Check a YAML text without building what it stands for.
+    """Check a YAML text before any container is built from it.
 
     Raises:
-        ValueError, yaml.YAMLError: it is no YAML, has an alias, of which few stand for millions of
-            values, or is nested too deep.
+        yaml.YAMLError: the text is not YAML.
+        ValueError: the text has an alias (a few aliases can expand to millions of values), nests
+            too deeply, or has a number with too many digits.
     """
     depth = 0
     for event in yaml.parse(text, _LOADER):

@@ -1,4 +1,4 @@
-"""`python -m simulator record track=lake laps=2 out=FOLDER`: laps that the simulator drives."""
+"""The command `python -m simulator record track=lake laps=2 out=FOLDER`."""
 
 import difflib
 import time
@@ -19,32 +19,32 @@ from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 
-STUCK_S = 10.0  # in which a driver makes some way
+STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
 CONTROLS = ("expert", *REACTION_S)
 DIRECTIONS = {"forward": (1,), "1": (1,), "backward": (-1,), "-1": (-1,), "both": (1, -1)}
 
 
 @dataclass(frozen=True)
 class RecordOptions:
-    """Record laps that a driver without a camera drives, as the original records a person's.
+    """Record laps of a simulated driver in the original simulator's format.
 
     Args:
-        out: the folder to write; it must not hold a recording yet.
-        track: its name, or the path of a track's YAML file.
-        laps: how many; 0.5 is half of one.
-        control: expert, which steers exactly, or a student's keyboard (taps of keys) or mouse.
-        speed: miles per hour on the straight, 8..30; the expert slows down for sharp bends.
-        noise: 0..1, how far it sways off now and then; its way back is recorded.
-        direction: forward, backward, or both, one after the other.
+        out: folder to write; it must not contain a recording.
+        track: name of a track, or path of its YAML file.
+        laps: number of laps; 0.5 is half a lap.
+        control: expert (steers exactly), or a simulated student's keyboard (key taps) or mouse.
+        speed: speed on straights in mph, 8..30; the driver slows down for sharp bends.
+        noise: how far the driver sways off its line, 0..1; only the way back is recorded.
+        direction: forward, backward, or both (one after the other).
         frame_rate: rows per second of simulated time, up to 50.
-        seed: of the swaying, the hand's inaccuracy and the weather.
-        start: metres along the lap.
-        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
+        seed: random seed of swaying, hand inaccuracy and weather.
+        start: start position in metres along the lap.
+        weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         renderer: auto, software or opengl.
-        quality: full, or simple pictures, which are quicker.
-        header: begin the log with the columns' names, as the course's sample data does.
-        relative: write paths beginning with IMG/, not this machine's.
-        delay_s: seconds from a command to the wheels.
+        quality: full, or simple (fewer plants, no shadows, faster).
+        header: whether the log begins with column names, as the course's sample data does.
+        relative: whether the log has paths relative to its folder (IMG/...).
+        delay_s: seconds from a command to the wheels, 0..2.
     """
 
     out: str
@@ -73,10 +73,15 @@ def record(
     progress: Callable[[float], None] | None = None,
     row_s: float = 0.0,
 ) -> Driven:
-    """Let a driver drive laps from where the world is; `progress` gets the metres driven.
+    """Drive and record laps from the car's present position.
 
     Args:
-        row_s: simulated seconds from one row to the next; a row each of the world's frames if less.
+        world: world with a renderer.
+        driver: driver that gives a command for each frame of the world.
+        recorder: recorder of the rows.
+        laps: number of laps, fractions included.
+        progress: function called with the metres driven after each frame.
+        row_s: simulated seconds between rows; every frame is a row where this is less.
 
     Raises:
         SimulatorError: the driver left the road or got stuck, or the disk is full.
@@ -87,7 +92,7 @@ def record(
     recorder.begin_pass()
     while driven.metres < laps * world.track.length:
         steering, throttle = driver(world)
-        # Rounded as the world rounds its frames, so that each frame of such a rate is a row.
+        # Rounded as in World.step, so that at equal rates each frame is a row.
         is_row = world.steps - begin_steps >= round(driven.frames * row_s / PHYSICS_STEP_S)
         if is_row and driver.recording:
             frames = {camera: world.frame(camera) for camera in CAMERAS}
@@ -115,20 +120,20 @@ def record(
 def record_laps(
     passes: RecordOptions | Sequence[RecordOptions], console: Console | None = None
 ) -> Path:
-    """Record one pass or several into the first one's folder, and return that folder.
+    """Record one or more passes into the first one's folder, and return that folder.
 
     >>> clean = RecordOptions(out="laps", laps=1)
     >>> folder = record_laps([clean, replace(clean, noise=0.6, seed=1)])  # doctest: +SKIP
 
     Raises:
-        SimulatorError: an option cannot be, the folder cannot be written, or the expert failed.
+        SimulatorError: an option is wrong, the folder cannot be written, or the driver failed.
     """
     console = console or Console()
     given = [passes] if isinstance(passes, RecordOptions) else list(passes)
     runs = [(one, way) for one in given for way in _directions(one)]
     began = time.perf_counter()
     first = given[0]
-    # Opened before the folder is made: an option that cannot be leaves nothing behind.
+    # Opened before the folder is created, so that a wrong option leaves no folder.
     world, driver = _open(*runs[0])
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[metres]}"))
     with (
@@ -161,7 +166,7 @@ def record_laps(
 
 
 def main(arguments: Sequence[str]) -> None:
-    """The command: `key=value` arguments, see `RecordOptions`."""
+    """Run the command with `key=value` arguments; see `RecordOptions`."""
     options = read_options(RecordOptions, arguments)
     folder = record_laps(options)
     for line in (str(folder / LOG_NAME), f"train on it: {train_command(options.out)}"):
@@ -178,14 +183,14 @@ def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | Human
     if options.control not in CONTROLS:
         near = difflib.get_close_matches(options.control, CONTROLS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"must be {', '.join(CONTROLS)}"
-        raise SimulatorError(f"control={options.control}: there is no such control; {hint}")
+        raise SimulatorError(f"control={options.control}: unknown control; {hint}")
     if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
         raise SimulatorError(f"frame_rate={options.frame_rate:g}: must be above 0, up to 50")
     if not 0 < options.laps <= 1000:
         raise SimulatorError(f"laps={options.laps:g}: must be above 0, up to 1000")
-    read_weather(options.weather)  # says now what is wrong with it
+    read_weather(options.weather)  # raises for wrong weather before anything is opened
     if options.renderer == "none":
-        raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
+        raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
     is_person = options.control in REACTION_S
     settings = ExpertSettings(
         speed_mph=options.speed,
@@ -209,6 +214,6 @@ def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | Human
 def _failure(world: World, recorder: Recorder) -> str:
     what = f"left the road, {world.cte:+.1f} m" if world.off_road else "got stuck"
     return (
-        f"the driver {what} at {world.place.distance:.0f} m of {world.track.name}; the "
-        f"{recorder.rows} rows before are in {recorder.folder}; try another seed=, or less speed="
+        f"the driver {what} at {world.place.distance:.0f} m of {world.track.name}; the first "
+        f"{recorder.rows} rows are kept in {recorder.folder}; try another seed= or a lower speed="
     )

@@ -1,4 +1,4 @@
-"""What a recording has come to, for a person."""
+"""The report printed at the end of a recording."""
 
 import shlex
 from dataclasses import dataclass, field
@@ -17,8 +17,17 @@ BINS = 41
 
 @dataclass
 class Driven:
-    """What was driven: `cte` (metres) and `steering` of the rows recorded, the track's length in
-    metres, seconds of simulated time in all and of every whole lap."""
+    """Figures of one pass.
+
+    Attributes:
+        length: length of the track in metres.
+        metres: metres driven along the lap.
+        seconds: simulated seconds driven.
+        frames: frames driven, recorded or not.
+        lap_s: simulated seconds of each whole lap.
+        cte: cross-track error of each recorded row in metres.
+        steering: steering of each recorded row, -1..1.
+    """
 
     length: float
     metres: float = 0.0
@@ -36,7 +45,7 @@ def print_report(
     wall_s: float,
     renderer: str,
 ) -> None:
-    """One table: rows, laps, times, how far from the centreline, and how much it steered."""
+    """Print a table of rows, laps, times, cross-track error and steering."""
     cte = np.abs(np.concatenate([one.cte for one in all_driven]))
     steering = np.concatenate([one.steering for one in all_driven])
     seconds = sum(one.seconds for one in all_driven)
@@ -56,13 +65,15 @@ def print_report(
 
 
 def train_command(folder: str | Path) -> str:
-    """Return the command that trains on a recording for the first time, as a shell takes it."""
+    """Return the shell command of a first training on a recording."""
     return shlex.join([*FIRST_TRY, f"data.root={folder}"])
 
 
 def histogram(steering: np.ndarray) -> str:
-    """Bars of how often which steering, -1..1 in `BINS` bins, was recorded; their height is
-    logarithmic, since nearly all driving is nearly straight."""
+    """Return a text histogram of steering, -1..1 in `BINS` bins.
+
+    Heights are logarithmic, because most recorded steering is close to 0.
+    """
     counts, _ = np.histogram(np.clip(steering, -1, 1), BINS, (-1, 1))
     heights = np.log1p(counts) / np.log1p(max(counts.max(), 1))
     return "".join(BARS[int(np.ceil(height * (len(BARS) - 1)))] for height in heights)

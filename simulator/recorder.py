@@ -1,4 +1,4 @@
-"""Writes what was driven as the original simulator does: `driving_log.csv` and `IMG/`."""
+"""A recorder in the original simulator's format: `driving_log.csv` and `IMG/`."""
 
 import csv
 import datetime
@@ -15,27 +15,27 @@ from simulator.rig import CAMERAS
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
 COLUMNS = (*CAMERAS, "steering", "throttle", "brake", "speed")
-# What the original's images hold: its quantisation tables are those of quality 75.
+# The quantisation tables of the original's images are those of quality 75.
 JPEG_QUALITY = 75
-# File names carry a time. A recording made twice is the same, so its clock does not tell today's.
+# File names contain a time; a fixed one makes the same drive give the same recording.
 FIRST_MOMENT = datetime.datetime(2020, 1, 1, 12, 0, 0)
-PAUSE_S = 10.0  # between two passes; readers take more than a second for a gap
+PAUSE_S = 10.0  # between two passes; readers treat more than a second as a gap
 
 
 class Recorder:
-    """A recording being written; use it in a `with`.
+    """A recording that is being written; a context manager.
 
-    A row is written at once, in whole, and after its images: whatever ends the process, the log
-    can be read up to there. A recording that got no row leaves no log.
+    Each row is written at once, as a whole, and after its images. Therefore the log stays readable
+    when the process is killed. A recording without rows leaves no log.
 
     Args:
-        folder: made if need be; it must not hold a recording yet.
-        header: begin the log with the columns' names, as the course's sample data does.
-        relative: write `IMG/center_….jpg` and a blank before the next paths, as it does too;
-            otherwise this machine's absolute paths, as the original does.
+        folder: folder to create or fill; it must not contain a recording.
+        header: whether the log begins with column names, as the course's sample data does.
+        relative: whether paths are `IMG/center_….jpg`, with a blank before the second and third,
+            as in the sample data; otherwise they are absolute, as the original's.
 
     Raises:
-        SimulatorError: the folder holds a recording, is a file, cannot be written to, or is full.
+        SimulatorError: the folder contains a recording, is a file, or cannot be written.
     """
 
     def __init__(self, folder: Path | str, header: bool = False, relative: bool = False) -> None:
@@ -69,7 +69,7 @@ class Recorder:
                 self.images.rmdir()
 
     def begin_pass(self) -> None:
-        """Let `time` begin at 0 once more, some seconds after the last row."""
+        """Restart `time` at 0 for the next rows, `PAUSE_S` after the last row."""
         if self.rows:
             self._pass_begin_s = self._last_s + PAUSE_S
 
@@ -82,17 +82,22 @@ class Recorder:
         speed_mph: float,
         time: float,
     ) -> None:
-        """Write a row: uint8 [160, 320, 3] RGB by camera, steering -1..1, throttle and brake 0..1,
-        and the pass's simulated time in seconds, later than the last row's.
+        """Write a row.
+
+        Args:
+            frames: frame of each camera, uint8 [160, 320, 3], RGB.
+            steering: -1..1, right positive.
+            throttle: 0..1.
+            brake: 0..1.
+            speed_mph: speed in mph.
+            time: simulated seconds since the pass began, later than the last row's.
 
         Raises:
-            SimulatorError: the disk is full, or the folder has gone.
+            SimulatorError: the disk is full, or the folder was deleted.
         """
         seconds = round(self._pass_begin_s + time, 3)
         if seconds <= self._last_s:
-            raise ValueError(
-                f"time={time}: the row before is no earlier; begin_pass() was not called"
-            )
+            raise ValueError(f"time={time}: not after the last row; call begin_pass() first")
         moment = FIRST_MOMENT + datetime.timedelta(seconds=seconds)
         stamp = moment.strftime("%Y_%m_%d_%H_%M_%S_") + f"{moment.microsecond // 1000:03d}"
         paths = [self.images / f"{camera}_{stamp}.jpg" for camera in CAMERAS]
@@ -104,8 +109,8 @@ class Recorder:
             for path in paths:
                 path.unlink(missing_ok=True)
             raise SimulatorError(
-                f"{self.folder}: {error.strerror} after {self.rows} rows, which can be used; "
-                "make room there, or name another folder with out="
+                f"{self.folder}: {error.strerror} after {self.rows} rows, which are kept; "
+                "free some space, or give another folder with out="
             ) from None
         self.rows, self._last_s = self.rows + 1, seconds
 
@@ -115,16 +120,16 @@ class Recorder:
             names = [f"{IMAGE_FOLDER}/{path.name}" for path in paths]
             fields = [names[0], *(f" {name}" for name in names[1:])]
         line = io.StringIO()
-        # A folder with a comma in its name needs quotes, which the original forgets.
+        # A comma in the folder's name needs quotes, which the original omits.
         csv.writer(line, lineterminator="\n").writerow([*fields, *map(number_text, numbers)])
         return line.getvalue()
 
     def _append(self, line: str) -> None:
-        """Write a line whole or not at all."""
+        """Write a whole line, or nothing if that fails."""
         size, text = os.fstat(self._file.fileno()).st_size, line.encode()
         try:
             written = 0
-            while written < len(text):  # a disk that is nearly full takes the beginning first
+            while written < len(text):  # a nearly full disk may write only the beginning
                 written += self._file.write(text[written:])
         except OSError:
             self._file.truncate(size)
@@ -132,16 +137,16 @@ class Recorder:
 
 
 def check_free(folder: Path | str) -> None:
-    """Raise SimulatorError where a folder holds a recording; nothing is made there."""
+    """Raise SimulatorError if a folder contains a recording; create nothing."""
     folder = Path(folder).expanduser().absolute()
     if (folder / LOG_NAME).exists():
         raise SimulatorError(
-            f"{folder} holds a {LOG_NAME} already: name another folder with out=, or remove it"
+            f"{folder}: has a {LOG_NAME} already; give another folder with out=, or delete it"
         )
 
 
 def number_text(value: float) -> str:
-    """A number as C# writes a float: seven digits, and no zeros after the last.
+    """Format a number as C# writes a float: seven digits, no trailing zeros.
 
     >>> number_text(0.64978641), number_text(1.0), number_text(-0.00001234)
     ('0.6497864', '1', '-1.234E-05')
@@ -150,7 +155,7 @@ def number_text(value: float) -> str:
 
 
 def split_pedals(throttle: float) -> tuple[float, float]:
-    """Throttle and brake, 0..1 each, of a command -1..1."""
+    """Split a throttle command, -1..1, into throttle and brake, 0..1 each."""
     return max(throttle, 0.0), max(-throttle, 0.0)
 
 

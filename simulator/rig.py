@@ -1,4 +1,4 @@
-"""The original car's cameras and measures, in metres and degrees, measured in its simulator."""
+"""Cameras and measures of the original car, in metres and degrees, from its simulator."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,7 +11,7 @@ NEAR_M = 0.3
 FOCAL_PX = FRAME_HEIGHT / 2 / np.tan(np.radians(VERTICAL_FOV_DEG / 2))
 
 CAMERAS = ("center", "left", "right")
-# x to the right, y up, z ahead, from the car's origin on the ground.
+# x right, y up and z ahead of the car's origin on the ground.
 CAMERA_POSITIONS = {
     "center": (0.0, 1.2, 1.0),
     "left": (-0.806, 1.2, 0.984),
@@ -31,7 +31,7 @@ PHYSICS_STEP_S = 0.02
 
 @dataclass(frozen=True)
 class CameraOffset:
-    """How far the cameras were knocked out of place: metres to the right and up, degrees."""
+    """A displacement of the cameras, in metres and degrees."""
 
     right_m: float = 0.0
     up_m: float = 0.0
@@ -42,9 +42,10 @@ class CameraOffset:
 
 @lru_cache
 def camera_matrix(pitch_down_deg: float, yaw_right_deg: float, roll_deg: float) -> np.ndarray:
-    """Rotation float64 [3, 3] from a camera's axes (right, up, ahead) to the car's.
+    """Return the rotation, float64 [3, 3], from a camera's axes (right, up, ahead) to the car's.
 
-    Unity's order: roll about the lens, then pitch, then yaw; a positive roll lifts the right side.
+    The order is Unity's: roll about the lens, then pitch, then yaw. A positive roll lifts the right
+    side.
     """
     pitch, yaw, roll = np.radians([pitch_down_deg, yaw_right_deg, roll_deg])
     about_up = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
@@ -55,5 +56,5 @@ def camera_matrix(pitch_down_deg: float, yaw_right_deg: float, roll_deg: float) 
         [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
     )
     matrix = about_up @ about_right @ about_ahead
-    matrix.flags.writeable = False  # it is asked for once a frame, and kept
+    matrix.flags.writeable = False  # the cache returns the same array for each frame
     return matrix

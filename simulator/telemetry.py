@@ -1,4 +1,4 @@
-"""The original's messages: telemetry out, `steer` and `manual` in, with the quirks of its C#."""
+"""The original's messages, with the number formats of its C# code: telemetry and `steer`."""
 
 import base64
 import re
@@ -8,9 +8,9 @@ import numpy as np
 
 from simulator.rig import MAX_STEERING_DEG
 
-LARGEST_FLOAT = 3.4028235e38  # of 32 bits; Mono throws for what is larger
-FASTEST_MPH = 100.0  # at which a reply sets the car down on the road
-JPEG_QUALITY = 75  # what the original's pictures have
+LARGEST_FLOAT = 3.4028235e38  # largest float of 32 bits; Mono's float.Parse throws beyond it
+FASTEST_MPH = 100.0  # highest speed at which a reply may put the car back
+JPEG_QUALITY = 75  # quality of the original's images
 
 
 def make_telemetry(
@@ -21,9 +21,18 @@ def make_telemetry(
     decimal_comma: bool,
     truth: dict[str, float] | None = None,
 ) -> dict[str, str]:
-    """The original's telemetry: strings with four decimals, the steering in degrees (-25..25), the
-    speed in mph, and the frame (uint8 [160, 320, 3] RGB) as a base64 JPEG. `truth` adds numbers
-    that the original does not tell."""
+    """Return a telemetry message as the original sends it.
+
+    Numbers are strings with four decimals, the image is a base64 JPEG.
+
+    Args:
+        frame: uint8 [160, 320, 3], RGB.
+        steering: steering command, -1..1; the message has degrees, -25..25.
+        throttle: throttle command, -1..1.
+        speed_mph: speed in mph.
+        decimal_comma: whether numbers have a decimal comma.
+        truth: numbers to add that the original does not send.
+    """
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
     numbers = {
@@ -39,10 +48,10 @@ def make_telemetry(
 
 
 def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:
-    """Steering and throttle, each clamped to -1..1, of a `steer` event's argument.
+    """Return steering and throttle of a `steer` event's argument, each clamped to -1..1.
 
     Raises:
-        ValueError: the original would swallow it; the message says why.
+        ValueError: the original discards such an argument; the message has the reason.
     """
     if not isinstance(data, dict):
         raise ValueError(f"its argument is {type(data).__name__}, expected one object")
@@ -59,9 +68,9 @@ def read_steer(data: object, decimal_comma: bool) -> tuple[float, float]:
 
 
 def read_put_back(data: dict, decimal_comma: bool) -> float | None:
-    """Speed in mph at which a `steer` event puts the car back on the road; None where it does not.
+    """Return the speed in mph at which a `steer` event puts the car back on the road.
 
-    The original ignores the key.
+    The result is None for an event that does not put it back. The original ignores the key.
     """
     text = data.get("put_back")
     speed_mph = parse_float(text, decimal_comma) if isinstance(text, str) else None
@@ -69,8 +78,9 @@ def read_put_back(data: dict, decimal_comma: bool) -> float | None:
 
 
 def parse_float(text: str, decimal_comma: bool) -> float | None:
-    """C#'s `float.Parse` in a locale; None where it throws. Separators of thousands count for
-    nothing, wherever they stand.
+    """Parse a number as C#'s `float.Parse` does; return None where it throws.
+
+    Thousands separators are ignored, also in wrong places.
 
     >>> parse_float("0.05", False), parse_float("0,05", True), parse_float("0.1000", True)
     (0.05, 0.05, 1000.0)

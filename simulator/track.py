@@ -1,4 +1,4 @@
-"""A track: a closed loop's centreline, and where on it a car is."""
+"""A track: the centreline of a closed loop, and the place of a car on it."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-STEP_M = 0.5  # between the samples of the centreline
-REACH_M = 20.0  # along the road, both ways, that a search near a place goes
+STEP_M = 0.5  # distance between samples of the centreline
+REACH_M = 20.0  # a search near a place covers this distance along the road, both ways
 
 
 @dataclass(frozen=True)
 class Verge:
-    """What lies beside the road on one side.
+    """The kinds of ground beside the road, left and right.
 
-    `paved`: a shoulder, then grass. `kerb`: a shoulder and a pale kerb. `stripes`: a red-white
-    kerb. `dirt`: sand up to the asphalt, and no line. `wall`: a low wall. `rock`: a rock face.
-    `drop`: the ground falls away.
+    `paved`: shoulder, then grass. `kerb`: shoulder and pale kerb. `stripes`: red and white kerb.
+    `dirt`: sand up to the asphalt, without an edge line. `wall`: low wall. `rock`: rock face.
+    `drop`: steep descent.
     """
 
     left: str = "paved"
@@ -27,7 +27,7 @@ class Verge:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of the lap, in metres from the start, that differs from the rest."""
+    """A part of the lap, in metres from the start, with another paving or verge."""
 
     start: float
     end: float
@@ -37,15 +37,15 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What stands around the road; counts are for the whole world, lengths in metres."""
+    """The landscape around the road; counts are for the whole world, lengths in metres."""
 
     seed: int = 1
-    hills: float = 14.0  # height of the highest, above the road
+    hills: float = 14.0  # height of the highest hill above the road
     hill_size: float = 90.0
-    calm: float = 14.0  # ground beside the road that stays level, from the centreline
+    calm: float = 14.0  # distance from the centreline within which the ground is level
     lakes: tuple[tuple[float, float, float], ...] = ()  # x, y, radius
     water_level: float = -3.0
-    clear: float = 10.5  # no tree stands nearer to the centreline
+    clear: float = 10.5  # smallest distance of a tree from the centreline
     trees: int = 200
     bushes: int = 60
     rocks: int = 30
@@ -55,11 +55,15 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a point lies beside the centreline.
+    """A point's position relative to the centreline.
 
-    `distance`: metres from the start along the lap, in [0, length). `cte`: the cross-track
-    error in metres, right of the centreline positive. `heading`, `curvature` (1/m, left
-    positive), `grade` (rise per metre) and `z` are the road's there.
+    Attributes:
+        distance: metres from the start along the lap, in [0, length).
+        cte: cross-track error in metres, right of the centreline positive.
+        heading: heading of the road there, in radians.
+        curvature: curvature of the road there, in 1/m, left positive.
+        grade: rise of the road there, per metre.
+        z: height of the road there, in metres.
     """
 
     distance: float
@@ -71,8 +75,11 @@ class Place:
 
 
 class Sample(NamedTuple):
-    """One sample of the centreline, in plain floats: the car asks for its place 50 times a second,
-    and numpy takes several times as long for single numbers."""
+    """One sample of the centreline, in plain floats.
+
+    The car locates itself 50 times per second, and numpy is several times slower for single
+    numbers.
+    """
 
     distance: float
     heading: float
@@ -85,8 +92,10 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True)
 class Track:
-    """A closed loop, sampled every `STEP_M`; x east, y north, z up, metres; heading in radians
-    counter-clockwise from east."""
+    """A closed loop, sampled every `STEP_M`.
+
+    x is east, y north and z up, in metres. Headings are in radians, counter-clockwise from east.
+    """
 
     name: str
     length: float
@@ -103,35 +112,35 @@ class Track:
     grade: np.ndarray
 
     def at(self, distance: float | np.ndarray) -> np.ndarray:
-        """x, y and z float64 [..., 3] of the centreline at a distance, which may exceed a lap."""
+        """Return the centreline's x, y, z, float64 [..., 3], at distances, also beyond a lap."""
         return self._periodic(self.xyz, distance)
 
     def heading_at(self, distance: float | np.ndarray) -> np.ndarray:
-        """The road's heading in radians, unwrapped over laps."""
+        """Return the road's heading in radians, unwrapped over laps."""
         laps, rest = np.divmod(distance, self.length)
         wrapped = np.append(self.heading, self.heading[0] + self._turned)
         return np.interp(rest, np.append(self.distance, self.length), wrapped) + laps * self._turned
 
     def curvature_at(self, distance: float | np.ndarray) -> np.ndarray:
-        """Curvature in 1/m, left bends positive."""
+        """Return the curvature in 1/m, left bends positive."""
         return self._periodic(self.curvature, distance)
 
     def grade_at(self, distance: float | np.ndarray) -> np.ndarray:
-        """Rise per metre, climbing positive."""
+        """Return the rise per metre, climbing positive."""
         return self._periodic(self.grade, distance)
 
     def stretch_at(self, distance: float) -> Stretch | None:
-        """The stretch that covers a distance, or None where the road is as usual."""
+        """Return the stretch that covers a distance, or None outside of stretches."""
         rest = distance % self.length
         return next((one for one in self.stretches if one.start <= rest < one.end), None)
 
     def verge_at(self, distance: float) -> Verge:
-        """What lies left and right of the road there."""
+        """Return the verges at a distance."""
         stretch = self.stretch_at(distance)
         return stretch.verge if stretch else self.verge
 
     def locate(self, x: float, y: float, near: float | None = None) -> Place:
-        """The place of a point; `near`, its distance a moment ago, searches 20 m around it."""
+        """Return the place of a point; with `near`, search only 20 m around that distance."""
         x, y = float(x), float(y)
         if near is None:
             nearest = int(((self.xyz[:, :2] - (x, y)) ** 2).sum(1).argmin())
@@ -141,7 +150,7 @@ class Track:
         sin, cos = math.sin(sample.heading), math.cos(sample.heading)
         ahead = (x - sample.x) * cos + (y - sample.y) * sin
         distance = (sample.distance + min(max(ahead, -STEP_M), STEP_M)) % self.length
-        if distance == self.length:  # a hair before the start line, rounded
+        if distance == self.length:  # rounding error just before the start line
             distance = 0.0
         count = len(self.distance)
         position = distance / self.length * count
@@ -153,13 +162,15 @@ class Track:
         return Place(distance, cte, here.heading, here.curvature, here.grade, here.z)
 
     def _nearest_sample(self, x: float, y: float, middle: int) -> int:
-        """The index of the sample nearest to a point, of those within 20 m along the road.
+        """Return the index of the sample nearest to a point, within 20 m along the road.
 
-        A sample that is d further away than the nearest so far has no nearer one within d of it:
-        most samples need no look.
+        If a sample is d further away than the nearest one so far, no sample within d of it along
+        the road can be nearer. Therefore most samples are skipped.
         """
         samples, count = self._samples, len(self.distance)
-        step = 1.01 * self.length / count  # a hair too long passes over none that counts
+        step = (
+            1.01 * self.length / count
+        )  # 1 % longer than real, so that rounding skips no candidate
         nearest, least = middle % count, math.inf
         for way, offset in ((1, 0), (-1, 1)):
             while offset <= REACH_M / STEP_M:
@@ -173,7 +184,7 @@ class Track:
 
     @cached_property
     def _samples(self) -> list[Sample]:
-        """All samples, and the first once more, a lap later."""
+        """Return all samples, and the first one again, a lap later."""
         columns = (self.distance, self.heading, self.curvature, self.grade, *self.xyz.T)
         samples = [Sample(*row) for row in np.stack(columns, -1).tolist()]
         heading = samples[0].heading + self._turned
@@ -181,11 +192,11 @@ class Track:
 
     @cached_property
     def _turned(self) -> float:
-        """What the heading gains in a lap, in radians: a full turn left or right."""
+        """Return the heading's change over a lap in radians: a full turn left or right."""
         return 2 * np.pi * round((self.heading[-1] - self.heading[0]) / (2 * np.pi))
 
     def _periodic(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
-        # Quicker than np.interp with a period, which sorts all samples at each call.
+        # Faster than np.interp with a period, which sorts all samples at each call.
         count = len(values)
         position = np.asarray(distance) % self.length * (count / self.length)
         index = position.astype(int)
@@ -196,9 +207,9 @@ class Track:
 
 
 def make_centreline(points: np.ndarray) -> dict[str, np.ndarray | float]:
-    """The closed smooth curve through control points float64 [N, 3], as `Track`'s arrays."""
+    """Return `Track`'s arrays of a smooth closed curve through control points, float64 [N, 3]."""
     closed = np.vstack([points, points[:1]])
-    # Centripetal parameters: no loops or cusps between points at uneven distances.
+    # Centripetal parameters avoid loops and cusps between points at uneven distances.
     steps = np.sqrt(np.linalg.norm(np.diff(closed[:, :2], axis=0), axis=1))
     parameter = np.concatenate([[0], np.cumsum(steps)])
     curve = CubicSpline(parameter, closed, bc_type="periodic")

@@ -1,4 +1,4 @@
-"""A track's YAML: `conf/track/<name>.yaml`, or a file of one's own."""
+"""A reader of tracks: `conf/track/<name>.yaml`, or a user's own YAML file."""
 
 import difflib
 from pathlib import Path
@@ -15,22 +15,22 @@ from simulator.track_names import track_folder, track_names
 PAVINGS = ("asphalt", "cobbles")
 VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
 KEYS = ("width", "shoulder", "centre_line", "verge", "points", "stretches", "surroundings")
-# The car's tightest circle, and room to correct on it.
+# The radius of the car's tightest circle, and a quarter more for corrections.
 TIGHTEST_RADIUS_M = 1.25 * WHEELBASE_M / np.tan(np.radians(MAX_STEERING_DEG))
-LEAST = {"water_level": -1e4, "hill_size": 1.0}  # of the surroundings' numbers; 0 of the others
-MOST_PATH = 4096  # characters of a track's path
+LEAST = {"water_level": -1e4, "hill_size": 1.0}  # smallest values; 0 for other surroundings
+MOST_PATH = 4096  # characters of the path of a track's file
 # Limits that keep the centreline and the ground within memory.
 MOST_POINTS, MOST_LENGTH_M, MOST_SIDE_M = 10_000, 100_000, 10_000
 MOST_LAKES, MOST_RADIUS_M = 100, 2_000
-VERGE_M = 4.0  # beside the road that no other part of the track may use
+VERGE_M = 4.0  # smallest distance between the edges of two parts of the road
 
 
 def read_track(name: str) -> Track:
-    """A track by name, or by the path of its YAML file.
+    """Read a track by its name or by the path of its YAML file.
 
     Raises:
-        SimulatorError: no such track or file, a key that is no key, a value that cannot be, a
-            bend too tight for the car, or a road that crosses itself.
+        SimulatorError: there is no such track or file, a key or value is wrong, a bend is too
+            tight for the car, or the road crosses itself.
     """
     path = track_folder() / f"{name}.yaml"
     if name.endswith((".yaml", ".yml")):
@@ -38,7 +38,7 @@ def read_track(name: str) -> Track:
     if "\0" in name or len(name) > MOST_PATH or not path.exists():
         name = ascii(name[:MOST_PATH])[1:-1] if "\0" in name else name[:MOST_PATH]
         raise SimulatorError(
-            f"there is no track {name}: there are {', '.join(track_names())}, or give a .yaml file"
+            f"there is no track {name}; available: {', '.join(track_names())}, or a .yaml file"
         )
     content = read_yaml(path)
     try:
@@ -48,9 +48,9 @@ def read_track(name: str) -> Track:
 
 
 def make_track(name: str, content: dict) -> Track:
-    """The track that a YAML's content describes; raises as `read_track`."""
+    """Return the track of a YAML file's content; raise the errors of `read_track`."""
     if not isinstance(content, dict):
-        raise SimulatorError("holds no keys; see conf/track/lake.yaml")
+        raise SimulatorError("has no keys; see conf/track/lake.yaml for an example")
     _check_keys("", content, KEYS)
     points = _points(content.get("points"))
     width = _number("width", content.get("width", 6.4), 3, 30)
@@ -82,27 +82,27 @@ def make_track(name: str, content: dict) -> Track:
 def _points(given: object) -> np.ndarray:
     points = _triples("points", given, "[x, y, z]")
     if len(points) < 4:
-        raise SimulatorError(f"points: {len(points)}, a closed loop needs 4 or more")
+        raise SimulatorError(f"points: {len(points)} points; a closed loop needs 4 or more")
     _check_extent(points)
     steps = np.linalg.norm(np.diff(points, axis=0, append=points[:1])[:, :2], axis=1)
     if steps.min() < 1:
         where = int(steps.argmin()) + 1
         raise SimulatorError(
-            f"points {where} and {where % len(points) + 1} are nearer than 1 m; "
+            f"points: numbers {where} and {where % len(points) + 1} are less than 1 m apart; "
             "the loop closes by itself, so do not repeat the first one"
         )
     return points
 
 
 def _check_extent(points: np.ndarray) -> None:
-    """Refuse what takes gigabytes, before it takes them."""
+    """Raise SimulatorError for points that would need gigabytes of memory."""
     if len(points) > MOST_POINTS:
-        raise SimulatorError(f"points: {len(points):,}, more than {MOST_POINTS:,}; leave some out")
+        raise SimulatorError(f"points: {len(points):,} points; use at most {MOST_POINTS:,}")
     sides = np.ptp(points[:, :2], axis=0)
     if sides.max() > MOST_SIDE_M:
         raise SimulatorError(
-            f"points: reach over {sides.max():,.0f} m, more than {MOST_SIDE_M:,} m; are they in "
-            "metres?"
+            f"points: extend over {sides.max():,.0f} m, more than {MOST_SIDE_M:,} m; give them in "
+            "metres"
         )
     length = np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1).sum()
     if length > MOST_LENGTH_M:
@@ -118,13 +118,13 @@ def _check_bends(centreline: dict) -> None:
     radius = 1 / max(abs(centreline["curvature"][tightest]), 1e-9)
     if radius < TIGHTEST_RADIUS_M:
         raise SimulatorError(
-            f"the bend at {centreline['distance'][tightest]:.0f} m has a radius of {radius:.1f} m; "
-            f"the car needs {TIGHTEST_RADIUS_M:.1f}: move its points apart"
+            f"points: the bend at {centreline['distance'][tightest]:.0f} m has a radius of "
+            f"{radius:.1f} m; the car needs {TIGHTEST_RADIUS_M:.1f} m: move its points apart"
         )
 
 
 def _check_crossings(centreline: dict, width: float) -> None:
-    """No two parts of the road may come nearer than its width, unless they follow each other."""
+    """Raise SimulatorError where two separate parts of the road are too near each other."""
     stride = 4
     xy, distance = centreline["xyz"][::stride, :2], centreline["distance"][::stride]
     room, length = width + VERGE_M, centreline["length"]
@@ -140,8 +140,9 @@ def _check_crossings(centreline: dict, width: float) -> None:
                 least, place = apart.min(), (distance[first], distance[second[apart.argmin()]])
     if place:
         raise SimulatorError(
-            f"the road crosses itself, or nearly: {place[0]:.0f} m and {place[1]:.0f} m along it "
-            f"are {least:.1f} m apart, it needs {room:.1f}: move the points there apart"
+            f"points: the road crosses itself, or nearly: {place[0]:.0f} m and "
+            f"{place[1]:.0f} m along it are {least:.1f} m apart and need {room:.1f} m: "
+            "move the points there apart"
         )
 
 
@@ -178,7 +179,8 @@ def _surroundings(given: dict) -> Surroundings:
             if len(lakes) > MOST_LAKES or lakes[:, 2].max(initial=0) > MOST_RADIUS_M:
                 raise SimulatorError(
                     f"surroundings: lakes: {len(lakes):,} with radii up to "
-                    f"{lakes[:, 2].max():,.0f} m; {MOST_LAKES} at most, up to {MOST_RADIUS_M:,} m"
+                    f"{lakes[:, 2].max():,.0f} m; use at most "
+                    f"{MOST_LAKES}, with radii up to {MOST_RADIUS_M:,} m"
                 )
             if (lakes[:, 2] <= 0).any():
                 number = int(np.argmax(lakes[:, 2] <= 0))
@@ -197,13 +199,13 @@ def _surroundings(given: dict) -> Surroundings:
 
 
 def _given(content: dict, key: str, usual: dict | list) -> object:
-    """Return a key's value; a key that nothing follows counts as left out."""
+    """Return a key's value; a key without a value counts as left out."""
     value = content.get(key)
     return usual if value is None else value
 
 
 def _triples(place: str, given: object, what: str) -> np.ndarray:
-    """Return float64 [n, 3] of a YAML list of three finite numbers each; a text is no number."""
+    """Return float64 [n, 3] from a YAML list of rows of three finite numbers."""
     rows = given if isinstance(given, list) else [given]
     for number, row in enumerate(rows, start=1):
         numbers = row if isinstance(row, list) and len(row) == 3 else [None]
@@ -231,8 +233,8 @@ def _check_keys(place: str, given: object, known: tuple[str, ...]) -> None:
     for key in given:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
-            raise SimulatorError(f"{place}no key {key}; {hint}")
+            hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
+            raise SimulatorError(f"{place}unknown key {key}; {hint}")
 
 
 def _check_choice(place: str, value: object, known: tuple[str, ...]) -> None:

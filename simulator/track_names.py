@@ -1,22 +1,22 @@
-"""Which tracks come along: `conf/track/<name>.yaml`, and their ids for Gymnasium."""
+"""Names of the included tracks (`conf/track/<name>.yaml`) and their Gymnasium ids."""
 
 import re
 from pathlib import Path
 
 
 def track_folder() -> Path:
-    """Return the folder of the tracks that come along: of the checkout, or of the installation."""
+    """Return the folder of the included tracks, in the installation or in the checkout."""
     installed = Path(__file__).parent / "track"
     return installed if installed.is_dir() else Path(__file__).parents[1] / "conf" / "track"
 
 
 def track_names() -> list[str]:
-    """Return the names of the tracks that come along."""
+    """Return the names of the included tracks, sorted."""
     return sorted(path.stem for path in track_folder().glob("*.yaml"))
 
 
 def environment_id(name: str) -> str:
-    """Return the id of a track's environment.
+    """Return the Gymnasium id of a track's environment.
 
     >>> environment_id("lake"), environment_id("figure_of_8")
     ('Lake-v0', 'FigureOf8-v0')

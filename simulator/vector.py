@@ -1,4 +1,4 @@
-"""Many drives at once, a process each."""
+"""Several driving environments in parallel, one process each."""
 
 from functools import partial
 
@@ -9,14 +9,15 @@ from simulator.errors import SimulatorError
 
 
 def open_vector(track: str, count: int, **settings: object) -> AsyncVectorEnv:
-    """`count` environments of `DrivingEnv(track, **settings)` as one of Gymnasium's own.
+    """Open `count` environments `DrivingEnv(track, **settings)` as one Gymnasium vector.
 
-    Processes, since a frame is work and not waiting; frames come back through shared memory.
-    `reset(seed=7)` seeds them 7, 8, 9 ... The processes are spawned: Panda3D's and PyTorch's
-    threads do not survive a fork. So the calling script needs `if __name__ == "__main__":`.
+    Each environment runs in its own process, because rendering keeps a core busy. Frames return
+    through shared memory. `reset(seed=7)` seeds the environments 7, 8, 9 ... The processes are
+    spawned, because threads of Panda3D and PyTorch do not survive a fork. Therefore the calling
+    script needs `if __name__ == "__main__":`.
 
     Raises:
-        SimulatorError: a count below 1.
+        SimulatorError: the count is below 1.
     """
     if count < 1:
         raise SimulatorError(f"count={count}: must be 1 or more")

@@ -1,4 +1,4 @@
-"""Light and weather: what changes a picture and not the road."""
+"""Light and weather: conditions that change frames but not the road."""
 
 import difflib
 from dataclasses import dataclass, field, fields, replace
@@ -13,21 +13,21 @@ from simulator.rig import CameraOffset
 
 @dataclass(frozen=True)
 class Weather:
-    """The light, the air and the lens.
+    """Conditions of light, air, cameras and lens.
 
     Args:
-        sun_azimuth_deg: where the sun stands, counter-clockwise from east.
-        sun_elevation_deg: above the horizon, 5..90.
-        sun: strength of the sun's light; 1 is a clear day.
-        brightness: factor on the whole picture.
-        fog: 0 (clear)..1 (one sees some 20 m).
-        rain: 0..1, streaks and specks over the picture.
-        wet: 0..1, how dark the road is.
-        shadows: whether trees and rocks throw them on the road.
-        texture_seed: of the grain of road and ground.
-        camera: how far the cameras were knocked out of place.
-        noise: standard deviation of the sensor's noise, in grey levels of 255.
-        blur: standard deviation of the lens's blur, in pixels; 0 is sharp.
+        sun_azimuth_deg: direction of the sun, degrees counter-clockwise from east.
+        sun_elevation_deg: height of the sun, degrees above the horizon, 5..90.
+        sun: strength of the sun's light, 0..3; 1 is a clear day.
+        brightness: factor on the whole frame, 0.05..4.
+        fog: density of fog, 0 (none)..1 (visibility of about 20 m).
+        rain: amount of rain streaks in the frame, 0..1.
+        wet: darkness of a wet road, 0..1.
+        shadows: whether trees and rocks cast shadows on the road.
+        texture_seed: random seed of the grain of road and ground.
+        camera: displacement of the cameras.
+        noise: standard deviation of the sensor's noise, 0..100 of 255 grey levels.
+        blur: standard deviation of the lens's blur in pixels, 0 (sharp)..20.
     """
 
     sun_azimuth_deg: float = 210.0
@@ -64,7 +64,7 @@ CLEAR = Weather()
 
 
 def random_weather(rng: np.random.Generator, usual: Weather = CLEAR) -> Weather:
-    """A day drawn at random: any sun, now and then fog, rain or a wet road."""
+    """Draw a random day: any sun, sometimes fog, rain or a wet road."""
     return replace(
         usual,
         sun_azimuth_deg=rng.uniform(0, 360),
@@ -88,13 +88,15 @@ def random_weather(rng: np.random.Generator, usual: Weather = CLEAR) -> Weather:
 
 
 def read_weather(text: str) -> Weather | str:
-    """What a person writes: `clear`; `random`, as it stands; or what differs from a clear day.
+    """Parse a user's weather: `clear`, `random`, or settings that differ from a clear day.
+
+    `random` is returned unchanged.
 
     >>> read_weather("{fog: 0.4, wet: 1, camera: {pitch_deg: 2}}").camera.pitch_deg
     2
 
     Raises:
-        SimulatorError: none of these, no such setting, or a value that cannot be.
+        SimulatorError: the text is none of these, or a setting or its value is wrong.
     """
     if text == "random":
         return text
@@ -105,7 +107,9 @@ def read_weather(text: str) -> Weather | str:
     except (yaml.YAMLError, ValueError):
         given = None
     if not isinstance(given, dict):
-        raise SimulatorError(f"weather={text}: must be clear, random or settings, {{fog: 0.4}}")
+        raise SimulatorError(
+            f"weather={text}: must be clear, random or settings such as {{fog: 0.4}}"
+        )
     _check_names("weather", given, Weather)
     if camera := given.pop("camera", None):
         _check_names("weather: camera", camera, CameraOffset)
@@ -114,14 +118,14 @@ def read_weather(text: str) -> Weather | str:
 
 
 def _check_names(place: str, given: dict, kind: type) -> None:
-    """Every setting must be one of `kind`'s, and a number, or a yes or no."""
+    """Raise SimulatorError unless each key is a field of `kind` with a number or bool."""
     if not isinstance(given, dict):
         raise SimulatorError(f"{place}: must be settings, such as {{pitch_deg: 2}}")
     known = [one.name for one in fields(kind)]
     for key, value in given.items():
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+            hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
             raise SimulatorError(f"{place}: there is no {key}; {hint}")
         if key != "camera" and not isinstance(value, int | float):
             raise SimulatorError(f"{place}: {key}={value}: must be a number")

@@ -1,6 +1,6 @@
-"""A window: pictures and text in it, and what a person presses while it is open.
+"""A window with images and text, and the keys and buttons pressed in it.
 
-OpenGL draws it (`pandagl`), or Panda3D's software renderer where there is none.
+OpenGL (`pandagl`) draws it, or Panda3D's software renderer on machines without OpenGL.
 """
 
 import os
@@ -14,15 +14,21 @@ from panda3d import core
 from simulator.errors import SimulatorError
 
 PIPES = {"pandagl": "OpenGL", "p3tinydisplay": "software"}
-KEY, UP = "key-", "-up"  # around the names of events
+KEY, UP = "key-", "-up"  # prefix and suffix of event names
 OVERLAY = 10  # drawn after the world
 
 
 class Window:
-    """A window with a flat layer that pictures and texts are attached to.
+    """A window with a flat layer for images and texts.
 
-    `flat` spans -aspect..aspect in x and -1..1 in z. `pressed` are the keys that went down during
-    the last `draw`, `held` those that are down.
+    Args:
+        title: title of the window.
+        size: width and height in pixels.
+
+    Attributes:
+        flat: node of the flat layer, -aspect..aspect in x and -1..1 in z.
+        pressed: names of the keys that went down during the last `draw`.
+        held: names of the keys that are down.
 
     Raises:
         SimulatorError: no window can be opened here.
@@ -40,7 +46,7 @@ class Window:
         region = self.window.makeDisplayRegion()
         region.setSort(OVERLAY)
         region.setCamera(self.flat.attachNewNode(core.Camera("flat", self.lens)))
-        # What Panda3D calls a data graph: from the window to named events.
+        # Panda3D's "data graph" turns the window's input into named events.
         self._devices = core.NodePath("devices")
         keyboard = core.MouseAndKeyboard(self.window, 0, "keyboard and mouse")
         thrower = core.ButtonThrower("keys")
@@ -48,26 +54,26 @@ class Window:
         self._devices.attachNewNode(keyboard).attachNewNode(thrower)
         self._traverser = core.DataGraphTraverser()
         self._events = core.EventQueue.getGlobalEventQueue()
-        # Last, so that it is freed last: the software renderer's window must not outlive its pipe.
+        # Set last and so freed last: the software renderer's window must not outlive its pipe.
         self._pipe = pipe
 
     @property
     def is_open(self) -> bool:
-        """False once a person, or `close`, has closed it."""
+        """Return whether the window is still open."""
         return self.window is not None and not self.window.isClosed()
 
     @property
     def aspect(self) -> float:
-        """Width by height."""
+        """Return the window's width divided by its height."""
         return self.window.getXSize() / max(self.window.getYSize(), 1)
 
     @property
     def pointer(self) -> float:
-        """Where the mouse is, 0 at the left edge, 1 at the right; beyond that outside."""
+        """Return the mouse's x: 0 at the left edge, 1 at the right, beyond these outside."""
         return self.window.getPointer(0).getX() / max(self.window.getXSize(), 1)
 
     def draw(self) -> bool:
-        """Draw everything and see what was pressed; False when the window was closed."""
+        """Draw everything and read the input; return False when the window is closed."""
         self.lens.setFilmSize(2 * self.aspect, 2)
         self.engine.renderFrame()
         self._traverser.traverse(self._devices.node())
@@ -85,40 +91,40 @@ class Window:
         return self.is_open
 
     def close(self) -> None:
-        """Close it, if a person has not done so."""
+        """Close the window, unless the user has closed it."""
         self.engine.removeAllWindows()
         self._devices.removeNode()
         self.window = None
 
 
-class Picture:
-    """A rectangle with a picture on it, in the units of a window's flat layer."""
+class ImagePanel:
+    """A rectangle that shows an image, in the units of a window's flat layer."""
 
     def __init__(self, parent: core.NodePath, left: float, bottom: float, width: float) -> None:
         self.parent, self.place = parent, (left, bottom, width)
-        self.texture = core.Texture("picture")
+        self.texture = core.Texture("image")
         self.texture.setMagfilter(core.SamplerState.FTLinear)
         self.node: core.NodePath | None = None
 
     def show(self, frame: np.ndarray) -> None:
-        """uint8 [H, W, 3 or 4], RGB or RGBA, the same size each time."""
+        """Show uint8 [H, W, 3 or 4], RGB or RGBA; every image needs the first one's shape."""
         height, width, channels = frame.shape
         if self.node is None:
             self._attach(height, width, channels)
-        order = [2, 1, 0, 3][:channels]  # Panda3D keeps blue first, and the lowest row first
+        order = [2, 1, 0, 3][:channels]  # Panda3D stores blue first and the lowest row first
         self._stored[:height, :width] = frame[::-1, :, order]
         self.texture.setRamImage(self._stored.tobytes())
 
     def _attach(self, height: int, width: int, channels: int) -> None:
-        # The software renderer draws textures of 2^n pixels only.
+        # The software renderer needs textures whose sides are powers of two.
         rows, columns = (1 << (side - 1).bit_length() for side in (height, width))
         self._stored = np.zeros((rows, columns, channels), np.uint8)
         kind = core.Texture.FRgba if channels == 4 else core.Texture.FRgb
         self.texture.setup2dTexture(columns, rows, core.Texture.TUnsignedByte, kind)
-        card = core.CardMaker("picture")
+        card = core.CardMaker("image")
         left, bottom, wide = self.place
         card.setFrame(left, left + wide, bottom, bottom + wide * height / width)
-        # Half a pixel inside: what lies beyond the picture is black.
+        # Half a pixel inside, because the texture beyond the image is black.
         low, right, top = 0.5 / columns, (width - 0.5) / columns, (height - 0.5) / rows
         card.setUvRange((low, 0.5 / rows), (right, top))
         self.node = self.parent.attachNewNode(card.generate())
@@ -128,28 +134,28 @@ class Picture:
 
 
 class Viewer:
-    """A window that shows frames and nothing else."""
+    """A window that shows only frames."""
 
     def __init__(self, title: str, size: tuple[int, int]) -> None:
         self.window = Window(title, size)
-        self.picture = Picture(self.window.flat, -1.0, -0.5, 2.0)
+        self.panel = ImagePanel(self.window.flat, -1.0, -0.5, 2.0)
 
     def show(self, frame: np.ndarray) -> bool:
-        """Show uint8 [160, 320, 3], RGB, as large as fits; False when the window is closed."""
+        """Show uint8 [160, 320, 3], RGB, as large as fits; return False when it is closed."""
         if not self.window.is_open:
             return False
-        self.picture.show(frame)
+        self.panel.show(frame)
         height, width = frame.shape[:2]
-        self.picture.node.setScale(min(self.window.aspect, width / height))
+        self.panel.node.setScale(min(self.window.aspect, width / height))
         return self.window.draw() and "escape" not in self.window.pressed
 
     def close(self) -> None:
-        """Close it; more than once does no harm."""
+        """Close the window; a second call has no effect."""
         self.window.close()
 
 
 def open_viewer(title: str, size: tuple[int, int] = (960, 480)) -> Viewer:
-    """A window for frames; raises SimulatorError where none can be opened."""
+    """Open a window for frames; raise SimulatorError where that is impossible."""
     return Viewer(title, size)
 
 
@@ -159,14 +165,14 @@ def _open(
     linux = sys.platform.startswith("linux")
     if linux and not os.environ.get("DISPLAY"):
         raise SimulatorError(
-            "no window can be opened: DISPLAY is not set; run it at a desktop (Wayland's needs "
-            "Xwayland), or over ssh -X, or under xvfb-run"
+            "no window can be opened: DISPLAY is not set; run this on a desktop (Wayland needs "
+            "Xwayland), with ssh -X, or under xvfb-run"
         )
     core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal")
     wanted = core.FrameBufferProperties()
     wanted.setRgbaBits(8, 8, 8, 0)
     wanted.setDepthBits(24)
-    wanted.setBackBuffers(1)  # without one, what is drawn never reaches the screen
+    wanted.setBackBuffers(1)  # without one, nothing reaches the screen
     asked = core.WindowProperties.size(*size)
     asked.setTitle(title)
     for module, name in PIPES.items():
@@ -182,13 +188,16 @@ def _open(
                 if not window.isClosed():
                     return pipe, engine, window, name
     where = f"on DISPLAY={os.environ['DISPLAY']}" if linux else "here"
-    raise SimulatorError(f"no window can be opened {where}; is there a desktop that answers?")
+    raise SimulatorError(f"no window can be opened {where}; run this on a desktop")
 
 
 @contextmanager
 def _quiet_libraries() -> Iterator[None]:
-    """Xlib and Panda3D's loader write to file 2, past any setting, what nobody can act on: an X
-    extension of the 1990s that is missing, and a type that two renderers share."""
+    """Discard messages that Xlib and Panda3D's loader write to file 2.
+
+    No setting suppresses them, and they are harmless: a missing X extension of the 1990s, and a
+    type that two renderers share.
+    """
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:

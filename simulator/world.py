@@ -1,4 +1,4 @@
-"""A world: a track, a car on it and what its cameras see, in steps of simulated time."""
+"""A world: a track, a car and its cameras, in steps of simulated time."""
 
 import math
 from dataclasses import dataclass
@@ -13,13 +13,20 @@ from simulator.track import Place, Track
 from simulator.track_file import read_track
 from simulator.weather import CLEAR, Weather, random_weather
 
-WALL_M = 0.7  # from the edge line to a wall or a rock face
-SCRAPE = 0.9  # what a wall leaves of the speed, a step
+WALL_M = 0.7  # distance from the edge line to a wall or a rock face
+SCRAPE = 0.9  # factor on the speed for each step of contact with a wall
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where a drive begins: metres along the lap, right of the centreline, degrees to the right."""
+    """The begin of a drive.
+
+    Args:
+        distance: metres along the lap.
+        cte: metres right of the centreline.
+        heading_deg: degrees to the right of the road's heading.
+        speed_mph: speed in mph.
+    """
 
     distance: float = 0.0
     cte: float = 0.0
@@ -28,15 +35,17 @@ class Start:
 
 
 class World:
-    """Deterministic: the same seed, start and commands give the same frames, to the bit, with
-    the same renderer. The wall clock has no part in it.
+    """A track with a car on it, in simulated time.
+
+    It is deterministic: with the same renderer, the same seed, start and commands give identical
+    frames. It never reads the wall clock.
 
     Args:
-        track: where to drive.
-        pictures: what draws it; None for a world that nobody looks at.
+        track: track to drive on.
+        pictures: renderer of the track; None for a world without frames.
         frame_rate: frames per second of simulated time, up to 50.
-        delay_s: from a command to the wheels.
-        direction: 1 drives the lap as the file gives it, -1 the other way round.
+        delay_s: seconds from a command to the wheels, 0..2.
+        direction: 1 (forward, as in the file) or -1 (backward).
     """
 
     def __init__(
@@ -60,7 +69,7 @@ class World:
         self.reset(0)
 
     def reset(self, seed: int, start: Start | None = None, weather: Weather | str = CLEAR) -> None:
-        """Begin a drive; `weather="random"` draws one from the seed."""
+        """Begin a drive; draw the weather from the seed if it is "random"."""
         if seed < 0:
             raise SimulatorError(f"seed={seed}: must be 0 or more")
         rng = np.random.default_rng(seed)
@@ -73,7 +82,7 @@ class World:
         self.put_back(start)
 
     def put_back(self, start: Start) -> None:
-        """Set the car down somewhere, in the middle of a drive."""
+        """Put the car at a place during a drive."""
         for value in vars(start).values():
             if not np.isfinite(value):
                 raise SimulatorError(f"start={value}: must be a finite number")
@@ -88,7 +97,7 @@ class World:
         self.at_wall = False
 
     def step(self, steering: float, throttle: float) -> None:
-        """Drive for one frame's time."""
+        """Advance by one frame."""
         self.frames += 1
         until = round(self.frames * self.frame_s / PHYSICS_STEP_S)
         while self.steps < until:
@@ -103,27 +112,27 @@ class World:
 
     @property
     def time(self) -> float:
-        """Seconds of simulated time since `reset`."""
+        """Return the simulated seconds since `reset`."""
         return self.steps * PHYSICS_STEP_S
 
     @property
     def cte(self) -> float:
-        """Metres right of the centreline, as the driver sees it."""
+        """Return the metres right of the centreline, seen in the driving direction."""
         return self.place.cte * self.direction
 
     @property
     def heading_error(self) -> float:
-        """Radians by which the car points to the right of the road, in (-pi, pi]."""
+        """Return the car's heading to the right of the road's, in radians, in (-pi, pi]."""
         road = self.place.heading + (np.pi if self.direction < 0 else 0)
         return float(np.angle(np.exp(1j * (road - self.car.heading))))
 
     @property
     def off_road(self) -> bool:
-        """Whether the car's middle is beyond the edge line, or a wall held it before that."""
+        """Return whether the car's middle is beyond the edge line, or a wall stops the car."""
         return self.at_wall or abs(self.place.cte) > self.track.width / 2
 
     def info(self) -> dict:
-        """What a scorer needs: see the properties; `progress` is laps driven, with a fraction."""
+        """Return figures for scoring; `progress` is the laps driven, fractions included."""
         return {
             "cte": self.cte,
             "heading_error": self.heading_error,
@@ -136,13 +145,13 @@ class World:
         }
 
     def frame(self, camera: str = "center") -> np.ndarray:
-        """What a camera sees: uint8 [160, 320, 3], RGB."""
+        """Return a camera's frame: uint8 [160, 320, 3], RGB."""
         if self.pictures is None:
-            raise SimulatorError("this world has no renderer: open it with renderer=auto")
+            raise SimulatorError("this world has no renderer; open it with renderer=auto")
         return self.pictures.frame(self.pose(), camera, self.frames)
 
     def pose(self) -> tuple[float, float, float, float, float]:
-        """x, y, z of the car, its heading, and how steeply it points up, in radians."""
+        """Return the car's x, y, z in metres, and its heading and upward pitch in radians."""
         ahead = np.cos(self.car.heading - self.place.heading)
         pitch = float(np.arctan(self.place.grade * ahead))
         return self.car.x, self.car.y, self.place.z, self.car.heading, pitch
@@ -151,7 +160,7 @@ class World:
         verge = self.track.verge_at(self.place.distance)
         kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
         room = self.track.width / 2 + WALL_M - WHEEL_TRACK_M / 2
-        # A car that leans on a wall is put at exactly that place, and goes on touching it.
+        # A car against a wall is placed exactly at it; the 0.01 m keep it in contact.
         self.at_wall = kind in ("wall", "rock") and abs(self.place.cte) > room - 0.01
         over = (abs(self.place.cte) - room) * side
         if not self.at_wall or over * side <= 0:
@@ -179,10 +188,10 @@ def open_world(
     direction: int = 1,
     seed: int = 0,
 ) -> World:
-    """A world by its track's name or file; `renderer="none"` opens one that nobody looks at.
+    """Open a world by its track's name or file; `renderer="none"` gives a world without frames.
 
     Raises:
-        SimulatorError: no such track or renderer, a value that cannot be.
+        SimulatorError: there is no such track or renderer, or a value is not allowed.
     """
     course = read_track(track)
     pictures = None if renderer == "none" else open_pictures(course, renderer, quality)

@@ -1,5 +1,7 @@
-"""What Hydra finds by this package's name: our sweepers and a launcher. Hydra imports it at every
-start, so nothing heavy is imported here."""
+"""The project's sweepers and launcher, which Hydra finds by this package's name.
+
+Hydra imports this module at every start, so it imports nothing slow.
+"""
 
 from hydra.plugins.launcher import Launcher
 from hydra.plugins.sweeper import Sweeper
@@ -11,6 +13,7 @@ class _Sweeper(Sweeper):
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
     ) -> None:
+        """Keep the context and config, and create the launcher."""
         from hydra.core.plugins import Plugins
 
         self.hydra_context, self.config = hydra_context, config
@@ -20,21 +23,23 @@ class _Sweeper(Sweeper):
 
 
 class GridSweeper(_Sweeper):
-    """All combinations, see `zoo.sweep.grid`."""
+    """A sweeper over all combinations; see `zoo.sweep.grid`."""
 
     def sweep(self, arguments: list[str]) -> None:
+        """Train every combination of the overrides."""
         from zoo.sweep.grid import sweep_grid
 
         sweep_grid(arguments, self.config, self.hydra_context, self.launcher)
 
 
 class OptunaSweeper(_Sweeper):
-    """What Optuna proposes, see `zoo.sweep.search`."""
+    """A sweeper over the proposals of Optuna; see `zoo.sweep.search`."""
 
     def __init__(self, **settings: object) -> None:
         self.settings = settings
 
     def sweep(self, arguments: list[str]) -> None:
+        """Train the configurations that Optuna proposes."""
         from zoo.sweep.search import SearchSettings, sweep_search
 
         settings = SearchSettings(**self.settings)
@@ -42,7 +47,7 @@ class OptunaSweeper(_Sweeper):
 
 
 class RayLauncher(Launcher):
-    """Each job as a task of a Ray cluster, see `zoo.sweep.ray_cluster`."""
+    """A launcher that runs each job as a task of a Ray cluster; see `zoo.sweep.ray_cluster`."""
 
     def __init__(self, init: DictConfig, task: DictConfig) -> None:
         self.init, self.task = init, task
@@ -50,9 +55,11 @@ class RayLauncher(Launcher):
     def setup(
         self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig
     ) -> None:
+        """Keep the context, the task function and the config."""
         self.hydra_context, self.task_function, self.config = hydra_context, task_function, config
 
     def launch(self, job_overrides: list[list[str]], initial_job_idx: int) -> list:
+        """Run jobs on the cluster and return their results."""
         from zoo.sweep.ray_cluster import launch_on_ray
 
         return launch_on_ray(self, job_overrides, initial_job_idx)

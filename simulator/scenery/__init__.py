@@ -1,1 +1,1 @@
-"""What a world looks like: meshes of road, ground and plants, their textures, and the air."""
+"""The look of a world: meshes of road, ground and plants, textures, light and air."""

@@ -1,6 +1,6 @@
-"""The car's own bonnet at the lower edge of each camera's picture.
+"""The car's bonnet at the lower edge of each camera's frame.
 
-Drawn from outlines in pixels of the original's pictures (the median of 80 frames shows them).
+The outlines were measured in pixels on the median of 80 of the original's frames.
 """
 
 import cv2
@@ -8,7 +8,7 @@ import numpy as np
 
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
 
-FINE = 4  # drawn four times as large, then averaged down, for smooth edges
+FINE = 4  # drawn four times as large, then averaged, for smooth edges
 
 TAN, PALE_TAN, DARK_TAN = (143, 132, 105), (150, 143, 120), (126, 118, 96)
 GLASS, LAMP, RUBBER = (148, 151, 136), (240, 236, 224), (62, 58, 50)
@@ -64,20 +64,22 @@ SEAMS: dict[str, Outline] = {
 
 
 def bonnet_picture(camera: str) -> tuple[np.ndarray, np.ndarray]:
-    """What a camera sees of the bonnet: RGB float32 [160, 320, 3] in 0..255, and how much it
-    covers, float32 [160, 320, 1] in 0..1."""
+    """Return the bonnet in a camera's frame, and its cover.
+
+    The bonnet is RGB float32 [160, 320, 3] in 0..255, the cover float32 [160, 320, 1] in 0..1.
+    """
     size = (FRAME_HEIGHT * FINE, FRAME_WIDTH * FINE)
-    picture, cover = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)
+    bonnet, cover = np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)
     for colour, outline in SHAPES[camera]:
         corners = [np.round(np.array(outline) * FINE).astype(np.int32)]
-        cv2.fillPoly(picture, corners, colour)
+        cv2.fillPoly(bonnet, corners, colour)
         cv2.fillPoly(cover, corners, 1.0)
     if camera in SEAMS:
         start, end = (tuple(int(FINE * v) for v in corner) for corner in SEAMS[camera])
-        cv2.line(picture, start, end, RUBBER, FINE)
+        cv2.line(bonnet, start, end, RUBBER, FINE)
     small = (FRAME_WIDTH, FRAME_HEIGHT)
-    # Averaged where covered only, or the edge would darken.
+    # The average is of covered pixels only; otherwise edges darken.
     cover_small = cv2.resize(cover, small, interpolation=cv2.INTER_AREA)
-    picture = cv2.resize(picture, small, interpolation=cv2.INTER_AREA)
-    picture /= np.maximum(cover_small, 1e-6)[..., None]
-    return picture, cover_small[..., None]
+    bonnet = cv2.resize(bonnet, small, interpolation=cv2.INTER_AREA)
+    bonnet /= np.maximum(cover_small, 1e-6)[..., None]
+    return bonnet, cover_small[..., None]

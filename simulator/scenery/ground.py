@@ -1,4 +1,4 @@
-"""The ground around the road: a height for every point, its mesh, and water."""
+"""The ground around the road: heights, mesh and lakes."""
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -9,15 +9,15 @@ from simulator.scenery.road import FOREST, GRASS, ROCK, SAND
 from simulator.track import Track
 
 CELL_M = 8.0
-MARGIN_M = 190.0  # of ground around the track
-RIM_M = 90.0  # the last of it rises to the mountains that close the view
+MARGIN_M = 190.0  # width of the ground around the track
+RIM_M = 90.0  # width of its outer part, which rises to mountains that close the view
 RIM_HEIGHT_M = 42.0
-SINK_M = 0.5  # below the verges, which lie upon it
+SINK_M = 0.5  # depth below the verges, which lie on it
 PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
 
 
 class Ground:
-    """Heights of the ground in metres, drawn from the surroundings' seed."""
+    """The ground around a track, drawn from the seed of its surroundings."""
 
     def __init__(self, track: Track) -> None:
         self.track = track
@@ -33,7 +33,7 @@ class Ground:
         self.rocky = self._sides("rock")
 
     def height(self, xy: np.ndarray) -> np.ndarray:
-        """Heights float [N] at float [N, 2]."""
+        """Return heights in metres, float [N], at x and y, float [N, 2]."""
         apart, nearest = self.near_road.query(xy)
         around = self.around
         heading = self.track.heading[nearest]
@@ -41,10 +41,10 @@ class Ground:
         side = (away[:, 0] * np.sin(heading) - away[:, 1] * np.cos(heading) > 0).astype(int)
         rise = around.hills * self._hills(xy)
         rise = rise * _smooth((apart - around.calm) / 45)
-        # The verges reach to 14 m: nothing of a cell may stick out through them.
+        # The verges extend to 14 m, and no cell of the ground may stick out through them.
         rise = rise + 6.0 * self.rocky[side, nearest] * _smooth((apart - 13) / 8)
         rise = rise - 9.0 * self.dropping[side, nearest] * _smooth((apart - 5) / 12)
-        # Close to the track's own level near the road, to its mean far away.
+        # The ground has the road's height near it, and the track's mean height far away.
         level = self.track.xyz[:, 2]
         weight = _smooth((apart - 60) / 120)
         base = level[nearest] * (1 - weight) + level.mean() * weight - SINK_M
@@ -55,18 +55,18 @@ class Ground:
         return self._flood(xy, base + rise + rim, apart, nearest)
 
     def density(self, xy: np.ndarray) -> np.ndarray:
-        """How thickly things grow at float [N, 2], in about 0..1."""
+        """Return the density of plants, about 0..1, at x and y, float [N, 2]."""
         return self._noise(xy, 40, 2)
 
     def in_water(self, xy: np.ndarray) -> np.ndarray:
-        """Whether points bool [N] lie in a lake, with 4 m of shore."""
+        """Return bool [N]: whether points lie in a lake or on the 4 m of its shore."""
         wet = np.zeros(len(xy), bool)
         for x, y, radius in self.around.lakes:
             wet |= np.hypot(*(xy - (x, y)).T) < radius + 4
         return wet
 
     def meshes(self) -> list[Mesh]:
-        """The ground's mesh, and a level one for each lake."""
+        """Return the ground's mesh, and a level one for each lake."""
         x = np.arange(self.low[0], self.high[0] + CELL_M, CELL_M)
         y = np.arange(self.low[1], self.high[1] + CELL_M, CELL_M)
         xy = np.stack(np.meshgrid(x, y), -1)
@@ -86,7 +86,7 @@ class Ground:
         return [ground, *(self._lake(*lake) for lake in self.around.lakes)]
 
     def _colours(self, xy: np.ndarray, upright: np.ndarray) -> np.ndarray:
-        """Sand by the road, grass in patches, bare rock where it is steep or high."""
+        """Return colours: sand or forest soil, patches of grass, rock on steep slopes."""
         sandy = self.around.ground == "sand"
         patch = _smooth(self._noise(xy, 34, 2) * 2.5 - 0.75)[:, None]
         colours = np.array(SAND if sandy else FOREST) * (1 - patch)
@@ -100,12 +100,12 @@ class Ground:
         return np.clip(hills * 1.5 - 0.35, -0.05, 1)
 
     def _noise(self, xy: np.ndarray, size: float, number: int) -> np.ndarray:
-        """Smooth values in about 0..1 that change over `size` metres."""
+        """Return smooth noise, about 0..1, that varies over `size` metres."""
         at = ((xy - self.low) / size).T
         return 0.5 + 0.5 * map_coordinates(self.waves[number], at, order=3, mode="grid-wrap")
 
     def _sides(self, kind: str) -> np.ndarray:
-        """float [2, N]: 1 where the left (0) or right (1) verge is of a kind, blended over 8 m."""
+        """Return float [2, N]: 1 where the left or right verge is of a kind, blended over 8 m."""
         verges = [self.track.verge_at(float(d)) for d in self.track.distance]
         is_kind = np.array([[v.left == kind for v in verges], [v.right == kind for v in verges]])
         window = np.ones(17) / 17
@@ -115,7 +115,7 @@ class Ground:
     def _flood(
         self, xy: np.ndarray, height: np.ndarray, apart: np.ndarray, nearest: np.ndarray
     ) -> np.ndarray:
-        """Dig the lakes, but not away from under the road, unless that is a bridge."""
+        """Lower the ground in lakes, but not below the road, except under bridges."""
         dam = np.where(self.walled[nearest], 0.0, 1 - _smooth((apart - 11) / 9))
         bottom = self.around.water_level - 1.5
         for x, y, radius in self.around.lakes:
@@ -140,6 +140,6 @@ class Ground:
 
 
 def _smooth(x: np.ndarray) -> np.ndarray:
-    """0 below 0, 1 above 1, and smooth between (Perlin's smoothstep)."""
+    """Return 0 below 0, 1 above 1, and a smooth step between (Perlin's smoothstep)."""
     x = np.clip(x, 0, 1)
     return x * x * (3 - 2 * x)

@@ -1,4 +1,4 @@
-"""Sunlight on meshes: what colour each point has in a weather."""
+"""Sunlight on meshes: the colour of each point in a weather."""
 
 import numpy as np
 
@@ -6,22 +6,25 @@ from simulator.scenery.mesh import Mesh
 from simulator.scenery.textures import MEANS
 from simulator.weather import Weather
 
-# Read off the original's pictures: its concrete is 255, 253, 226 in the sun, 125, 138, 145 beside.
+# From the original's images: its concrete is 255, 253, 226 in the sun, 125, 138, 145 in shade.
 SUN_RGB = np.array([1.08, 1.00, 0.66])
 SKY_RGB = np.array([0.50, 0.57, 0.61])
 
 
 def towards_sun(weather: Weather) -> np.ndarray:
-    """The unit vector float64 [3] that points at the sun."""
+    """Return the unit vector float64 [3] towards the sun."""
     azimuth, elevation = np.radians([weather.sun_azimuth_deg, weather.sun_elevation_deg])
     flat = np.cos(elevation)
     return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
 
 
 def lit_colours(mesh: Mesh, weather: Weather, shade: np.ndarray | None) -> np.ndarray:
-    """Colours uint8 [N, 3] of a mesh's points, by Lambert's law and a blue light from the sky.
+    """Return colours uint8 [N, 3] of a mesh's points, by Lambert's law and blue light of the sky.
 
-    `shade` float [N] is the share of the sun that reaches each point; None for all of it.
+    Args:
+        mesh: mesh to light.
+        weather: weather with the sun's position and strength.
+        shade: share of sunlight that reaches each point, float [N]; None for no shadows.
     """
     if mesh.material == "sky":
         return _to_bytes(mesh.colours * (0.5 + 0.5 * weather.sun))

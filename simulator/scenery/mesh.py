@@ -1,4 +1,4 @@
-"""Triangles as arrays, before any renderer knows of them."""
+"""Triangles as arrays, independent of any renderer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ class Mesh:
     """Triangles of one material.
 
     Attributes:
-        material: its texture's name in `simulator.scenery.textures`.
+        material: name of its texture in `simulator.scenery.textures`.
         points: float [N, 3], metres.
         normals: float [N, 3], unit length.
-        colours: float [N, 3], what the surface reflects, 0..1, in RGB.
-        uv: float [N, 2], texture coordinates; 1 is once over the texture.
+        colours: float [N, 3], reflectance of the surface in RGB, 0..1.
+        uv: float [N, 2], texture coordinates; 0..1 spans the texture once.
         triangles: int [M, 3], indices of points; both sides are drawn.
     """
 
@@ -28,14 +28,14 @@ class Mesh:
 
 
 def grid_triangles(rows: int, columns: int) -> np.ndarray:
-    """Triangles int [2 * (rows-1) * (columns-1), 3] over a row-major grid of points."""
+    """Return triangles int [2 * (rows-1) * (columns-1), 3] of a row-major grid of points."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     return np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2).reshape(-1, 3)
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
-    """One mesh of several of the same material."""
+    """Join meshes of the same material into one."""
     starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
     return Mesh(
         material=meshes[0].material,
@@ -50,7 +50,7 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
-    """The mesh in squares of `cell_m`, so that a renderer can leave out those out of sight."""
+    """Cut a mesh into squares of `cell_m`, so that a renderer can skip those out of sight."""
     middles = mesh.points[mesh.triangles].mean(1)[:, :2]
     cells = np.floor(middles / cell_m).astype(int)
     _, number = np.unique(cells, axis=0, return_inverse=True)

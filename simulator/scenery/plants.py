@@ -1,4 +1,4 @@
-"""What stands on the ground: trees, bushes, rocks, pylons, and stacks of tyres in the bends."""
+"""Objects on the ground: trees, bushes, rocks, pylons, and stacks of tyres in bends."""
 
 from dataclasses import dataclass
 
@@ -19,12 +19,21 @@ SIZES_M = {  # width and height
     "tyres": (1.7, 1.0),
     "sign": (1.0, 1.6),
 }
-FAR_M = 90.0  # from the road: what stands there is seen through air, and is drawn bluish
+FAR_M = 90.0  # distance from the road beyond which objects get bluish
 
 
 @dataclass(frozen=True)
 class Standing:
-    """An upright thing, drawn as two crossed pictures: its foot float [3], size in metres, turn."""
+    """An upright object, drawn as two crossed images.
+
+    Attributes:
+        kind: key of `SIZES_M`.
+        foot: position of its foot, float [3].
+        width: width in metres.
+        height: height in metres.
+        turn: angle of its first image in radians.
+        tone: factor on its colours.
+    """
 
     kind: str
     foot: np.ndarray
@@ -35,12 +44,12 @@ class Standing:
 
 
 def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]:
-    """Trees, bushes, pylons and tyres; `quality="simple"` keeps a third of the plants."""
+    """Place trees, bushes, pylons and tyres; quality simple has a third of the plants."""
     share = 1.0 if quality == "full" else 1 / 3
     around = track.surroundings
     rng = np.random.default_rng(around.seed + 100)
     trees, bushes = round(around.trees * share), round(around.bushes * share)
-    # Groups near the road, and a crowd on the rim.
+    # Half of the trees near the road, the others farther away.
     near = scatter(ground, rng, trees // 2, low=around.clear, high=60)
     far = scatter(ground, rng, trees - len(near), low=60, high=400)
     low = scatter(ground, rng, bushes, low=9.5, high=45)
@@ -55,7 +64,9 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     for xy, z, choice in zip(places, heights, kinds, strict=True):
         kind = choice[rng.integers(len(choice))]
         width, height = np.array(SIZES_M[kind]) * rng.uniform(0.75, 1.3)
-        lift = 0.45 if kind == "tyres" else -0.1  # tyres stand on the verge, above the ground
+        lift = (
+            0.45 if kind == "tyres" else -0.1
+        )  # tyres stand on the verge, which is above the ground
         foot = np.array([*xy, z + lift])
         turn, tone = rng.uniform(0, np.pi), rng.uniform(0.8, 1.1)
         standing.append(Standing(kind, foot, float(width), float(height), turn, tone))
@@ -63,13 +74,13 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
 
 
 def standing_meshes(standing: list[Standing], ground: Ground) -> list[Mesh]:
-    """A mesh for each."""
+    """Return a mesh for each object."""
     apart, _ = ground.near_road.query(np.array([one.foot[:2] for one in standing]).reshape(-1, 2))
     return [_crossed(one, float(away)) for one, away in zip(standing, apart, strict=True)]
 
 
 def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
-    """The rocks that lie about; a track may have none."""
+    """Return a mesh for each of the track's boulders, of which there may be none."""
     count = round(track.surroundings.rocks * (1.0 if quality == "full" else 1 / 3))
     rng = np.random.default_rng(track.surroundings.seed + 200)
     return [_boulder(ground, rng, xy) for xy in scatter(ground, rng, count)]
@@ -78,12 +89,12 @@ def boulder_meshes(track: Track, ground: Ground, quality: str) -> list[Mesh]:
 def scatter(
     ground: Ground, rng: np.random.Generator, count: int, low: float = 16.0, high: float = 150.0
 ) -> np.ndarray:
-    """Places float [count, 2] on dry land, between `low` and `high` metres from the road."""
+    """Return places float [count, 2] on land, between `low` and `high` metres from the road."""
     found = np.empty((0, 2))
     while len(found) < count:
         xy = rng.uniform(ground.low + 8, ground.high - 8, (8 * count, 2))
         apart, _ = ground.near_road.query(xy)
-        # Groups, with clearings between them.
+        # Plants stand in groups, with clearings between them.
         dense = ground.density(xy) > rng.uniform(0.15, 0.65, len(xy))
         xy = xy[(apart > low) & (apart < high) & dense & ~ground.in_water(xy)]
         found = np.concatenate([found, xy])
@@ -91,14 +102,14 @@ def scatter(
 
 
 def _row_of_poles(track: Track, ground: Ground, count: int) -> np.ndarray:
-    """Places float [N, 2] of a row across the land, but for those on the road."""
+    """Return places float [N, 2] in a row across the land, except those near the road."""
     middle = track.xyz[:, :2].mean(0)
     row = middle + np.linspace(-0.8, 0.8, count)[:, None] * (ground.high - middle) * (1, -0.6)
     return row[ground.near_road.query(row)[0] > 20]
 
 
 def _beside_dirt(track: Track) -> np.ndarray:
-    """Places float [N, 2] every 6 m along dirt verges."""
+    """Return places float [N, 2] every 6 m along dirt verges."""
     places = []
     for distance in np.arange(0, track.length, 6.0):
         verge = track.verge_at(float(distance))
@@ -111,7 +122,7 @@ def _beside_dirt(track: Track) -> np.ndarray:
 
 
 def _crossed(one: Standing, apart: float) -> Mesh:
-    """Two upright pictures at right angles; `apart` is the road's distance in metres."""
+    """Return two upright rectangles at right angles; `apart` is the distance to the road in m."""
     points, uv, triangles = [], [], []
     column = PLANTS.index(one.kind)
     inset = 0.5 / 64
@@ -137,7 +148,7 @@ def _crossed(one: Standing, apart: float) -> Mesh:
 
 
 def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
-    """A boulder: a rough, flattened half sphere."""
+    """Return a boulder: a rough, flattened half sphere."""
     around, up = 9, 4
     size = rng.uniform(1.0, 4.5) * np.array([1.0, rng.uniform(0.6, 1.0), rng.uniform(0.4, 0.8)])
     angle = np.linspace(0, 2 * np.pi, around)

@@ -1,8 +1,8 @@
-"""The road and its verges: bands that follow the centreline.
+"""The road and its verges: bands along the centreline.
 
-Widths were read off the original's pictures (frames of a straight, seen from above): 6.4 m between
-the inner yellow lines; a dark strip and a second line; about 1.4 m of paved shoulder; then a
-concrete bank of some 2 m, pale in the sun and blue-grey in the shade.
+Widths were measured on the original's frames of a straight, projected to a view from above: 6.4 m
+between the inner yellow lines; a dark strip and a second line; about 1.4 m of paved shoulder; then
+a concrete bank of about 2 m, pale in the sun and blue-grey in the shade.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from simulator.scenery.mesh import Mesh, grid_triangles, join
 from simulator.track import Track
 
 ALONG_M = 1.0
-BANK = 0.9  # the original's bank is cream towards the sun, and blue-grey away from it
-VERGE_END_M = 14.0  # from the centreline; the ground's own mesh goes on from there
+BANK = 0.9  # slope for the light: the original's bank is cream in the sun, blue-grey in shade
+VERGE_END_M = 14.0  # from the centreline; the ground's mesh continues from there
 
 YELLOW, GUTTER = (0.66, 0.62, 0.36), (0.23, 0.22, 0.17)
 ASPHALT, SHOULDER = (0.356, 0.355, 0.366), (0.40, 0.40, 0.40)
@@ -35,16 +35,16 @@ class Band:
     rise_end: float
     material: str
     colour: tuple[float, float, float]
-    repeat: float = 4.0  # metres that a texture spans
-    steep: float | None = None  # lit as if it rose so much per metre; None: as it does
+    repeat: float = 4.0  # metres that one texture covers
+    steep: float | None = None  # rise per metre assumed for its light; None for the real one
 
 
 def verge_bands(
     kind: str, shoulder: float, room: float, ground: str, cobbled: bool = False
 ) -> list[Band]:
-    """What lies outside the road's edge for a kind of verge, up to `room` metres from it."""
+    """Return the bands outside the road's edge for a kind of verge, up to `room` metres."""
     paving = _paving(cobbled)
-    # The bridge's walls are nearly black in the original; a mountain road's are of its stone.
+    # The bridge's walls are nearly black in the original; walls of a mountain road are stone.
     wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
     soil = SAND if ground == "sand" else FOREST
     grass = GRASS if ground == "sand" else FOREST
@@ -104,7 +104,7 @@ def verge_bands(
 
 
 def road_meshes(track: Track) -> list[Mesh]:
-    """Road, lines, shoulders and verges of the whole lap."""
+    """Return meshes of road, lines, shoulders and verges of the whole lap, one per material."""
     meshes = []
     for start, end in _runs(track):
         stretch = track.stretch_at((start + end) / 2)
@@ -123,7 +123,7 @@ def road_meshes(track: Track) -> list[Mesh]:
 
 
 def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
-    """What lies between the edges, from left to right."""
+    """Return the bands between the road's edges, from left to right."""
     paving = _paving(cobbled)
     if not centre_line:
         return [Band(-half, half, 0, 0, *paving)]
@@ -135,7 +135,7 @@ def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
 
 
 def _paving(cobbled: bool) -> tuple[str, tuple[float, float, float], float]:
-    """A band's material, colour and repeat."""
+    """Return the paving's material, colour and repeat."""
     return ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
 
 
@@ -144,7 +144,7 @@ def _materials(meshes: list[Mesh]) -> list[str]:
 
 
 def _runs(track: Track) -> list[tuple[float, float]]:
-    """Distances between which the road's kind stays the same."""
+    """Return the spans of distances in which paving and verges stay the same."""
     ends = {0.0, track.length}
     for stretch in track.stretches:
         ends |= {stretch.start, min(stretch.end, track.length)}
@@ -155,14 +155,14 @@ def _runs(track: Track) -> list[tuple[float, float]]:
 def _band_mesh(
     track: Track, along: np.ndarray, band: Band, side: int, edge: float, columns: int = 2
 ) -> Mesh:
-    """A band's triangles; `edge` is what `band.start` is measured from, outwards on `side`."""
+    """Return a band's mesh; `band.start` is measured from `edge`, outwards on `side`."""
     across = np.linspace(band.start, band.end, columns)
     rise = np.interp(across, (band.start, band.end), (band.rise_start, band.rise_end))
     offset = edge + across
     middle = track.at(along)
     heading = track.heading_at(along)
     right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
-    # In a bend's inside a wide verge would fold over: it ends short of the bend's centre.
+    # Inside a bend a wide verge would fold over itself, so it ends before the bend's centre.
     bend = -track.curvature_at(along) * side
     reach = np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
     lateral = np.minimum(offset[None], reach[:, None]) * side

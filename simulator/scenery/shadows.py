@@ -1,4 +1,4 @@
-"""Shadows on the road, of trees and of rock faces, worked out at the points of its mesh."""
+"""Shadows of trees and rock faces on the road, computed at the points of its mesh."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -8,19 +8,19 @@ from simulator.scenery.plants import Standing
 from simulator.track import Track
 from simulator.weather import Weather
 
-REACH_M = 45.0  # from the road: trees farther off throw no shadow on it
-LONGEST_M = 40.0  # a low sun's shadows end here
+REACH_M = 45.0  # trees farther from the road cast no shadow on it
+LONGEST_M = 40.0  # longest shadow of a low sun
 CROWN = {"pine": (0.2, 1.0), "tall_pine": (0.45, 1.0), "round_tree": (0.25, 1.0)}
-ROCK_TOP_M, ROCK_FOOT_M = 4.2, 2.2  # its height, and how far from the road's edge
+ROCK_TOP_M, ROCK_FOOT_M = 4.2, 2.2  # its height, and its distance from the road's edge
 
 
 class Shadows:
-    """The light that reaches points of the road; called with a weather.
+    """The sunlight that reaches points of the road, as a function of the weather.
 
     Args:
-        track: the road.
-        standing: what may throw shadows.
-        pieces: the points float [N, 3] of each piece of the road's mesh.
+        track: track of the road.
+        standing: objects that may cast shadows.
+        pieces: points float [N, 3] of each piece of the road's mesh.
     """
 
     def __init__(self, track: Track, standing: list[Standing], pieces: list[np.ndarray]) -> None:
@@ -41,7 +41,7 @@ class Shadows:
         self.edge = track.width / 2
 
     def __call__(self, weather: Weather) -> list[np.ndarray]:
-        """For each piece, float [N] in 0..1: the share of the sun that reaches its points."""
+        """Return for each piece float [N]: the share of sunlight, 0..1, that reaches its points."""
         sun = towards_sun(weather)
         light = np.ones(len(self.points))
         for tree in self.trees:
@@ -50,7 +50,7 @@ class Shadows:
         return np.split(light, self.ends)
 
     def _cast(self, light: np.ndarray, tree: Standing, sun: np.ndarray) -> None:
-        """Darken an ellipse where a tree's crown keeps the sun away."""
+        """Darken the ellipse in a tree's shadow."""
         low, high = (share * tree.height for share in CROWN[tree.kind])
         away = -sun[:2] / sun[2]
         length = np.hypot(*away)
@@ -66,11 +66,11 @@ class Shadows:
         offset = self.points[near, :2] - middle
         along, across = offset @ ahead, offset @ (-ahead[1], ahead[0])
         inside = np.hypot(along / long, across / wide)
-        # Leaves let some light through, and the border is soft.
+        # Leaves transmit some light, and the border is soft.
         light[near] = np.minimum(light[near], np.clip((inside - 0.7) / 0.5, 0.15, 1))
 
     def _behind_rock(self, sun: np.ndarray) -> np.ndarray:
-        """bool [N]: a rock face stands between a point and the sun."""
+        """Return bool [N]: whether a rock face stands between a point and the sun."""
         flat = sun[:2] / np.hypot(*sun[:2])
         rightwards = self.right @ flat
         wall = self.edge + ROCK_FOOT_M

@@ -1,11 +1,11 @@
-"""The sky: a dome of colours by elevation, measured on the original's pictures."""
+"""The sky: a dome of colours by elevation, measured on the original's images."""
 
 import numpy as np
 
 from simulator.scenery.mesh import Mesh, grid_triangles
 
 RADIUS_M = 800.0
-# Elevation in degrees, and RGB 0..255 of the original's sky there (rows 0 to 57 of its pictures).
+# Elevation in degrees, and RGB 0..255 of the original's sky there (rows 0 to 57 of its images).
 COLOURS = (
     (-90, (176, 200, 208)),
     (0, (176, 202, 212)),
@@ -21,7 +21,7 @@ COLOURS = (
 
 
 def sky_mesh() -> Mesh:
-    """A dome around the camera, without light or shade of its own."""
+    """Return a dome around the camera; its colours are not shaded."""
     elevation = np.array([one[0] for one in COLOURS], float)
     colours = np.array([one[1] for one in COLOURS], float) / 255
     steps = np.unique(np.concatenate([elevation, np.arange(-10, 30, 2), np.arange(30, 91, 15)]))

@@ -1,7 +1,7 @@
-"""Textures drawn from random numbers: none is copied from anywhere.
+"""Textures drawn from random numbers; none is copied from another work.
 
-Each is uint8 [H, W, 3] or [H, W, 4] with powers of two as sizes, RGB(A). It multiplies the mesh's
-colours, which can't exceed 1: so its mean is known (`MEANS`), and the colours are divided by that.
+Each is uint8 [H, W, 3] or [H, W, 4], RGB(A), with powers of two as sizes. The renderer multiplies
+the mesh's colours by it. Its mean is known (`MEANS`), and colours are divided by that mean.
 """
 
 import cv2
@@ -9,16 +9,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 SIZE = 256
-# Of a texture's grey, in 0..1: much room for grain above it, or much for light.
+# Mean grey, 0..1; a low mean leaves room for grain, a high one for bright light.
 MEANS = {"asphalt": 0.6, "cobbles": 0.7, "rock": 0.75, "ground": 0.8, "concrete": 0.95}
-# The original's asphalt is lighter the flatter one looks at it, 122 of 255 at the bonnet and 150 at
-# 9 m: each halving of the texture is lighter than the last.
+# The original's asphalt is lighter at flat angles of view, 122 of 255 at the bonnet and 150 at 9 m.
+# Therefore each halving of the texture is lighter than the last.
 BRIGHTER_PER_HALVING = {"asphalt": 0.10}
 MOST_BRIGHTER = 0.26
 
 
 def make_textures(seed: int) -> dict[str, np.ndarray]:
-    """Every texture by its material's name; the seed changes grain, never mean colour."""
+    """Return every texture by its material; the seed changes grain, not mean colour."""
     rng = np.random.default_rng(seed)
     return {
         "asphalt": _grain("asphalt", rng, ((0.6, 0.17), (1.6, 0.02), (10, 0.008), (40, 0.012))),
@@ -33,7 +33,7 @@ def make_textures(seed: int) -> dict[str, np.ndarray]:
 
 
 def halvings(name: str, pixels: np.ndarray) -> list[np.ndarray]:
-    """The texture, and its halves down to 1 x 1 (mipmaps), for what is farther and farther off."""
+    """Return the texture and its halvings down to 1 x 1 (mipmaps), for growing distances."""
     step = BRIGHTER_PER_HALVING.get(name, 0.0)
     levels = [pixels]
     while max(levels[-1].shape[:2]) > 1:
@@ -46,7 +46,7 @@ def halvings(name: str, pixels: np.ndarray) -> list[np.ndarray]:
 
 
 def _noise(rng: np.random.Generator, size: float, height: int = SIZE) -> np.ndarray:
-    """Seamless noise float [height, SIZE], mean 0, deviation 1, blurred by `size` pixels."""
+    """Return seamless noise float [height, SIZE], mean 0, deviation 1, blurred by `size` pixels."""
     white = rng.normal(size=(height, SIZE))
     spectrum = np.fft.rfft2(white)
     y = np.fft.fftfreq(height)[:, None]
@@ -57,7 +57,7 @@ def _noise(rng: np.random.Generator, size: float, height: int = SIZE) -> np.ndar
 
 
 def _to_texture(name: str, values: np.ndarray) -> np.ndarray:
-    """uint8 RGB of grey or RGB floats whose mean is moved to the one of its material."""
+    """Return uint8 RGB of grey or RGB floats, shifted to the material's mean."""
     values = values + MEANS[name] - values.mean()
     if values.ndim == 2:
         values = np.repeat(values[..., None], 3, 2)
@@ -71,14 +71,14 @@ def _grain(
 
 
 def _rock(rng: np.random.Generator) -> np.ndarray:
-    """Streaks downhill, as on the rock faces of the original."""
+    """Return streaks downhill, as on the original's rock faces."""
     fine, coarse = _noise(rng, 2), _noise(rng, 9)
     streaks = cv2.blur(_noise(rng, 1.5), (1, 41), borderType=cv2.BORDER_REFLECT)
     return _to_texture("rock", 0.05 * fine + 0.07 * coarse + 0.35 * streaks)
 
 
 def _cobbles(rng: np.random.Generator) -> np.ndarray:
-    """Uneven paving stones with pale joints: the nearest of scattered points, and its border."""
+    """Return uneven paving stones with joints: a Voronoi diagram of scattered points."""
     rows, columns = 8, 6
     y, x = np.mgrid[0:rows, 0:columns].astype(float)
     x[::2] += 0.5
@@ -92,23 +92,23 @@ def _cobbles(rng: np.random.Generator) -> np.ndarray:
     apart, nearest = cKDTree(wrapped).query(grid, k=2, p=1)
     stone = tones[nearest[:, 0] % len(tones)]
     joint = apart[:, 1] - apart[:, 0] < 0.16
-    picture = np.where(joint, 0.20, stone).reshape(SIZE, SIZE)
-    return _to_texture("cobbles", cv2.GaussianBlur(picture, (5, 5), 0) + 0.05 * _noise(rng, 1))
+    grey = np.where(joint, 0.20, stone).reshape(SIZE, SIZE)
+    return _to_texture("cobbles", cv2.GaussianBlur(grey, (5, 5), 0) + 0.05 * _noise(rng, 1))
 
 
 def _stripes() -> np.ndarray:
-    """Red and white by turns along the road."""
-    picture = np.empty((32, 64, 3))
-    picture[:, :32] = (0.95, 0.47, 0.42)
-    picture[:, 32:] = (1.0, 0.95, 0.90)
-    return (picture * 255).astype(np.uint8)
+    """Return alternating red and white along the road."""
+    stripes = np.empty((32, 64, 3))
+    stripes[:, :32] = (0.95, 0.47, 0.42)
+    stripes[:, 32:] = (1.0, 0.95, 0.90)
+    return (stripes * 255).astype(np.uint8)
 
 
 PLANTS = ("pine", "tall_pine", "round_tree", "bush", "reeds", "pylon", "tyres", "sign")
 
 
 def _plants(rng: np.random.Generator) -> np.ndarray:
-    """An atlas uint8 [128, 512, 4]: `PLANTS` from left to right, standing on the lower edge."""
+    """Return an atlas uint8 [128, 512, 4]: `PLANTS` from left to right, on the lower edge."""
     atlas = np.zeros((128, 64 * len(PLANTS), 4), np.uint8)
     for number, name in enumerate(PLANTS):
         tile = atlas[:, 64 * number : 64 * (number + 1)]
@@ -117,7 +117,7 @@ def _plants(rng: np.random.Generator) -> np.ndarray:
         elif name in ("bush", "reeds"):
             _draw_bush(tile, rng, name)
         else:
-            _draw_thing(tile, name)
+            _draw_object(tile, name)
     return atlas
 
 
@@ -147,7 +147,7 @@ def _draw_bush(tile: np.ndarray, rng: np.random.Generator, kind: str) -> None:
         cv2.line(tile, (int(x), int(start)), (lean, int(127 - height)), colour, 2)
 
 
-def _draw_thing(tile: np.ndarray, kind: str) -> None:
+def _draw_object(tile: np.ndarray, kind: str) -> None:
     dark = (70, 72, 76, 255)
     if kind == "pylon":
         for height in range(0, 127, 9):

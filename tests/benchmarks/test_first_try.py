@@ -1,4 +1,4 @@
-"""What `benchmarks/first_try.py` makes of a candidate."""
+"""Runs and figures of `benchmarks/first_try.py`."""
 
 import json
 
@@ -33,7 +33,7 @@ def test_a_candidate_is_trained_and_driven(recorded: Written, tmp_path):
     [
         ("recording=muose", "recording=muose: must be all, real"),
         ("recording=real", "real=FOLDER"),
-        ("only=lennet", "only=lennet: there are first_try"),
+        ("only=lennet", "only=lennet: no such candidate; available: first_try"),
         ("seed=1", "there is no option seed"),
     ],
 )

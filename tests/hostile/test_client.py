@@ -1,4 +1,4 @@
-"""`python -m simulator client` and servers that are no driver, or a hostile one."""
+"""`python -m simulator client` with hostile servers, or servers that are not drivers."""
 
 import base64
 import contextlib
@@ -18,10 +18,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from simulator import bounded_socket
+from simulator import autonomous_mode, bounded_socket
 from simulator import client as client_module
+from simulator.autonomous_mode import Client
 from simulator.bounded_socket import MAX_MESSAGE, HandshakeSilentError
-from simulator.client import Client, ClientOptions
+from simulator.client_options import ClientOptions
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.modern_socket import ModernSocket
 from simulator.world import open_world
@@ -170,7 +171,7 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (bounded_socket, sys.modules[LegacySocket.__module__]):
         monkeypatch.setattr(module, "HANDSHAKE_S", 0.3)
     monkeypatch.setattr(sys.modules[ModernSocket.__module__], "HANDSHAKE_S", 0.3)
-    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
+    monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
     monkeypatch.setattr(client_module, "RETRY_S", 0.01)
 
 
@@ -221,13 +222,13 @@ def test_it_says_so_and_tries_again() -> None:
     with serving(talk) as url:
         client = Client(open_world("lake", quality="simple"), ClientOptions(url=url), console)
         for _ in range(2):
-            client_module._drive_until_gone(client)
+            client_module._drive_until_disconnected(client)
         threading.Timer(1, lambda: connections[2].shutdown(socket.SHUT_RDWR)).start()
-        client_module._drive_until_gone(client)
-    said = console.export_text()
-    assert said.count("has not answered the handshake") == 1
-    assert url in said
-    assert "another program on the port" in said
+        client_module._drive_until_disconnected(client)
+    printed = console.export_text()
+    assert printed.count("no answer to the handshake") == 1
+    assert url in printed
+    assert "another program on the port" in printed
     assert len(connections) == 3
 
 
@@ -235,8 +236,8 @@ def test_it_says_so_and_tries_again() -> None:
 @pytest.mark.parametrize("name", ["waits", "1 TB"])
 def test_the_command_says_so_and_ends_with_ctrl_c_in_little_memory(name: str) -> None:
     talk, words = {
-        "waits": (wait, "has not answered the handshake"),
-        "1 TB": (open_and(TOO_LONG["a frame of 1 TB"]), "the connection is gone"),
+        "waits": (wait, "no answer to the handshake"),
+        "1 TB": (open_and(TOO_LONG["a frame of 1 TB"]), "disconnected"),
     }[name]
     with serving(talk) as url:
         process = subprocess.Popen(

@@ -277,9 +277,9 @@ def many_points(content: dict) -> None:
 TRACKS: dict[str, tuple[Callable[[dict], None], str]] = {
     "times 100": (
         lambda one: one.update(points=[[100 * v for v in p] for p in one["points"]]),
-        "points: reach over",
+        "points: extend over",
     ),
-    "many points": (many_points, "points: 10,001, more than 10,000"),
+    "many points": (many_points, "points: 10,001 points; use at most 10,000"),
     "long": (
         lambda one: one.update(
             points=[[x, y, 0.0] for x in range(0, 9000, 40) for y in range(0, 3000, 1500)]

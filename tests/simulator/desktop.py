@@ -1,4 +1,4 @@
-"""A desktop for tests: Xvfb, and a person's hands on its keyboard, mouse and close buttons."""
+"""A desktop for tests: Xvfb, with simulated keys, mouse and close buttons."""
 
 import ctypes
 import ctypes.util
@@ -32,7 +32,7 @@ class ClientMessage(ctypes.Structure):
 
 
 class Desktop:
-    """`name` is what DISPLAY must be."""
+    """A connection to an X server; `name` is the value of DISPLAY."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -44,7 +44,7 @@ class Desktop:
             getattr(self.x11, call).restype = ctypes.c_ulong
 
     def key(self, name: str, down: bool) -> None:
-        """Press or let go of a key, by X's name: `Up`, `r`, `Escape`."""
+        """Press or release a key, by X's name: `Up`, `r`, `Escape`."""
         symbol = ctypes.c_ulong(self.x11.XStringToKeysym(name.encode()))
         self.xtest.XTestFakeKeyEvent(
             self.display, self.x11.XKeysymToKeycode(self.display, symbol), int(down), 0
@@ -52,23 +52,23 @@ class Desktop:
         self.x11.XSync(self.display, 0)
 
     def tap(self, name: str) -> None:
-        """Press a key and let go at once."""
+        """Press a key and release it at once."""
         self.key(name, True)
         self.key(name, False)
 
     def mouse(self, x: int, y: int, button: bool | None = None) -> None:
-        """Move the pointer, then press (True) or let go of the left button."""
+        """Move the pointer, then press (True) or release (False) the left button."""
         self.xtest.XTestFakeMotionEvent(self.display, 0, x, y, 0)
         if button is not None:
             self.xtest.XTestFakeButtonEvent(self.display, 1, int(button), 0)
         self.x11.XSync(self.display, 0)
 
-    def picture(self) -> np.ndarray:
-        """What the screen shows: uint8 [600, 800, 3], RGB."""
+    def image(self) -> np.ndarray:
+        """Return the screen's image: uint8 [600, 800, 3], RGB."""
         return np.asarray(ImageGrab.grab(xdisplay=self.name).convert("RGB"))
 
     def close_window(self, title: str) -> None:
-        """What a window's close button does."""
+        """Close a window as its close button does."""
         delete, protocols = (
             self.x11.XInternAtom(self.display, name, 0)
             for name in (b"WM_DELETE_WINDOW", b"WM_PROTOCOLS")
@@ -104,7 +104,7 @@ LIBRARIES = ("X11", "Xtst")
 
 @contextmanager
 def open_desktop() -> Iterator[Desktop]:
-    """Start Xvfb on a display that is free; skips the test where something is missing."""
+    """Start Xvfb on a free display; skip the test if a program or library is missing."""
     if not shutil.which("Xvfb"):
         pytest.skip("needs Xvfb (Debian: apt install xvfb)")
     if not all(map(ctypes.util.find_library, LIBRARIES)):

@@ -1,5 +1,4 @@
-"""Drivers to connect to: a raw WebSocket server that records every frame that it gets, a server
-that sends everybody away, and today's python-socketio."""
+"""Drivers for tests: a recording WebSocket server, a refusing one, and python-socketio."""
 
 import base64
 import hashlib
@@ -20,15 +19,17 @@ GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
 @dataclass
 class RawDriver:
-    """Listens on a free port, one connection at a time, in a thread; use it in a `with`.
+    """A WebSocket server that records every frame; a context manager.
+
+    It listens on a free port, in a thread, and serves one connection at a time.
 
     Attributes:
-        answer: what to send back for each whole message: texts, or bytes that go out as they are;
-            it may raise EOFError, which ends the connection.
-        frames: of each connection, (final, opcode, masked, length) as they came.
-        messages: of each connection, whole texts.
-        times: of each connection, when they came, by `time.monotonic`.
-        requests: of each connection, the handshake.
+        answer: function from a whole message to its replies: texts, or bytes that are sent
+            unchanged; it may raise EOFError, which ends the connection.
+        frames: frames (final, opcode, masked, length) of each connection, in order.
+        messages: whole texts of each connection.
+        times: arrival times of the messages of each connection, by `time.monotonic`.
+        requests: handshake of each connection.
     """
 
     answer: Callable[[str], Iterable[str | bytes]]
@@ -48,7 +49,7 @@ class RawDriver:
 
     @property
     def telemetry(self) -> list[str]:
-        """The telemetry messages of the first connection."""
+        """Return the telemetry messages of the first connection."""
         return [text for text in self.messages[0] if text.startswith('42["telemetry"')]
 
     def _serve(self) -> None:
@@ -98,11 +99,11 @@ class RawDriver:
 
 @dataclass
 class RefusingDriver:
-    """Answers every handshake with HTTP 400, as of 2020's libraries; use it in a `with`.
+    """A server that answers every handshake with HTTP 400, as libraries of 2020 do.
 
     Attributes:
-        times: of each handshake, by `time.monotonic`.
-        left_open: handshakes after which the client did not close its socket.
+        times: arrival time of each handshake, by `time.monotonic`.
+        left_open: number of handshakes after which the client did not close its socket.
     """
 
     times: list[float] = field(default_factory=list)
@@ -137,13 +138,13 @@ class RefusingDriver:
 
 
 class ModernDriver:
-    """Today's python-socketio on eventlet, in a process of its own; use it in a `with`.
+    """A python-socketio server on eventlet, in its own process; a context manager.
 
     Args:
-        reply: the arguments of the `steer` that answers telemetry.
+        reply: arguments of the `steer` that answers telemetry.
 
     Attributes:
-        telemetry: the arguments of each event, in the order they came.
+        telemetry: arguments of each event, in order.
     """
 
     def __init__(self, *reply: object) -> None:
@@ -179,7 +180,7 @@ class ModernDriver:
 
 
 def serve_modern(reply: list) -> None:
-    """The process of `ModernDriver`: prints its URL, then each telemetry's arguments as JSON."""
+    """Serve `ModernDriver`'s process: print its URL, then each telemetry's arguments as JSON."""
     import eventlet.wsgi
     import socketio
 
@@ -197,7 +198,7 @@ def serve_modern(reply: list) -> None:
 
 
 def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Callable:
-    """Answers pings and telemetry as a driver should; opens the session on the first ping."""
+    """Return a function that answers pings and telemetry, and opens the session at first."""
     reply = '42["steer",' + json.dumps({"steering_angle": steering, "throttle": throttle}) + "]"
     opened = False
 
@@ -216,7 +217,7 @@ def steering_driver(steering: str = "0.0000", throttle: str = "0.3000") -> Calla
 
 
 def make_frame(text: str, opcode: int = 1) -> bytes:
-    """A whole WebSocket frame, unmasked, as a server's are."""
+    """Return a whole WebSocket frame, unmasked, as servers send it."""
     data = text.encode()
     if len(data) < 126:
         return bytes([0x80 | opcode, len(data)]) + data

@@ -1,4 +1,4 @@
-"""The car alone: commands in, motion out. Figures are the original's (facts/simulator.md)."""
+"""The car without a track: commands in, motion out; the figures are the original's."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def test_it_slips_wide_of_that_circle_when_too_fast():
     for _ in range(100):
         drive(car, 0.02, steering=1, throttle=1)
     across = abs(car.yaw_rate) * np.hypot(car.ahead_mps, car.left_mps)
-    assert across < 1.4 * 9.81  # what its tyres and its downforce hold
+    assert across < 1.4 * 9.81  # the limit of tyres and downforce
     assert across > 0.7 * 9.81
     radius = np.hypot(car.ahead_mps, car.left_mps) / abs(car.yaw_rate)
     assert radius > 1.5 * WHEELBASE_M / np.tan(np.radians(MAX_STEERING_DEG))

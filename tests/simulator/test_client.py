@@ -1,4 +1,4 @@
-"""The autonomous mode: what it sends and obeys, with real sockets."""
+"""The client over real sockets: its messages, and its reactions to replies."""
 
 import io
 import json
@@ -16,8 +16,10 @@ import cv2
 import pytest
 from rich.console import Console
 
-from simulator import client as client_module
-from simulator.client import RETRY_S, Client, ClientOptions, run_client
+from simulator import autonomous_mode
+from simulator.autonomous_mode import Client
+from simulator.client import RETRY_S, run_client
+from simulator.client_options import ClientOptions
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.legacy_socket import LegacySocket
@@ -32,7 +34,7 @@ def recorder() -> Console:
 
 
 def drive(driver: RawDriver | ModernDriver, **options) -> tuple[Client, str]:
-    """A client's drive, and what it told the person."""
+    """Drive with a client; return it and its printed lines."""
     console = recorder()
     given = {"seconds": 0.6, "quality": "simple", **options}
     client = run_client(ClientOptions(url=driver.url, **given), console)
@@ -40,7 +42,7 @@ def drive(driver: RawDriver | ModernDriver, **options) -> tuple[Client, str]:
 
 
 @pytest.fixture(scope="module")
-def talked() -> tuple[RawDriver, Client, str]:
+def driven() -> tuple[RawDriver, Client, str]:
     with RawDriver(steering_driver(throttle="1.0000")) as driver:
         return driver, *drive(driver)
 
@@ -50,36 +52,36 @@ def world() -> World:
     return open_world("lake", quality="simple")
 
 
-def test_the_handshake_is_a_websocket_that_says_eio_4(talked) -> None:
-    request = talked[0].requests[0]
+def test_the_handshake_requests_a_websocket_and_eio_4(driven) -> None:
+    request = driven[0].requests[0]
     assert request.startswith("GET /socket.io/?EIO=4&transport=websocket HTTP/1.1")
     assert "origin" not in request.lower()
 
 
-def test_it_never_sends_the_connect_packet(talked) -> None:
-    assert not any(text.startswith("40") for text in talked[0].messages[0])
+def test_it_never_sends_the_connect_packet(driven) -> None:
+    assert not any(text.startswith("40") for text in driven[0].messages[0])
 
 
-def test_it_announces_itself_twice_and_then_answers_once_each(talked) -> None:
-    """Two loops: telemetry is two more than the replies that were obeyed."""
-    driver, client, _ = talked
+def test_it_sends_telemetry_twice_at_first_and_then_once_for_each_reply(driven) -> None:
+    """Two loops run: telemetry is two more than the replies."""
+    driver, client, _ = driven
     assert client.counts["telemetry"] == client.counts["steer"] + 2
-    # The last of both loops may be on their way when the client has driven enough, and hangs up.
+    # The last messages of both loops may be lost when the client closes the connection.
     assert client.counts["telemetry"] - len(driver.telemetry) in (0, 1, 2)
 
 
-def test_a_picture_travels_in_many_fragments(talked) -> None:
-    lengths = [length for final, opcode, _, length in talked[0].frames[0] if not final]
-    assert len(lengths) > 8 * len(talked[0].telemetry)
+def test_an_image_is_sent_in_many_fragments(driven) -> None:
+    lengths = [length for final, opcode, _, length in driven[0].frames[0] if not final]
+    assert len(lengths) > 8 * len(driven[0].telemetry)
     assert set(lengths) == {1016}
 
 
-def test_lock_step_is_a_frame_for_each_reply(talked) -> None:
-    assert talked[1].world.frames == talked[1].counts["steer"] == 9
+def test_lockstep_drives_one_frame_for_each_reply(driven) -> None:
+    assert driven[1].world.frames == driven[1].counts["steer"] == 9
 
 
-def test_a_driver_that_accelerates_moves_the_car(talked) -> None:
-    assert talked[1].world.car.speed_mph > 4
+def test_a_driver_that_accelerates_moves_the_car(driven) -> None:
+    assert driven[1].world.car.speed_mph > 4
 
 
 def test_steering_is_obeyed_normalised_and_reported_in_degrees() -> None:
@@ -89,13 +91,13 @@ def test_steering_is_obeyed_normalised_and_reported_in_degrees() -> None:
     assert json.loads(driver.telemetry[-1][2:])[1]["steering_angle"] == "-12.5000"
 
 
-def test_the_summary_says_how_it_went(talked) -> None:
+def test_the_summary_has_the_drives_figures(driven) -> None:
     pattern = (
-        r"0\.\d\d laps in 0\.6 s of simulated time; 9 frames, \d+ a second; 11 telemetry in "
-        r"1 connections; 0 times taken over by hand; off centre 0\.\d\d m on average, "
-        r"0\.\d\d m at most; 0 times off the road"
+        r"0\.\d\d laps in 0\.6 s of simulated time; 9 frames, \d+ per second; 11 telemetry "
+        r"messages; connected 1 times; taken over by hand 0 times; cross-track error 0\.\d\d m "
+        r"on average, 0\.\d\d m at most; left the road 0 times"
     )
-    assert re.search(pattern, talked[2])
+    assert re.search(pattern, driven[2])
 
 
 @pytest.mark.parametrize(
@@ -108,10 +110,10 @@ def test_the_summary_says_how_it_went(talked) -> None:
         ('["steer",[0.1,0.2]]', "its argument is list, expected one object"),
         ('["steer"]', "its argument is NoneType, expected one object"),
         ('["manual",{},{}]', "it has 2 arguments, expected one object"),
-        ('["steer",{"steering_angle":', "is no event with a name"),
+        ('["steer",{"steering_angle":', "not an event with a name"),
     ],
 )
-def test_a_reply_that_the_original_swallows_ends_the_loop_and_is_explained(
+def test_a_reply_that_the_original_discards_is_not_answered_and_is_reported(
     world: World, reply: str, words: str
 ) -> None:
     console = recorder()
@@ -123,14 +125,14 @@ def test_a_reply_that_the_original_swallows_ends_the_loop_and_is_explained(
         end_s = time.monotonic() + 0.25
         while time.monotonic() < end_s:
             for event in link.events(0.02):
-                client.take(link, *event)
+                client.handle_event(link, *event)
         link.close()
     assert len(driver.telemetry) == 1
     assert world.frames == 0
-    said = console.export_text()
-    assert said.count("\n") == 1
-    assert "swallowed, as by the original" in said
-    assert words in said
+    printed = console.export_text()
+    assert printed.count("\n") == 1
+    assert "discarded, as the original" in printed
+    assert words in printed
 
 
 @pytest.mark.parametrize(
@@ -140,8 +142,8 @@ def test_a_reply_that_the_original_swallows_ends_the_loop_and_is_explained(
         ({"manual": [[0, 9]]}, '42["manual",{}]'),
     ],
 )
-def test_a_silent_driver_is_told_of_with_the_reply_expected(monkeypatch, options, reply) -> None:
-    monkeypatch.setattr(client_module, "SILENT_S", 0.3)
+def test_a_silent_driver_is_reported_with_the_expected_reply(monkeypatch, options, reply) -> None:
+    monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
 
     def slow(text: str) -> Iterator[str]:
         if text.startswith('42["telemetry"'):
@@ -149,15 +151,15 @@ def test_a_silent_driver_is_told_of_with_the_reply_expected(monkeypatch, options
             yield reply
 
     with RawDriver(slow) as driver:
-        _, said = drive(driver, seconds=0.2, **options)
-    assert said.count(f"expected: {reply}") == 1
+        _, printed = drive(driver, seconds=0.2, **options)
+    assert printed.count(f"expected: {reply}") == 1
 
 
 def test_a_person_who_holds_w_sends_null_and_drives_straight_at_full_throttle() -> None:
     with RawDriver(steering_driver("0.5000", "0.0000")) as driver:
-        client, said = drive(driver, manual=[[0, 0.3], [0.4, 0.5]], seconds=0.9)
+        client, printed = drive(driver, manual=[[0, 0.3], [0.4, 0.5]], seconds=0.9)
     null = [text == '42["telemetry",null]' for text in driver.telemetry]
-    # Both loops are on their way; each span's replies are null's, then pictures again.
+    # With both loops, each span is answered with nulls, then with telemetry again.
     assert [held for i, held in enumerate(null) if i == 0 or held != null[i - 1]] == [
         True,
         False,
@@ -166,10 +168,10 @@ def test_a_person_who_holds_w_sends_null_and_drives_straight_at_full_throttle() 
     ]
     assert client.counts["manual"] == sum(null)
     assert client.world.car.speed_mph > 2
-    assert "2 times taken over by hand" in said
+    assert "taken over by hand 2 times" in printed
 
 
-def test_the_car_is_the_persons_while_w_is_held(world: World) -> None:
+def test_the_person_drives_the_car_while_w_is_held(world: World) -> None:
     world.reset(0)
     client = Client(world, ClientOptions(manual=[[0.0, 0.4]]), recorder())
     client.command = (0.5, -1.0)
@@ -181,7 +183,7 @@ def test_the_car_is_the_persons_while_w_is_held(world: World) -> None:
     assert (world.car.steering, world.car.throttle) == (0.5, -1.0)
 
 
-def test_a_decimal_comma_goes_both_ways() -> None:
+def test_a_decimal_comma_is_written_and_read() -> None:
     with RawDriver(steering_driver("0,2000", "1,0000")) as driver:
         client, _ = drive(driver, decimal_comma=True)
     telemetry = json.loads(driver.telemetry[-1][2:])[1]
@@ -196,16 +198,16 @@ def test_a_point_under_a_decimal_comma_is_full_lock() -> None:
     assert client.command == (1.0, 0.2)
 
 
-def test_a_dropped_connection_is_made_again_at_once() -> None:
+def test_the_client_reconnects_at_once_after_dropping_a_connection() -> None:
     with RawDriver(steering_driver()) as driver:
-        client, said = drive(driver, drop_at=0.2)
+        client, printed = drive(driver, drop_at=0.2)
     assert len(driver.requests) == 2  # one at a time: the first is closed, not leaked
     assert driver.times[1][0] - driver.times[0][-1] < RETRY_S / 2
     assert client.counts["connections"] == 2
-    assert "dropped, as asked" in said
+    assert "drop_at=0.2" in printed
 
 
-def test_a_driver_that_shuts_the_door_is_not_stormed() -> None:
+def test_a_driver_that_refuses_connections_is_tried_twice_a_second() -> None:
     steer = steering_driver()
 
     def answer(text: str) -> list[str]:
@@ -219,22 +221,22 @@ def test_a_driver_that_shuts_the_door_is_not_stormed() -> None:
     assert driver.times[2][0] - driver.times[0][0] > 1.9 * RETRY_S
 
 
-@pytest.mark.parametrize("goes", [False, True])
-def test_in_real_time_the_car_drives_on_without_replies(goes: bool) -> None:
-    """After its first reply the driver answers nothing, or goes; in lock step the world stands."""
+@pytest.mark.parametrize("disconnects", [False, True])
+def test_in_real_time_the_car_drives_without_replies(disconnects: bool) -> None:
+    """After its first reply the driver answers nothing more, or disconnects."""
     replies = iter(["42" + json.dumps(["steer", STEER])])
 
     def answer(text: str) -> Iterator[str]:
         if "telemetry" in text:
             yield from replies
-            if goes and len(driver.telemetry) == 2:
+            if disconnects and len(driver.telemetry) == 2:
                 driver.listener.close()
                 raise EOFError
 
     with RawDriver(answer) as driver:
-        client, said = drive(driver, clock="realtime", seconds=1.0)
+        client, printed = drive(driver, clock="realtime", seconds=1.0)
     assert client.world.car.speed_mph > 8
-    assert ("the connection is gone" in said) == goes
+    assert ("disconnected" in printed) == disconnects
 
 
 def test_in_real_time_each_reply_is_answered_at_the_next_frame() -> None:
@@ -255,7 +257,7 @@ def start_client(url: str) -> subprocess.Popen:
     )
 
 
-def test_ctrl_c_ends_it_with_a_summary_and_refusals_are_met_calmly() -> None:
+def test_ctrl_c_prints_a_summary_and_refusals_are_tried_again_slowly() -> None:
     with RefusingDriver() as driver, start_client(driver.url) as process:
         first = [process.stdout.readline() for _ in range(2)]
         time.sleep(1.2)
@@ -271,7 +273,7 @@ def test_ctrl_c_ends_it_with_a_summary_and_refusals_are_met_calmly() -> None:
     assert driver.left_open == 0
 
 
-def test_a_closed_port_is_waited_for() -> None:
+def test_the_client_waits_for_a_closed_port() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         url = f"http://127.0.0.1:{taken.getsockname()[1]}"
     with start_client(url) as process:
@@ -280,7 +282,7 @@ def test_a_closed_port_is_waited_for() -> None:
     assert lines[1] == (f"waiting for a driver at {url}; start it with: python -m zoo.drive CKPT\n")
 
 
-def test_the_truth_is_told_when_asked() -> None:
+def test_truth_adds_figures_to_telemetry() -> None:
     with RawDriver(steering_driver()) as driver:
         drive(driver, truth=True)
     message = json.loads(driver.telemetry[-2][2:])[1]
@@ -291,50 +293,50 @@ def test_the_truth_is_told_when_asked() -> None:
 
 
 def put_back(options: ClientOptions, world: World, reply: dict) -> Client:
-    """A client off the lake's road, which has taken a reply."""
+    """Return a client off the lake's road that has handled a reply."""
     world.reset(0)
     world.put_back(Start(100, cte=5.0, speed_mph=9))
     client = Client(world, options, recorder())
     with RawDriver(steering_driver()) as driver, closing(LegacySocket(driver.url)) as link:
         client.frame()
-        client.take(link, "steer", reply)
+        client.handle_event(link, "steer", reply)
     return client
 
 
-def test_a_reply_puts_the_car_back_on_the_road_when_asked(world: World) -> None:
+def test_a_reply_puts_the_car_back_on_the_road_with_put_back(world: World) -> None:
     reply = {**STEER, "put_back": "12,0000"}
     options = ClientOptions(truth=True, put_back=True, decimal_comma=True)
     client = put_back(options, world, reply)
-    assert (client.frame() == world.frame()).all(), "it is not the one from beside the road"
+    assert (client.frame() == world.frame()).all(), "the frame from off the road was kept"
     assert world.cte == pytest.approx(0, abs=1e-3)
     assert world.place.distance == pytest.approx(100, abs=0.5)
     assert world.car.speed_mph == pytest.approx(12)
     assert client.counts["put back"] == 1
 
 
-def test_a_name_that_rich_would_read_is_printed_as_it_stands(world: World) -> None:
+def test_rich_markup_in_a_line_is_printed_unchanged(world: World) -> None:
     console = recorder()
-    Client(world, ClientOptions(), console).say("[brightness] [/red] :car:")
+    Client(world, ClientOptions(), console).print_once("[brightness] [/red] :car:")
     assert console.export_text() == "[brightness] [/red] :car:\n"
 
 
-def test_a_reply_puts_nothing_back_as_the_original(world: World) -> None:
+def test_a_reply_puts_nothing_back_by_default(world: World) -> None:
     put_back(ClientOptions(truth=True), world, {**STEER, "put_back": "12.0000"})
     assert abs(world.cte) > 4
 
 
-def test_a_modern_driver_is_served_by_todays_library() -> None:
+def test_the_modern_protocol_drives_with_python_socketio() -> None:
     with ModernDriver(STEER) as driver:
-        client, said = drive(driver, protocol="modern", manual=[[0, 0.2]])
-    assert driver.telemetry[0] == [None]  # one argument, null: as the original's
+        client, printed = drive(driver, protocol="modern", manual=[[0, 0.2]])
+    assert driver.telemetry[0] == [None]  # one argument, null, as from the original
     assert set(driver.telemetry[-1][0]) == {"steering_angle", "throttle", "speed", "image"}
     assert client.counts["manual"] == 3
     assert client.counts["steer"] == 6
     assert client.world.car.speed_mph > 4
-    assert "1 connections; 1 times taken over by hand" in said
+    assert "connected 1 times; taken over by hand 1 times" in printed
 
 
-def test_its_film_has_a_frame_for_each_of_the_worlds(tmp_path: Path) -> None:
+def test_its_film_has_every_frame_of_the_world(tmp_path: Path) -> None:
     path = tmp_path / "lap.mp4"
     with RawDriver(steering_driver()) as driver:
         client, _ = drive(driver, film=str(path))
@@ -362,6 +364,6 @@ def test_spans_of_seconds_may_be_whole_numbers_on_the_command_line() -> None:
         ({"track": "lak"}, "there is no track lak"),
     ],
 )
-def test_an_option_that_cannot_be_is_named(options: dict, words: str) -> None:
+def test_a_wrong_option_is_named(options: dict, words: str) -> None:
     with pytest.raises(SimulatorError, match=re.escape(words)):
         run_client(ClientOptions(**{"seconds": 0.1, **options}), Console(quiet=True))

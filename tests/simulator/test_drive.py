@@ -1,4 +1,4 @@
-"""`python -m simulator drive` at a desktop, with keys that are really pressed."""
+"""`python -m simulator drive` on a desktop with simulated keys and mouse."""
 
 import os
 import signal
@@ -28,7 +28,7 @@ def desktop():
 
 @pytest.fixture
 def begin(tmp_path, desktop):
-    """Start the command; returns its process once the window can be seen."""
+    """Start the command; return its process when the window is visible."""
     processes = []
 
     def start(*arguments: str) -> subprocess.Popen:
@@ -43,20 +43,20 @@ def begin(tmp_path, desktop):
             )
         )
         # A drawn world has many colours; an empty screen has one.
-        wait_until(lambda: desktop.picture().std() > 20)
+        wait_until(lambda: desktop.image().std() > 20)
         return processes[-1]
 
     yield start
     for one in processes:
         one.kill()
         one.communicate()
-    wait_until(lambda: desktop.picture().std() < 20)
+    wait_until(lambda: desktop.image().std() < 20)
 
 
 def wait_until(condition, seconds: float = 30.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, "the condition never came true"
         time.sleep(0.05)
 
 
@@ -66,10 +66,10 @@ def rows(folder) -> int:
 
 
 def output(process: subprocess.Popen) -> str:
-    said, errors = process.communicate(timeout=30)
+    printed, errors = process.communicate(timeout=30)
     assert process.returncode == 0, errors
     assert errors == ""
-    return said
+    return printed
 
 
 def test_a_person_drives_to_the_left_and_records_it(tmp_path, desktop: Desktop, begin):
@@ -81,11 +81,11 @@ def test_a_person_drives_to_the_left_and_records_it(tmp_path, desktop: Desktop, 
     for key in ("Up", "Left"):
         desktop.key(key, False)
     desktop.tap("Escape")
-    said = output(process)
+    printed = output(process)
     recording = read_recordings(str(tmp_path / "mine"))
-    assert f"rows        {len(recording)} " in said
-    assert str(tmp_path / "mine" / LOG_NAME) in said
-    assert "experiment=first_try data.root=mine" in said
+    assert f"rows        {len(recording)} " in printed
+    assert str(tmp_path / "mine" / LOG_NAME) in printed
+    assert "experiment=first_try data.root=mine" in printed
     assert recording.steering.min() == -1
     assert recording.steering.max() <= 0
     assert recording.throttle.max() == 1
@@ -101,7 +101,7 @@ def test_r_pauses_the_recording_and_the_mouse_steers(tmp_path, desktop: Desktop,
     (folder,) = (tmp_path / "recordings").iterdir()
     desktop.mouse(400, 300, button=True)
     desktop.tap("space")
-    # 0.2 s: longer than a picture may take, so that the window saw the button before the move.
+    # 0.2 s are longer than a frame, so that the window gets the button before the move.
     wait_until(lambda: rows(folder) >= 8)
     desktop.mouse(560, 300)
     wait_until(lambda: rows(folder) >= 16)
@@ -140,7 +140,7 @@ def test_a_recording_can_be_read_however_the_drive_ends(tmp_path, desktop: Deskt
     assert len(read_recordings(str(tmp_path / "mine"))) >= 5
 
 
-def test_a_drive_that_nobody_records_leaves_nothing(tmp_path, begin, desktop: Desktop):
+def test_a_drive_without_recording_leaves_no_files(tmp_path, begin, desktop: Desktop):
     process = begin()
     desktop.tap("Escape")
     assert "nothing was recorded" in output(process)
@@ -156,7 +156,7 @@ def test_a_viewer_shows_frames(desktop: Desktop, monkeypatch, pipe):
     viewer = open_viewer("a test", (640, 320))
     try:
         assert all(viewer.show(frame) for _ in range(3))
-        shown = desktop.picture()[140:460, 80:720]  # the window is in the middle of 800 x 600
+        shown = desktop.image()[140:460, 80:720]  # the window is in the middle of 800 x 600
         assert shown[40, 40].tolist() == [250, 0, 0]
         assert shown[280, 600].tolist() == [0, 120, 250]
         assert shown[40, 600].tolist() == shown[280, 40].tolist() == [0, 0, 0]
@@ -168,13 +168,13 @@ def test_a_viewer_shows_frames(desktop: Desktop, monkeypatch, pipe):
 
 
 @pytest.mark.parametrize("display", [None, "", ":98765"])
-def test_without_a_display_one_line_says_so(tmp_path, monkeypatch, display):
+def test_without_a_display_the_error_is_one_line(tmp_path, monkeypatch, display):
     monkeypatch.setenv("DISPLAY", "")
     if display is None:
         monkeypatch.delenv("DISPLAY")
     elif display:
         monkeypatch.setenv("DISPLAY", display)
-    # Not forked: what asks for a display must not have done so before.
+    # A new process, because Panda3D asks for a display only once.
     result = subprocess.run(
         command("simulator", "drive", "out=mine"),
         cwd=tmp_path,
@@ -191,7 +191,7 @@ def test_without_a_display_one_line_says_so(tmp_path, monkeypatch, display):
 
 
 @pytest.mark.parametrize(
-    ("argument", "said"),
+    ("argument", "words"),
     [
         ("directoin=1", "there is no option directoin; did you mean direction?"),
         ("direction=both", "direction=both: must be forward or backward"),
@@ -199,16 +199,18 @@ def test_without_a_display_one_line_says_so(tmp_path, monkeypatch, display):
         ("frame_rate=60", "frame_rate=60: must be above 0, up to 50"),
         ("width=10", "width=10: must be in 320..7680 pixels"),
         ("seconds=-1", "seconds=-1: must be 0 or more"),
-        ("renderer=none", "a recording needs pictures"),
-        ("out=held", "held holds a driving_log.csv already"),
+        ("renderer=none", "renderer=none: a recording needs images"),
+        ("out=held", "held: has a driving_log.csv already; give another folder with out="),
     ],
     ids=lambda one: one.partition(":")[0],
 )
-def test_a_mistake_is_one_line_before_a_window_opens(tmp_path, monkeypatch, argument, said, capsys):
+def test_a_mistake_is_one_line_before_a_window_opens(
+    tmp_path, monkeypatch, argument, words, capsys
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "held").mkdir()
     (tmp_path / "held" / LOG_NAME).touch()
-    # A window would fail here, with another message.
+    # A window would fail here, with another words.
     monkeypatch.setitem(os.environ, "DISPLAY", "")
     assert run_command(simulator, ["drive", argument]) in (1, 2)
-    assert said in capsys.readouterr().err
+    assert words in capsys.readouterr().err

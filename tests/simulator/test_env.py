@@ -25,7 +25,7 @@ Opened = Callable[..., DrivingEnv]
 
 @pytest.fixture
 def opened(tmp_path: Path) -> Iterator[Opened]:
-    """`opened(**arguments)`: an environment on a short loop, closed at the end of the test."""
+    """Return a function that opens an environment on a short loop until the test ends."""
     track = tmp_path / "loop.yaml"
     bare = {"trees": 5, "bushes": 0, "rocks": 5}
     track.write_text(yaml.safe_dump({"points": LOOP, "surroundings": bare}))
@@ -42,7 +42,7 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
 
 @pytest.mark.parametrize("name", [environment_id(one) for one in track_names()])
 @pytest.mark.parametrize("arguments", [{}, {"cameras": "all", "render_mode": "rgb_array"}])
-def test_gymnasium_finds_nothing_to_complain_about(name, arguments):
+def test_gymnasiums_checker_finds_no_fault(name, arguments):
     env = gymnasium.make(name, renderer="software", **arguments)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -59,7 +59,7 @@ assert "panda3d" not in sys.modules
     subprocess.run([sys.executable, "-c", lines], check=True)
 
 
-def test_gymnasium_imports_the_simulator_where_the_name_says_so():
+def test_gymnasium_imports_the_simulator_named_in_the_id():
     lines = """
 import gymnasium
 print(gymnasium.make("simulator:Lake-v0", renderer="software").reset(seed=0)[1]["lap"])
@@ -88,7 +88,7 @@ def test_the_same_seed_and_actions_give_the_same_frames_to_the_bit(opened):
 
 
 def drive_at_random(env: DrivingEnv, seed: int) -> list[tuple[dict, dict]]:
-    """Observations and infos of two episodes, the second without a seed of its own."""
+    """Return observations and infos of two episodes, the second without a seed."""
     rng = np.random.default_rng(seed)
     seen = []
     for episode_seed in (seed, None):
@@ -108,7 +108,7 @@ def test_another_seed_is_another_place_and_day(opened):
     assert len(set(days)) == 3
 
 
-def test_reset_takes_where_and_in_what_weather_to_begin(opened):
+def test_reset_takes_place_and_weather_of_the_start(opened):
     fog = Weather(fog=0.6)
     options = {"distance": 50, "cte": 1, "heading_deg": -4, "speed_mph": 12, "weather": fog}
     env = opened()
@@ -169,14 +169,14 @@ def test_it_renders_what_was_last_seen(opened):
     assert silent.render() is None
 
 
-def test_closing_twice_does_no_harm(opened):
+def test_closing_twice_has_no_effect(opened):
     env = opened()
     env.close()
     env.close()
 
 
 @pytest.mark.parametrize(
-    ("argument", "said"),
+    ("argument", "message"),
     [
         ({"cameras": "rear"}, "cameras=rear: must be center or all"),
         ({"render_mode": "human"}, "render_mode=human"),
@@ -188,22 +188,22 @@ def test_closing_twice_does_no_harm(opened):
         ({"track": "lagoon"}, "no track lagoon"),
     ],
 )
-def test_an_argument_that_cannot_be_is_refused(argument, said):
-    with pytest.raises(SimulatorError, match=said):
+def test_a_wrong_argument_is_refused(argument, message):
+    with pytest.raises(SimulatorError, match=message):
         DrivingEnv(**argument)
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "message"),
     [
-        ({"speed": 5}, "no option speed; there are cte, distance"),
+        ({"speed": 5}, "unknown option speed; available: cte, distance"),
         ({"speed_mph": 70}, "speed_mph=70: must be in 0..30"),
         ({"cte": np.nan}, "nan: must be a finite number"),
         ({"weather": "hail"}, "weather=hail"),
     ],
 )
-def test_an_option_of_reset_that_cannot_be_is_refused(opened, option, said):
-    with pytest.raises(SimulatorError, match=said):
+def test_a_wrong_option_of_reset_is_refused(opened, option, message):
+    with pytest.raises(SimulatorError, match=message):
         opened().reset(options=option)
 
 

@@ -1,4 +1,4 @@
-"""The expert on every track that comes along, both ways round."""
+"""The expert on every included track, in both directions."""
 
 import functools
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ EVERYWHERE = [(track, direction) for track in track_names() for direction in (1,
 
 @dataclass
 class Drive:
-    """float64 [frames] each, but for `recording`, bool [frames]."""
+    """A drive's figures, float64 [frames]; `recording` is bool [frames]."""
 
     cte: np.ndarray
     steering: np.ndarray
@@ -62,7 +62,7 @@ def test_it_sways_off_and_comes_back_and_stays_on_the_road(track, direction):
     assert 0.5 < one.recording.mean() < 0.85
 
 
-def test_what_is_recorded_of_a_sway_leads_back():
+def test_only_the_way_back_of_a_sway_is_recorded():
     one = drive("lake", 1, settings=ExpertSettings(noise=1, seed=3))
     ends = np.flatnonzero(~one.recording[:-1] & one.recording[1:]) + 1
     ends = ends[ends + 30 < len(one.cte)]
@@ -94,12 +94,12 @@ def test_the_same_seed_sways_the_same_and_another_does_not():
 @pytest.mark.parametrize(
     "option", [{"delay_s": 0.2}, {"frame_rate": 50}, {"frame_rate": 5}], ids=str
 )
-def test_it_copes_with_a_delay_and_other_frame_rates(option):
+def test_it_drives_with_a_delay_and_other_frame_rates(option):
     one = drive("mountain", 1, 0.5, **option)
     assert np.abs(one.cte).max() < 0.6
 
 
-def test_it_finds_back_from_the_edge_and_from_the_grass():
+def test_it_returns_from_the_edge_and_from_the_grass():
     for start in (Start(330, cte=2.8, heading_deg=10, speed_mph=25), Start(330, cte=-5)):
         world = open_world("lake", renderer="none")
         world.put_back(start)
@@ -136,13 +136,13 @@ def test_speed_limits_leave_room_to_brake(direction):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         ({"speed_mph": 3}, "speed_mph=3: must be in 8..30"),
         ({"noise": 1.5}, "noise=1.5: must be in 0..1"),
-        ({"offset_m": 3}, "offset_m=3: the road has 2.2 m"),
+        ({"offset_m": 3}, "offset_m=3: must be in -2.2..2.2"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(settings, said):
-    with pytest.raises(SimulatorError, match=said):
+def test_wrong_settings_are_refused(settings, message):
+    with pytest.raises(SimulatorError, match=message):
         Expert(read_track("lake"), ExpertSettings(**settings))

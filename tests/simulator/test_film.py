@@ -34,7 +34,7 @@ def grey(level: int, height: int = 160, width: int = 320) -> np.ndarray:
     return np.full((height, width, 3), level, np.uint8)
 
 
-def test_a_film_is_h264_that_a_browser_plays_before_it_has_it_all(tmp_path: Path) -> None:
+def test_a_film_is_h264_that_a_browser_plays_before_it_has_the_whole_file(tmp_path: Path) -> None:
     path = write(tmp_path / "lap.mp4", *[grey(100)] * 5)
     facts = next(imageio_ffmpeg.read_frames(str(path)))
     assert facts["codec"] == "h264"
@@ -97,7 +97,7 @@ def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
 
 
 def full_disk(path: Path) -> Path:
-    """A film's path whose disk takes nothing."""
+    """Make a film's path be on a full disk; return it."""
     path.with_name(f".{path.name}.part.mp4").symlink_to(FULL)
     return path
 

@@ -27,7 +27,7 @@ def test_steering_builds_up_while_a_key_is_held(keys, way):
     assert after(2, Hands(keys)).steering == way
 
 
-def test_steering_returns_when_the_key_is_let_go():
+def test_steering_returns_when_the_key_is_released():
     control = after(0.2, Hands({"a"}))
     assert after(0.1, Hands(), control).steering == pytest.approx(-0.2)
     assert after(0.1, Hands(), control).steering == 0
@@ -60,7 +60,7 @@ def test_the_mouse_steers_by_how_far_it_went_since_the_button_was_pressed(moved,
     assert control.steering == pytest.approx(steering)
 
 
-def test_a_mouse_without_its_button_steers_nothing_and_each_press_begins_anew():
+def test_a_mouse_steers_only_with_its_button_and_each_press_begins_at_zero():
     control = after(STEP_S, Hands(pointer=0.9))
     assert control.steering == 0
     after(STEP_S, Hands({"mouse1"}, pointer=0.2), control)
@@ -75,7 +75,7 @@ def test_keys_come_before_the_mouse():
     assert after(1, Hands({"mouse1", "a"}, pointer=0.9), control).steering == -1
 
 
-def test_one_accelerates_by_key_and_steers_by_mouse():
+def test_a_key_accelerates_while_the_mouse_steers():
     after(STEP_S, Hands({"mouse1", "w"}), control := HandControl())
     after(1, Hands({"mouse1", "w"}, pointer=0.7), control)
     assert (control.steering, control.throttle) == pytest.approx((0.3, 1))
@@ -94,7 +94,7 @@ def test_triggers_accelerate_and_brake():
 
 
 @pytest.mark.parametrize("brake", [Hands({"s"}), Hands(pedals=-0.5)], ids=["key", "trigger"])
-def test_cruising_holds_the_throttle_until_one_brakes(brake):
+def test_cruising_holds_the_throttle_until_braking(brake):
     control = HandControl()
     control.cruising = True
     assert after(5, Hands({"a"}), control).throttle == pytest.approx(0.4)
@@ -110,7 +110,7 @@ def test_without_a_gamepad_nothing_is_read():
 
 
 class Pad:
-    """Stands in for a gamepad, which nobody plugs into a test machine."""
+    """A stand-in for a gamepad, which test machines lack."""
 
     device_class = Kind.gamepad
 

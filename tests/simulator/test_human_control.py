@@ -1,4 +1,4 @@
-"""The student at the keyboard or the mouse: laps that look like a person's recording."""
+"""The simulated student at keyboard or mouse: laps that look like a person's recording."""
 
 import functools
 
@@ -12,7 +12,7 @@ from simulator.record import RecordOptions, record, record_laps
 from simulator.recorder import Recorder
 from simulator.rig import PHYSICS_STEP_S
 from simulator.world import World, open_world
-from tests.simulator.test_record import Sketch
+from tests.simulator.test_record import GreyRenderer
 from tests.simulator.tracks import loop
 
 ROW_S = 1 / 15
@@ -20,7 +20,7 @@ ROW_S = 1 / 15
 
 @functools.cache
 def drive(control: str, seed: int, laps: float) -> tuple[np.ndarray, World]:
-    """The steering of each physics step on the lake, and the world where the drive ended."""
+    """Drive on the lake; return the steering of each physics step, and the world."""
     world = open_world("lake", renderer="none", frame_rate=1 / PHYSICS_STEP_S)
     expert = Expert(world.track, ExpertSettings(reaction_s=REACTION_S[control]))
     human = HumanControl(control, expert, seed)
@@ -67,7 +67,7 @@ def test_keyboard_taps_last_a_fraction_of_a_second():
 
 @pytest.mark.parametrize("control", REACTION_S)
 def test_a_person_s_laps_become_rows_at_the_recorder_s_rate(tmp_path, control):
-    world = World(loop(), Sketch(), frame_rate=1 / PHYSICS_STEP_S)
+    world = World(loop(), GreyRenderer(), frame_rate=1 / PHYSICS_STEP_S)
     human = HumanControl(control, Expert(world.track))
     with Recorder(tmp_path) as recorder:
         driven = record(world, human, recorder, 0.5, row_s=ROW_S)

@@ -1,4 +1,4 @@
-"""The socket of 2016: every frame as the original sends it, and what it makes of a server's."""
+"""The Socket.IO client of 2016: its frames, and its reactions to a server's."""
 
 import re
 import socket
@@ -17,7 +17,7 @@ TELEMETRY = {"image": "A" * 16_800}  # 12.6 kB as base64
 
 
 def listen(client: LegacySocket, wanted: int, patience_s: float = 2.0) -> list[tuple[str, object]]:
-    """The first `wanted` events, or fewer if no more come in time."""
+    """Return the first `wanted` events, or fewer if no more arrive in time."""
     events, end_s = [], time.monotonic() + patience_s
     while len(events) < wanted and time.monotonic() < end_s:
         events += client.events(0.02)
@@ -32,7 +32,7 @@ def until(condition, patience_s: float = 2.0) -> None:
 
 
 def answers_to_ping(*replies: str | bytes):
-    """A driver that answers the first ping with these, and nothing else with anything."""
+    """Return a driver's function that answers only the first ping, with these replies."""
     left = [replies]
     return lambda text: left.pop() if text == "2" and left else []
 
@@ -79,8 +79,8 @@ def test_null_telemetry_is_sent_as_null() -> None:
     assert driver.telemetry == ['42["telemetry",null]']
 
 
-def test_a_modern_servers_packets_are_taken() -> None:
-    """CONNECT's answer, PONG, DISCONNECT and CLOSE change nothing; `maxPayload` is no matter."""
+def test_a_modern_servers_packets_are_accepted() -> None:
+    """CONNECT's answer, PONG, DISCONNECT, CLOSE and `maxPayload` are ignored."""
     opened = '0{"sid":"x","upgrades":[],"pingInterval":25000,"pingTimeout":2,"maxPayload":1000000}'
     replies = answers_to_ping(opened, '40{"sid":"x"}', "3", "41", "1", "2", STEER)
     with RawDriver(replies) as driver:
@@ -113,7 +113,7 @@ def test_an_events_arguments(packet: str, event: tuple[str, object]) -> None:
         client.close()
 
 
-def test_a_frame_that_comes_in_two_halves_is_whole() -> None:
+def test_a_frame_that_arrives_in_two_halves_is_one_event() -> None:
     frame = make_frame(STEER)
 
     def halves(_: str) -> Iterator[bytes]:
@@ -128,8 +128,8 @@ def test_a_frame_that_comes_in_two_halves_is_whole() -> None:
 
 
 @pytest.mark.parametrize("goodbye", [b"\x88\x02\x03\xe8", None])
-def test_a_driver_that_goes_is_a_connection_error(goodbye: bytes | None) -> None:
-    """A WebSocket's CLOSE, or no more than the end of the TCP connection."""
+def test_a_driver_that_disconnects_is_a_connection_error(goodbye: bytes | None) -> None:
+    """The driver sends a WebSocket's CLOSE, or only ends the TCP connection."""
 
     def answer(_: str) -> list[bytes]:
         if goodbye is None:
@@ -143,7 +143,7 @@ def test_a_driver_that_goes_is_a_connection_error(goodbye: bytes | None) -> None
         client.close()
 
 
-def test_an_answer_of_http_400_is_told_and_its_socket_closed() -> None:
+def test_an_answer_of_http_400_is_an_error_and_its_socket_is_closed() -> None:
     with RefusingDriver() as driver:
         for _ in range(3):
             with pytest.raises(HandshakeRefusedError, match="HTTP 400"):
@@ -159,6 +159,6 @@ def test_a_closed_port_is_an_os_error() -> None:
 
 
 @pytest.mark.parametrize("url", ["nowhere", "http://", "http://h:99999", "http://h:x", "ftp://h"])
-def test_a_url_that_is_none_is_named(url: str) -> None:
+def test_a_wrong_url_is_named(url: str) -> None:
     with pytest.raises(SimulatorError, match=re.escape(f"url={url}: must be like http://")):
         LegacySocket(url)

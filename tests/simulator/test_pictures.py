@@ -1,4 +1,4 @@
-"""What the cameras see."""
+"""The cameras' frames, drawn by the software renderer."""
 
 import os
 import subprocess
@@ -58,8 +58,7 @@ def yellow_columns(frame: np.ndarray, row: int) -> np.ndarray:
 
 
 def test_the_road_is_as_wide_as_in_the_original(lake: World) -> None:
-    """Lines 6.4 m apart, seen from 1.2 m: 5.3 columns apart for each row below the horizon, as
-    on the original's straights."""
+    """Lines 6.4 m apart, seen from 1.2 m, are 5.3 columns apart per row below the horizon."""
     lake.reset(0, Start(distance=710))
     frame = look(lake, distance=330)
     row = 90
@@ -134,10 +133,10 @@ def test_rain_and_noise_differ_from_frame_to_frame_and_not_from_run_to_run(
     assert (runs[0][0] != runs[0][1]).any()
 
 
-def test_a_displaced_camera_sees_a_displaced_picture(lake: World) -> None:
+def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     up = replace(CLEAR, camera=CameraOffset(pitch_deg=3))
     straight, raised = look(lake, distance=330), look(lake, up, distance=330)
-    # Looking higher by 3 degrees moves what is ahead down by some 7 rows.
+    # A camera pitched up by 3 degrees moves objects ahead down by about 7 rows.
     moved = np.roll(straight[70:100].mean((1, 2)), 0)
     shifts = [np.abs(raised[70 + s : 100 + s].mean((1, 2)) - moved).mean() for s in range(13)]
     assert 5 <= int(np.argmin(shifts)) <= 10
@@ -150,7 +149,7 @@ def test_shadows_fall_on_the_mountain_road() -> None:
     world.pictures.close()
 
 
-def test_a_renderer_or_quality_that_is_none_is_named() -> None:
+def test_a_wrong_renderer_or_quality_is_named() -> None:
     track = read_track("lake")
     with pytest.raises(SimulatorError, match="renderer=vulkan: must be auto, software or opengl"):
         open_pictures(track, "vulkan")
@@ -158,8 +157,8 @@ def test_a_renderer_or_quality_that_is_none_is_named() -> None:
         open_pictures(track, "software", "low")
 
 
-def test_without_libx11_the_error_says_what_to_install(tmp_path) -> None:
-    (tmp_path / "libX11.so.6").touch()  # found first, and no library
+def test_without_libx11_the_error_names_the_package(tmp_path) -> None:
+    (tmp_path / "libX11.so.6").touch()  # found first, but not a library
     code = "from simulator.world import open_world; open_world('lake', 'software')"
     result = subprocess.run(
         [sys.executable, "-c", code],

@@ -15,8 +15,8 @@ from tests.simulator.tracks import loop
 from tests.zoo.commands import only_line, run
 
 
-class Sketch:
-    """Pictures in a moment: one grey per camera and frame."""
+class GreyRenderer:
+    """A fast stand-in for a renderer: one grey per camera and frame."""
 
     def set_weather(self, weather, seed):
         pass
@@ -25,8 +25,8 @@ class Sketch:
         return np.full((160, 320, 3), (tick % 200, len(camera), 0), np.uint8)
 
 
-class Dreamer:
-    """A driver that holds its steering, whatever comes."""
+class ConstantDriver:
+    """A driver with a constant command."""
 
     recording = True
 
@@ -37,13 +37,13 @@ class Dreamer:
         return self.command
 
 
-def sketched_loop(direction: int = 1) -> World:
-    return World(loop(), Sketch(), direction=direction)
+def grey_loop(direction: int = 1) -> World:
+    return World(loop(), GreyRenderer(), direction=direction)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_lap_becomes_a_recording(tmp_path, direction):
-    world = sketched_loop(direction)
+    world = grey_loop(direction)
     with Recorder(tmp_path) as recorder:
         driven = record(world, Expert(world.track), recorder, 1.0)
     recording = read_recordings(str(tmp_path))
@@ -56,8 +56,8 @@ def test_a_lap_becomes_a_recording(tmp_path, direction):
     assert driven.lap_s[0] == pytest.approx(world.track.length / 13.4, abs=4)
 
 
-def test_going_astray_is_not_recorded(tmp_path):
-    world = sketched_loop()
+def test_moving_away_from_the_line_is_not_recorded(tmp_path):
+    world = grey_loop()
     expert = Expert(world.track, ExpertSettings(noise=1, seed=1))
     with Recorder(tmp_path) as recorder:
         driven = record(world, expert, recorder, 1.5)
@@ -86,40 +86,40 @@ def test_several_passes_go_into_one_folder(tmp_path, console):
     assert f"rows        {len(recording)} " in console.file.getvalue()
 
 
-def test_leaving_the_road_fails_and_says_where(tmp_path):
-    world = sketched_loop()
+def test_leaving_the_road_fails_and_names_the_place(tmp_path):
+    world = grey_loop()
     world.put_back(Start(40, speed_mph=20))
     with (
         Recorder(tmp_path) as recorder,
         pytest.raises(SimulatorError, match=r"left the road, \+\d.\d m at \d\d m of loop"),
     ):
-        record(world, Dreamer(0.3, 1), recorder, 1)
+        record(world, ConstantDriver(0.3, 1), recorder, 1)
     assert len(read_recordings(str(tmp_path))) == recorder.rows > 5
 
 
 def test_a_driver_that_stands_fails(tmp_path):
-    world = sketched_loop()
+    world = grey_loop()
     with Recorder(tmp_path) as recorder, pytest.raises(SimulatorError, match="got stuck at"):
-        record(world, Dreamer(0, 0), recorder, 1)
+        record(world, ConstantDriver(0, 0), recorder, 1)
 
 
-def test_the_command_records_and_says_what_to_do_next(tmp_path):
+def test_the_command_records_and_prints_the_next_command(tmp_path):
     done = run(tmp_path, "record", "laps=0.01", "out=my laps", "direction=both", module="simulator")
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     rows = len(read_recordings(str(tmp_path / "my laps")))
-    said = done.stdout
-    assert f"rows        {rows} (100% of the frames)" in said
-    assert f"images      {3 * rows}" in said
-    assert "times real time" in said
-    assert str(tmp_path / "my laps" / "driving_log.csv") in said
-    assert "experiment=first_try 'data.root=my laps'" in said
+    printed = done.stdout
+    assert f"rows        {rows} (100% of the frames)" in printed
+    assert f"images      {3 * rows}" in printed
+    assert "times real time" in printed
+    assert str(tmp_path / "my laps" / "driving_log.csv") in printed
+    assert "experiment=first_try 'data.root=my laps'" in printed
     again = run(tmp_path, "record", "laps=0.01", "out=my laps", module="simulator")
-    assert "holds a driving_log.csv already" in only_line(again)
+    assert "has a driving_log.csv already; give another folder with out=" in only_line(again)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["recrod"], "there is no command recrod; did you mean record?"),
         (["record", "lap=1"], "there is no option lap; did you mean laps?"),
@@ -133,28 +133,28 @@ def test_the_command_records_and_says_what_to_do_next(tmp_path):
         (["record", "out=x", "direction=up"], "direction=up: must be forward, backward or both"),
         (
             ["record", "out=x", "control=mose"],
-            "no such control; did you mean mouse?",
+            "control=mose: unknown control; did you mean mouse?",
         ),
         (["record", "out=x", "frame_rate=60"], "frame_rate=60: must be above 0, up to 50"),
         (["record", "out=x", "weather=snow"], "weather=snow: must be clear, random or settings"),
-        (["record", "out=x", "renderer=none"], "a recording needs pictures"),
+        (["record", "out=x", "renderer=none"], "renderer=none: a recording needs images"),
     ],
     ids=lambda one: " ".join(one) if isinstance(one, list) else "",
 )
-def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, said, capsys):
+def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message, capsys):
     assert run_command(simulator, arguments) in (1, 2)
     line = capsys.readouterr().err.strip()
     assert line.startswith("simulator: ")
-    assert said in line
+    assert message in line
     assert "\n" not in line
     assert list(tmp_path.iterdir()) == []
 
 
 def test_help_lists_every_option_with_its_meaning_and_default(tmp_path):
-    said = run(tmp_path, "record", "--help", module="simulator").stdout
+    printed = run(tmp_path, "record", "--help", module="simulator").stdout
     for name, default in RecordOptions(out="needed").__dict__.items():
         shown = str(default).lower() if isinstance(default, bool) else default
-        (line,) = [line for line in said.splitlines() if line.startswith(f"  {name}=")]
+        (line,) = [line for line in printed.splitlines() if line.startswith(f"  {name}=")]
         option, meaning = line.split(maxsplit=1)
         assert option == f"{name}={shown}"
         assert len(meaning) > 5
@@ -162,5 +162,5 @@ def test_help_lists_every_option_with_its_meaning_and_default(tmp_path):
 
 def test_help_names_every_command(tmp_path):
     for arguments in ([], ["--help"]):
-        said = run(tmp_path, *arguments, module="simulator").stdout
-        assert all(f"\n  {command}" in said for command in COMMANDS)
+        printed = run(tmp_path, *arguments, module="simulator").stdout
+        assert all(f"\n  {command}" in printed for command in COMMANDS)

@@ -1,4 +1,4 @@
-"""Recordings that our own reader and the original's users can read, whatever ends them."""
+"""Recordings in the original's format, readable also after a crash or on a full disk."""
 
 import os
 import resource
@@ -46,14 +46,14 @@ def test_its_images_are_like_the_originals(tmp_path):
         image = cv2.imread(str(path))[..., ::-1]
         assert image.shape == (160, 320, 3)
         assert np.abs(image.astype(int) - FRAMES[camera]).max() <= 4
-        # Quality 75, whose first quantisation table begins so.
+        # The begin of the first quantisation table of quality 75.
         assert b"\xff\xdb\x00\x43\x00\x08\x06\x06" in path.read_bytes()
 
 
 @pytest.mark.parametrize("header", [False, True])
 @pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize("name", ["lake", "a lake, mine"])
-def test_our_reader_reads_it_back(tmp_path, name, header, relative):
+def test_our_reader_reads_it(tmp_path, name, header, relative):
     with Recorder(tmp_path / name, header=header, relative=relative) as recorder:
         add_rows(recorder, 20)
     recording = read_recordings(str(tmp_path / name))
@@ -130,7 +130,7 @@ def test_a_folder_without_permission_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     user = os.geteuid()
     try:
-        if user == 0:  # whom no permission stops
+        if user == 0:  # permissions do not restrict root
             os.seteuid(65534)
         with pytest.raises(SimulatorError, match="cannot record there: Permission denied"):
             Recorder(tmp_path / "lake")
@@ -141,8 +141,7 @@ def test_a_folder_without_permission_is_refused(tmp_path):
 
 @pytest.mark.parametrize("room", [1000, 2500], ids=["images", "log"])
 def test_a_full_disk_is_one_line_and_the_rows_before_can_be_used(tmp_path, room):
-    """The system refuses to let a file grow beyond a limit, as it does on a full disk: the images
-    of a row, or the log in the middle of a line."""
+    """A limit on file size stands for a full disk: at a row's images, or within a log line."""
     recorder = Recorder(tmp_path)
     add_rows(recorder, 3)
     usual = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -154,7 +153,7 @@ def test_a_full_disk_is_one_line_and_the_rows_before_can_be_used(tmp_path, room)
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
     rows = recorder.rows
     assert rows == 3 if room == 1000 else rows > 3
-    assert f"{tmp_path}: File too large after {rows} rows, which can be used" in str(error.value)
+    assert f"{tmp_path}: File too large after {rows} rows, which are kept" in str(error.value)
     assert len(read_recordings(str(tmp_path))) == rows
     assert len(list((tmp_path / "IMG").iterdir())) == 3 * rows
     assert recorder.log.read_bytes().endswith(b"\n")

@@ -1,4 +1,4 @@
-"""The shapes that are drawn, before any renderer."""
+"""Meshes, textures, shadows and light, without a renderer."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def track(request: pytest.FixtureRequest):
 
 
 def test_the_ground_never_sticks_out_of_the_road(track) -> None:
-    """Not of the carriageway nor of the shoulders, wherever a triangle of the ground may lie."""
+    """Check carriageway and shoulders against every triangle of the ground."""
     ground = Ground(track).meshes()[0]
     height = LinearNDInterpolator(ground.points[:, :2], ground.points[:, 2])
     along = np.arange(0, track.length, 1.0)
@@ -128,7 +128,7 @@ def test_the_asphalt_is_lighter_from_afar() -> None:
 
 @pytest.mark.parametrize(("camera", "column"), [("center", 160), ("left", 280), ("right", 40)])
 def test_the_bonnet_begins_where_the_originals_does(camera: str, column: int) -> None:
-    """The first covered row, read off the median of 80 of the original's pictures."""
+    """Compare the first covered row with the median of 80 of the original's images."""
     _, cover = bonnet_picture(camera)
     first = int(np.argmax(cover[:, column, 0] > 0.5))
     assert first == pytest.approx({"center": 137, "left": 137, "right": 136}[camera], abs=1.5)

@@ -1,4 +1,4 @@
-"""The original's messages and the quirks of its C#."""
+"""The original's messages, and the number formats of its C# code."""
 
 import base64
 import re
@@ -23,8 +23,8 @@ def test_telemetry_is_strings_with_degrees_and_four_decimals() -> None:
 def test_its_image_is_the_frame_as_a_jpeg() -> None:
     message = make_telemetry(FRAME, 0, 0, 0, decimal_comma=False)
     data = np.frombuffer(base64.b64decode(message["image"]), np.uint8)
-    picture = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-    assert np.abs(picture.astype(int) - FRAME).max() < 5
+    image = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    assert np.abs(image.astype(int) - FRAME).max() < 5
 
 
 def test_a_decimal_comma_where_the_locale_has_one() -> None:
@@ -34,9 +34,9 @@ def test_a_decimal_comma_where_the_locale_has_one() -> None:
         assert message[key][-5] == ","
 
 
-def test_the_truth_is_told_only_when_asked() -> None:
-    told = make_telemetry(FRAME, 0, 0, 0, False, {"time": 1.5, "cte": -0.25})
-    assert (told["time"], told["cte"]) == ("1.5000", "-0.2500")
+def test_truth_adds_numbers_with_four_decimals() -> None:
+    message = make_telemetry(FRAME, 0, 0, 0, False, {"time": 1.5, "cte": -0.25})
+    assert (message["time"], message["cte"]) == ("1.5000", "-0.2500")
 
 
 @pytest.mark.parametrize(
@@ -75,6 +75,6 @@ def test_a_steer_is_clamped() -> None:
         (None, "NoneType"),
     ],
 )
-def test_what_the_original_swallows_is_named(data: object, words: str) -> None:
+def test_the_reason_for_discarding_a_reply_is_named(data: object, words: str) -> None:
     with pytest.raises(ValueError, match=re.escape(words)):
         read_steer(data, False)

@@ -1,4 +1,4 @@
-"""The centreline's geometry, on every track that comes along and on circles."""
+"""The centreline's geometry, on every included track and on circles."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from simulator.track_file import make_track, read_track, track_names
 
 TRACKS = {name: read_track(name) for name in track_names()}
 anywhere = st.floats(0, 1)
-beside = st.floats(-0.9, 0.9)  # of the half width
+beside = st.floats(-0.9, 0.9)  # share of the half width
 
 
 @pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)

@@ -1,4 +1,4 @@
-"""Tracks as YAML: what comes along, and one line for what is wrong with a user's own."""
+"""Tracks as YAML: the included ones, and one-line errors for a user's own."""
 
 import math
 
@@ -27,7 +27,7 @@ def refusal(path: str) -> str:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_every_track_that_comes_along_can_be_driven(path):
+def test_every_included_track_can_be_driven(path):
     track = read_track(path.stem)
     assert track.name in track_names()
     assert 1000 < track.length < 1600
@@ -47,7 +47,7 @@ def test_the_mountain_is_narrow_steep_and_winding():
     assert {"rock", "drop"} <= verges
 
 
-def test_a_file_of_ones_own_needs_points_only(tmp_path):
+def test_a_users_own_track_needs_only_points(tmp_path):
     track = read_track(write_track(tmp_path))
     assert (track.name, track.width, track.stretches) == ("mine", 6.4, ())
 
@@ -57,7 +57,7 @@ def test_a_road_that_crosses_itself_is_refused_with_both_places(tmp_path):
     eight += [[-120, 0, 0], [-60, -60, 0]]
     path = write_track(tmp_path, points=eight)
     line = refusal(path)
-    assert line.startswith(f"{path}: the road crosses itself, or nearly: ")
+    assert line.startswith(f"{path}: points: the road crosses itself, or nearly: ")
     assert line.count(" m ") >= 2
 
 
@@ -65,16 +65,16 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
     hairpin = [[0, 0, 0], [50, 0, 0], [100, 0, 0], [104, 4, 0], [100, 8, 0], [50, 60, 0]]
     path = write_track(tmp_path, points=hairpin)
     line = refusal(path)
-    assert line.startswith(f"{path}: the bend at ")
+    assert line.startswith(f"{path}: points: the bend at ")
     assert "m has a radius of " in line
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
-        ({"widht": 7}, "no key widht; did you mean width?"),
+        ({"widht": 7}, "unknown key widht; did you mean width?"),
         ({"width": "broad"}, "width: broad; must be a number in 3..30"),
-        ({"points": SQUARE[:3]}, "points: 3, a closed loop needs 4 or more"),
+        ({"points": SQUARE[:3]}, "points: 3 points; a closed loop needs 4 or more"),
         ({"points": [*SQUARE, [0, 0, 0]]}, "do not repeat the first one"),
         ({"points": [[0, 0]]}, "points: each must be [x, y, z] in metres"),
         ({"points": None}, "points: each must be [x, y, z] in metres"),
@@ -107,26 +107,26 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"stretches": {}}, "stretches: must be a list"),
     ],
 )
-def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, said):
+def test_a_mistake_is_one_line_with_the_file_and_the_key(tmp_path, content, message):
     path = write_track(tmp_path, **content)
     line = refusal(path)
     assert line.startswith(f"{path}: ")
-    assert said in line
+    assert message in line
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "points: [", "\t"])
-def test_a_file_that_is_no_track_is_refused(tmp_path, text):
+def test_a_file_that_is_not_a_track_is_refused(tmp_path, text):
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     assert refusal(str(path)).startswith(f"{path}: ")
 
 
 @pytest.mark.parametrize("key", ["verge", "stretches", "surroundings"])
-def test_a_key_that_nothing_follows_counts_as_left_out(tmp_path, key):
+def test_a_key_without_a_value_counts_as_left_out(tmp_path, key):
     track = read_track(write_track(tmp_path, **{key: None}))
     assert getattr(track, key) == getattr(read_track(write_track(tmp_path)), key)
 
 
 def test_an_unknown_track_names_the_known_ones():
-    assert "there are lake, mountain" in refusal("laek")
+    assert "available: lake, mountain" in refusal("laek")
     assert "there is no track mine.yaml" in refusal("mine.yaml")

@@ -1,4 +1,4 @@
-"""Several environments at once, in processes of their own."""
+"""Several environments in parallel processes."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ SETTINGS = {"renderer": "software", "weather": "random", "random_start": True, "
 STEPS = 12
 
 
-def test_processes_drive_as_one_after_the_other_do():
+def test_parallel_environments_equal_sequential_ones():
     rng = np.random.default_rng(3)
     actions = rng.uniform((-0.3, 0.0), (0.3, 1.0), (STEPS, 2, 2)).astype(np.float32)
     envs = open_vector("lake", 2, **SETTINGS)
@@ -35,7 +35,7 @@ def test_processes_drive_as_one_after_the_other_do():
     env.close()
 
 
-def test_a_mistake_is_told_before_any_process_is_started():
+def test_wrong_input_is_reported_before_processes_start():
     with pytest.raises(SimulatorError, match="count=0: must be 1 or more"):
         open_vector("lake", 0)
     with pytest.raises(SimulatorError, match="no track lagoon"):

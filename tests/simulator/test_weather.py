@@ -27,7 +27,7 @@ def test_the_words_of_the_commands() -> None:
         ("{fog: [", "must be clear, random or settings"),
     ],
 )
-def test_what_is_no_weather_is_named(text: str, words: str) -> None:
+def test_a_wrong_weather_is_named(text: str, words: str) -> None:
     with pytest.raises(SimulatorError, match=re.escape(words)):
         read_weather(text)
 

@@ -1,4 +1,4 @@
-"""A car on a track: what the two of them add up to. No renderer is needed."""
+"""A car on a track, without a renderer."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_right_of_the_road_is_positive_as_the_driver_sees_it(direction):
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_progress_grows_the_way_it_drives(direction):
+def test_progress_grows_in_the_driving_direction(direction):
     world = World(loop(), direction=direction)
     world.put_back(Start(0, speed_mph=20))
     info = drive(world, 1, throttle=0.3)
@@ -59,7 +59,7 @@ def test_a_lap_counts_when_its_whole_length_is_driven(direction):
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_backing_over_the_line_and_coming_again_is_no_lap(direction):
+def test_reversing_over_the_line_and_crossing_it_again_is_no_lap(direction):
     world = World(loop(), direction=direction)
     world.put_back(Start(direction * 2.0))
     info = drive(world, 4, throttle=-1)
@@ -70,7 +70,7 @@ def test_backing_over_the_line_and_coming_again_is_no_lap(direction):
     assert info["lap"] == 0
 
 
-def test_putting_the_car_back_drives_no_metre_and_takes_no_time():
+def test_putting_the_car_back_changes_neither_progress_nor_time():
     world = World(loop())
     before = drive(world, 2, throttle=1)
     world.put_back(Start(200, cte=0.5, speed_mph=10))
@@ -141,7 +141,7 @@ def test_a_command_reaches_the_wheels_after_the_delay():
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "message"),
     [
         ({"frame_rate": 0}, "frame_rate=0"),
         ({"frame_rate": 60}, "frame_rate=60"),
@@ -149,8 +149,8 @@ def test_a_command_reaches_the_wheels_after_the_delay():
         ({"direction": 2}, "direction=2"),
     ],
 )
-def test_an_option_that_cannot_be_is_refused(option, said):
-    with pytest.raises(SimulatorError, match=said):
+def test_a_wrong_option_is_refused(option, message):
+    with pytest.raises(SimulatorError, match=message):
         open_world("lake", renderer="none", **option)
 
 
