@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.leaderboard.ranking_table import below
+from zoo.leaderboard.ranking_table import folder_label
 from zoo.sweep.job_watch import watched
 from zoo.sweep.launch_rounds import Job, launch_all
 from zoo.sweep.saved_sweep import check_job
@@ -45,7 +45,7 @@ def sweep_grid(
     data = recordings_of([job.overrides for job in jobs], config, context)
     add_to_record(folder, jobs=[list(job.overrides) for job in jobs], data=data)
     console = Console(soft_wrap=True)
-    console.print(f"sweep: {below(folder, Path.cwd())}", highlight=False, markup=False)
+    console.print(f"sweep: {folder_label(folder, Path.cwd())}", highlight=False, markup=False)
     serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
     # One by one they print enough themselves.
     with contextlib.nullcontext() if serial else watched(jobs, console):

@@ -17,7 +17,7 @@ from rich.console import Console
 from datamodules.errors import InputError
 from zoo.drives.driving_score import driving_score
 from zoo.leaderboard.ranking import Run, read_run
-from zoo.leaderboard.ranking_table import below
+from zoo.leaderboard.ranking_table import folder_label
 from zoo.runs.status import read_status
 from zoo.sweep.grid import launch_jobs, recordings_of
 from zoo.sweep.job_watch import watched
@@ -96,7 +96,7 @@ def sweep_search(
     _check_sought(study, settings)
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
     console = Console(soft_wrap=True)
-    console.print(f"sweep: {below(folder, Path.cwd())}", highlight=False, markup=False)
+    console.print(f"sweep: {folder_label(folder, Path.cwd())}", highlight=False, markup=False)
     serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
     ours = [one for one in study.get_trials() if one.user_attrs.get("folder") == str(folder)]
     left = [one.number for one in ours if one.state == optuna.trial.TrialState.RUNNING]
