@@ -275,19 +275,19 @@ UNRANKED_TEXTS = {
     "older": "older or other format",
     "damaged": "damaged",
 }
-NAMED = 5
+NAMED = 5  # runs that a line names; it counts the others
 
 
 def unranked_lines(unranked: Sequence[Unranked], under: Path | None) -> list[str]:
     """Return a line for each kind, such as `2 failed: 3 (no space left), 7 (...)`."""
     lines = []
     for why, text in UNRANKED_TEXTS.items():
-        those = [one for one in unranked if one.why == why]
+        found = [one for one in unranked if one.why == why]
         named = [
             folder_label(one.folder, under) + (f" ({one.reason})" if one.reason else "")
-            for one in those[:NAMED]
+            for one in found[:NAMED]
         ]
-        if those:
-            more = f" and {len(those) - NAMED} more" if len(those) > NAMED else ""
-            lines.append(printable(f"{len(those)} {text}: {', '.join(named)}{more}"))
+        if found:
+            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+            lines.append(printable(f"{len(found)} {text}: {', '.join(named)}{more}"))
     return lines

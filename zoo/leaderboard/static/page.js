@@ -79,9 +79,9 @@ function drawParallel() {
     draw(svg, "line", { class: "axis", x1: x(number), x2: x(number), y1: y(0), y2: y(1) });
     const heading = axis.heading.length > 22 ? `…${axis.heading.slice(-21)}` : axis.heading;
     draw(svg, "text", { class: "heading", x: x(number), y: 20, "text-anchor": number ? "middle" : "start" }, heading);
-    for (const [part, said] of scales[number].ticks) {
+    for (const [part, label] of scales[number].ticks) {
       draw(svg, "line", { class: "axis", x1: x(number), x2: x(number) + 5, y1: y(part), y2: y(part) });
-      draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, said.length > 14 ? `${said.slice(0, 13)}…` : said);
+      draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, label.length > 14 ? `${label.slice(0, 13)}…` : label);
     }
     const brush = draw(svg, "rect", { class: "brush", x: x(number) - 9, width: 18, y: 0, height: 0 });
     const hand = draw(svg, "rect", { class: "hand", x: x(number) - 9, width: 18, y: y(0) - 6, height: y(1) - y(0) + 12 });
