@@ -76,22 +76,22 @@ def own_roots(config: DictConfig) -> list[str]:
 
 
 def write_own_split(
-    config: DictConfig, checkpoint: Checkpoint, beside: Path, path: Path, console: Console
+    config: DictConfig, checkpoint: Checkpoint, run_split: Path, path: Path, console: Console
 ) -> None:
     """Write the split of the checkpoint's own rows, so that rows keep their part.
 
     Args:
         config: config of the checkpoint.
         checkpoint: checkpoint to correct.
-        beside: path of the `split.csv` of the checkpoint's run, which need not exist.
+        run_split: path of the `split.csv` of the checkpoint's run, which need not exist.
         path: file to write.
         console: output of a note if the recording has changed.
     """
     from zoo.training.build import build_data
 
     config = config.copy()
-    if beside.is_file():
-        config.data.split = str(beside)
+    if run_split.is_file():
+        config.data.split = str(run_split)
     data = build_data(config)
     data.load(Console(file=io.StringIO()))
     if data.recording.fingerprint() != checkpoint.data["fingerprint"]:

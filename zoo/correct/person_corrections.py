@@ -143,14 +143,14 @@ def read_labels(path: Path) -> dict[str, float]:
 
 def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
     """Write the labels to fill in, and an image that shows their frames."""
-    asked = [(one, _sparse(drive, one.rows)) for one in found if len(one.rows)]
-    columns = max(len(rows) for _, rows in asked)
-    figure = Figure(figsize=(2.4 * columns, 1.6 * len(asked)), layout="constrained")
-    axes = figure.subplots(len(asked), columns, squeeze=False)
+    shown = [(one, _sparse(drive, one.rows)) for one in found if len(one.rows)]
+    columns = max(len(rows) for _, rows in shown)
+    figure = Figure(figsize=(2.4 * columns, 1.6 * len(shown)), layout="constrained")
+    axes = figure.subplots(len(shown), columns, squeeze=False)
     for axis in axes.ravel():
         axis.axis("off")
     lines = []
-    for line, (one, rows) in enumerate(asked):
+    for line, (one, rows) in enumerate(shown):
         for column, row in enumerate(rows):
             before_s = one.began_s - drive.time_s[row]
             sent = drive.steering[row]

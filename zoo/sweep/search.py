@@ -149,7 +149,7 @@ def _open_study(settings: SearchSettings) -> "optuna.Study":
                 sampler=samplers[settings.sampler](seed=settings.seed),
                 load_if_exists=True,
             )
-        except Exception as error:  # SQLAlchemy's, and those of the database's own driver
+        except Exception as error:  # of SQLAlchemy or the database's driver
             # Two processes that create the same SQLite file at once disturb each other: try again.
             if not attempts or "(sqlite3." not in str(error):
                 reason = str(error).strip().splitlines()[0]
