@@ -1,4 +1,4 @@
-"""What all tests share: real recordings, and hypothesis without its clock."""
+"""Fixtures for all tests, and settings of hypothesis."""
 
 import io
 import os
@@ -15,31 +15,31 @@ from rich.console import Console
 
 from tests.recordings import Written, write_recording
 
-# Who starts the tests in the background has Ctrl-C ignored, which every process inherits; some
-# tests send it to one.
+# A shell that starts the tests in the background makes all processes ignore Ctrl-C; some tests
+# need it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The same examples every time: a red run can be run again.
+# The same examples in every run, so that a failure can be repeated; no limit on their time.
 settings.register_profile("drivezoo", deadline=None, derandomize=True)
 settings.load_profile("drivezoo")
 
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
-    """A recording of 120 rows that tests share: read it, never change it."""
+    """Write a recording of 120 rows, which tests share and must not change."""
     return write_recording(tmp_path_factory.mktemp("recorded") / "lake")
 
 
 @pytest.fixture
 def console() -> Console:
-    """Not a terminal; `console.file.getvalue()` is what was printed."""
+    """Return a console that is no terminal; `console.file.getvalue()` is its output."""
     return Console(file=io.StringIO(), width=500)
 
 
 @pytest.fixture
 def small_disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
-    """A disk of a few bytes, as its indirect parameter says: `5500k`, `8m`."""
+    """Mount a small disk, whose size is the indirect parameter, such as `5500k` or `8m`."""
     place = tmp_path / "disk"
     place.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", f"size={request.param}", "none", str(place)]

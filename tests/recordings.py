@@ -1,4 +1,4 @@
-"""Small real recordings, as the original simulator leaves them, drawn in a moment."""
+"""Small recordings in the format of the original simulator, with drawn images."""
 
 import datetime
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ FOLDERS = {
     "linux": "/home/someone/new track/IMG/",
     "relative": "IMG/",
 }
-# Pixels by which the road's near end is moved in each camera: the left one sees it to its right.
+# Shift of the road's near end in each camera, in pixels: the left camera sees it further right.
 SIDEWAYS = {"center": 0, "left": 55, "right": -55}
 HORIZON = 60
 
 
 @dataclass(frozen=True)
 class Written:
-    """What `write_recording` wrote, to compare with what is read.
+    """The contents that `write_recording` wrote, to compare with what is read.
 
     Attributes:
-        folder: it holds `driving_log.csv` and `IMG`.
-        stems: `2018_07_16_17_11_43_382`, a row each.
-        steering, throttle, brake, speed_mph, time_s: float64 [rows], exactly as in the log.
+        folder: folder with `driving_log.csv` and `IMG`.
+        stems: part of each row's file names, such as `2018_07_16_17_11_43_382`.
+        steering, throttle, brake, speed_mph, time_s: values in the log, float64 [rows].
     """
 
     folder: Path
@@ -62,12 +62,18 @@ def write_recording(
     """Drive a winding road for `rows` frames at 15 Hz and record it in `folder`.
 
     The road bends as the steering does, so that a network can learn it; about a quarter of the
-    steering is exactly 0. Cameras left out have an empty column.
+    steering is exactly 0.
 
     Args:
-        style: of the paths: `windows`, `macos`, `linux` (absolute, of another machine), `relative`
-            (with a blank before left and right, as in the course's data).
-        speed: in mph; the rows' are within 1 of it.
+        folder: folder to write.
+        rows: number of rows.
+        header: whether the log has a header.
+        style: style of the paths: `windows`, `macos`, `linux` (absolute paths of another machine)
+            or `relative` (with a blank before left and right, as in Udacity's data).
+        decimal_comma: whether numbers have a decimal comma.
+        cameras: cameras with images; the others have an empty column.
+        seed: random seed of steering, pedals and grass.
+        speed: mean speed in mph; each row is within 1 mph of it.
     """
     folder = Path(folder)
     (folder / "IMG").mkdir(parents=True)
@@ -103,8 +109,8 @@ def write_recording(
     travelled = np.cumsum(speeds) * 0.44704 / FPS
     for row, stem in enumerate(stems):
         for camera in cameras:
-            picture = draw_road(float(bend[row]), SIDEWAYS[camera], float(travelled[row]), grass)
-            ok, data = cv2.imencode(".jpg", picture[:, :, ::-1])
+            image = draw_road(float(bend[row]), SIDEWAYS[camera], float(travelled[row]), grass)
+            ok, data = cv2.imencode(".jpg", image[:, :, ::-1])
             assert ok
             (folder / "IMG" / f"{camera}_{stem}.jpg").write_bytes(data.tobytes())
     utc = datetime.timezone.utc
@@ -117,7 +123,7 @@ def write_recording(
 
 
 def format_number(value: float) -> str:
-    """As C# writes a float: seven digits at most, `5E-05` when small, no trailing zeros.
+    """Return a float as C# writes it: up to seven digits, `5E-05` if small, no trailing zeros.
 
     >>> format_number(0.275), format_number(0.00005), format_number(0.0), format_number(30.0)
     ('0.275', '5E-05', '0', '30')
@@ -126,8 +132,8 @@ def format_number(value: float) -> str:
 
 
 def draw_road(steering: float, sideways: int, travelled_m: float, grass: np.ndarray) -> np.ndarray:
-    """A road on grass under a sky that bends to the right for steering > 0: uint8 [160, 320, 3]."""
-    picture = grass.copy()
+    """Draw a road that bends to the right for steering > 0, as uint8 [160, 320, 3] RGB."""
+    image = grass.copy()
     nearness = np.linspace(0, 1, 24)
     y = HORIZON + nearness * (160 - HORIZON)
     middle = 160 + 120 * steering * (1 - nearness) ** 2 + sideways * nearness
@@ -135,8 +141,8 @@ def draw_road(steering: float, sideways: int, travelled_m: float, grass: np.ndar
     outline = np.concatenate(
         [np.stack([middle - half, y], 1), np.stack([middle + half, y], 1)[::-1]]
     )
-    cv2.fillPoly(picture, [outline.astype(np.int32)], (110, 110, 115))
-    # The verge is striped red and white, and the stripes come nearer.
+    cv2.fillPoly(image, [outline.astype(np.int32)], (110, 110, 115))
+    # The edges have red and white stripes, which move towards the car.
     distance = 40 / (nearness + 0.08)
     striped = ((distance + travelled_m) // 6).astype(int) % 2
     for edge in (middle - half, middle + half):
@@ -144,16 +150,16 @@ def draw_road(steering: float, sideways: int, travelled_m: float, grass: np.ndar
         for index in range(len(y) - 1):
             colour = (200, 40, 40) if striped[index] else (230, 230, 230)
             width = 1 + int(6 * nearness[index])
-            cv2.line(picture, points[index].tolist(), points[index + 1].tolist(), colour, width)
-    return picture
+            cv2.line(image, points[index].tolist(), points[index + 1].tolist(), colour, width)
+    return image
 
 
 def _grass(rng: np.random.Generator) -> np.ndarray:
-    picture = np.empty((160, 320, 3), np.uint8)
-    picture[:HORIZON] = (120, 160, 220)
-    picture[HORIZON:] = (70, 120, 50)
+    image = np.empty((160, 320, 3), np.uint8)
+    image[:HORIZON] = (120, 160, 220)
+    image[HORIZON:] = (70, 120, 50)
     noise = rng.integers(-12, 13, (160, 320, 1))
-    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
 def recording_in_memory(
@@ -162,10 +168,13 @@ def recording_in_memory(
     sizes: tuple[int, ...] = (),
     cameras: tuple[str, ...] = ("center", "left", "right"),
 ) -> Recording:
-    """Rows with these labels at 15 Hz, whose pictures exist in name only.
+    """Return a recording with these labels at 15 Hz; its image files do not exist.
 
     Args:
-        sizes: the rows of each of several recordings; one recording without.
+        steering: steering of each row, -1..1.
+        speed_mph: speed of all rows or of each row.
+        sizes: numbers of rows of several recordings; empty for one recording.
+        cameras: cameras with images.
     """
     rows = len(steering)
     sizes = sizes or (rows,)

@@ -1,4 +1,4 @@
-"""Perform the recipes of `CONTRIBUTING.md`, as they stand there, in a copy of the project."""
+"""The recipes of `CONTRIBUTING.md`, followed in a copy of the project."""
 
 import csv
 import json
@@ -23,7 +23,7 @@ Run = Callable[..., str]
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the project to which every part of the page was added."""
+    """Copy the project and add every part of the page to the copy."""
     copy = tmp_path_factory.mktemp("project")
     for name in PACKAGES:
         skip = shutil.ignore_patterns("__pycache__")

@@ -1,4 +1,4 @@
-"""The examples in docstrings, of the modules that have any; the rest is not imported for it."""
+"""The examples in docstrings; only modules with examples are imported."""
 
 import doctest
 import importlib
@@ -18,7 +18,7 @@ MODULES = [
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_the_examples_of_a_module_are_true(
+def test_the_examples_of_a_module_run(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Imports run one way: zoo -> datamodules, zoo -> simulator."""
+"""The allowed imports between packages: zoo -> datamodules, zoo -> simulator."""
 
 import ast
 from pathlib import Path
@@ -16,7 +16,7 @@ FILES = [
 
 
 def imported_packages(source: str) -> set[str]:
-    """The top names of all imports, inside functions too, and of `import_module("...")`."""
+    """Return the packages of all imports, also in functions and in `import_module("...")`."""
     found = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -34,7 +34,7 @@ def test_imports_run_one_way(path):
     assert not imported_packages(path.read_text()) & FORBIDDEN[package]
 
 
-def test_imports_are_seen_wherever_they_stand():
+def test_imports_are_found_everywhere_in_a_file():
     source = """
 import os.path, zoo.runs.plots as plots
 def late():
@@ -45,5 +45,5 @@ from . import near
     assert imported_packages(source) == {"os", "zoo", "simulator", "datamodules"}
 
 
-def test_there_are_files_to_look_at():
+def test_there_are_files_to_check():
     assert REPOSITORY / "datamodules" / "view.py" in FILES

@@ -1,4 +1,4 @@
-"""One driver's process for hostile clients."""
+"""A driver's process for hostile clients."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from tests.zoo.drive.serve import Served, served
 
 @pytest.fixture(scope="module")
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """A running driver; after a module's last test it must still be there, and end as it should."""
+    """Start a driver; after the module's last test it must still run and end without an error."""
     with served(tmp_path_factory.mktemp("driver") / "drive") as process:
         yield process
         assert process.stop() == 0, process.lines

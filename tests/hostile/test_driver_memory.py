@@ -17,7 +17,7 @@ from tests.zoo.drive.serve import Served, served
 from zoo.drive.connections import MOST_QUIET_WEBSOCKETS
 from zoo.drive.held_bytes import MOST_HELD
 
-# Each holds over 150 MB of a driver without these limits.
+# Each attack would take over 150 MB of a driver without its limits.
 LARGE = {
     "half-sent messages": 90,
     "half-sent after telemetry": 90,
@@ -30,13 +30,13 @@ GROWTH = attacks.MOST_GROWTH_MB
 
 @pytest.fixture
 def fresh(tmp_path: Path) -> Iterator[Served]:
-    """A driver of this test's own."""
+    """Start a driver for one test."""
     with served(tmp_path / "drive") as process:
         yield process
 
 
 def grown(driver: Served, name: str, requests: int) -> float:
-    """Return the megabytes by which a driver grows at most while it is attacked."""
+    """Return the largest growth of a driver's memory during an attack, in MB."""
     process, attacker = psutil.Process(driver.process.pid), attacks.Attacker(driver.port)
     before = peak = attacks.megabytes(process)
     for _ in range(requests):
@@ -58,7 +58,7 @@ def test_large_messages_do_not_fill_the_memory(fresh: Served, name: str) -> None
     assert_drives(fresh)
 
 
-def test_lists_that_grow_when_they_are_read_are_answered_as_rubbish(fresh: Served) -> None:
+def test_lists_that_grow_when_read_are_answered_as_invalid(fresh: Served) -> None:
     with OldClient(fresh.port, timeout_s=10) as client:
         client.send_frame(1, b'42["telemetry"' + b",[]" * 600_000 + b"]")
         assert client.reply() == ("steer", {"steering_angle": "0", "throttle": "0"})
@@ -75,14 +75,14 @@ def test_the_oldest_websocket_without_telemetry_is_closed(fresh: Served) -> None
         quiet = [OldClient(fresh.port) for _ in range(MOST_QUIET_WEBSOCKETS + 5)]
         assert closed(quiet[0].socket)
         steady.telemetry(jpeg=RED)
-        assert steady.reply() == FINE, "it drives, and is not closed for others"
+        assert steady.reply() == FINE, "it drives, so it stays open"
     quiet[-1].telemetry(jpeg=RED)
-    assert quiet[-1].reply() == FINE, "the last one stays"
+    assert quiet[-1].reply() == FINE, "the newest stays open"
     for client in quiet:
         client.socket.close()
 
 
-def test_the_largest_unfinished_message_is_closed_and_said(fresh: Served) -> None:
+def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> None:
     small = OldClient(fresh.port)
     small.send_frame(1, b'42["telem', last=False)
     attacker = attacks.Attacker(fresh.port)
@@ -93,7 +93,7 @@ def test_the_largest_unfinished_message_is_closed_and_said(fresh: Served) -> Non
     assert small.reply()[0] == "steer"
     attacker.close()
     assert fresh.stop() == 0
-    assert any("unfinished messages" in line and "127.0.0.1" in line for line in fresh.lines)
+    assert any("unfinished" in line and "127.0.0.1" in line for line in fresh.lines)
 
 
 def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
@@ -119,7 +119,7 @@ def measure(*options: str) -> subprocess.CompletedProcess:
     )
 
 
-def test_a_mistaken_option_of_the_measurement_is_one_line() -> None:
+def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:
     result = measure("only=nothing")
     assert result.returncode == 1
     (line,) = result.stderr.splitlines()

@@ -1,5 +1,7 @@
-"""Sessions and connections that are opened and left: none keeps a simulator out or stays in memory,
-and no message silences a session for good."""
+"""Sessions and connections that are opened and left.
+
+None of them blocks a simulator or stays in memory, and no message silences a session.
+"""
 
 import contextlib
 import json
@@ -26,20 +28,20 @@ TELEMETRY = json.dumps(["telemetry", telemetry(jpeg=RED)])
 
 @pytest.fixture
 def fresh(tmp_path: Path) -> Iterator[Served]:
-    """A driver of this test's own."""
+    """Start a driver for one test."""
     with served(tmp_path / "drive") as process:
         yield process
 
 
 @pytest.fixture
 def impatient(tmp_path: Path) -> Iterator[Served]:
-    """A driver that waits half a second for a request's head, and for a session's telemetry."""
+    """Start a driver that waits half a second for a request's head and a session's telemetry."""
     with served(tmp_path / "drive", "tests.zoo.drive.serve", str(tmp_path / "drive"), "0.5") as it:
         yield it
 
 
 def poll(port: int, headers: bytes = b"") -> bytes:
-    """The answer to a handshake of long polling."""
+    """Return the answer to a handshake of long polling."""
     with socket.create_connection(("127.0.0.1", port), 10) as connection:
         connection.sendall(HANDSHAKE % headers)
         answer = b""
@@ -49,7 +51,7 @@ def poll(port: int, headers: bytes = b"") -> bytes:
 
 
 def hold(port: int, count: int, sent: bytes = b"GET / HT") -> list[socket.socket]:
-    """Half-open connections: each sent the beginning of a request, and waits."""
+    """Open connections that send the beginning of a request and then wait."""
     connections = []
     for _ in range(count):
         connections.append(socket.create_connection(("127.0.0.1", port), 10))
@@ -59,7 +61,7 @@ def hold(port: int, count: int, sent: bytes = b"GET / HT") -> list[socket.socket
 
 
 def closed(connection: socket.socket, timeout_s: float = 5) -> bool:
-    """Whether the driver closes a connection."""
+    """Return whether the driver closes a connection."""
     connection.settimeout(timeout_s)
     try:
         while connection.recv(4096):
@@ -77,7 +79,7 @@ def assert_drives(driver: Served) -> None:
         assert client.reply() == FINE
 
 
-# --- what is opened and left ---
+# --- Sessions that are opened and left ---
 
 
 def test_polling_sessions_without_telemetry_are_freed(fresh: Served) -> None:
@@ -90,8 +92,8 @@ def test_polling_sessions_without_telemetry_are_freed(fresh: Served) -> None:
         steady.telemetry(jpeg=RED)
         assert steady.reply() == FINE
         sessions, tasks = fresh.held()
-    assert sessions <= 2 * MOST_QUIET + 1, "engineio goes through a copy of its table"
-    assert tasks < 16, "none for each session"
+    assert sessions <= 2 * MOST_QUIET + 1, "engineio iterates over a copy of its table"
+    assert tasks < 16, "no task per session"
 
 
 def test_sessions_end_without_telemetry_and_leave_nothing(impatient: Served) -> None:
@@ -115,7 +117,7 @@ def test_a_session_that_drives_is_not_ended(impatient: Served) -> None:
         assert client.reply() == FINE
 
 
-def test_a_client_of_today_is_driven_beyond_the_patience(impatient: Served) -> None:
+def test_a_current_client_is_driven_beyond_the_time_limit(impatient: Served) -> None:
     for transports in (["polling"], ["polling", "websocket"]):
         client = socketio.SimpleClient()
         client.connect(f"http://127.0.0.1:{impatient.port}", transports=transports)
@@ -158,10 +160,10 @@ def test_a_page_of_another_site_opens_no_session(
     assert poll(driver.port, headers).split()[1] == status
 
 
-# --- connections that are held ---
+# --- Connections that are held ---
 
 
-def test_half_open_connections_keep_no_simulator_out(fresh: Served) -> None:
+def test_half_open_connections_block_no_simulator(fresh: Served) -> None:
     with OldClient(fresh.port) as steady:
         steady.telemetry(jpeg=RED)
         assert steady.reply() == FINE
@@ -170,13 +172,13 @@ def test_half_open_connections_keep_no_simulator_out(fresh: Served) -> None:
             late.telemetry(jpeg=RED)
             assert late.reply() == FINE
         steady.telemetry(jpeg=RED)
-        assert steady.reply() == FINE, "it drives, and is not closed for others"
-        assert closed(held[0]), "the oldest goes first"
+        assert steady.reply() == FINE, "it drives, so it stays open"
+        assert closed(held[0]), "the oldest is closed first"
     for connection in held:
         connection.close()
 
 
-def test_websockets_without_telemetry_keep_no_simulator_out(fresh: Served) -> None:
+def test_websockets_without_telemetry_block_no_simulator(fresh: Served) -> None:
     held = [OldClient(fresh.port, timeout_s=10) for _ in range(MOST_PER_ADDRESS + 20)]
     assert_drives(fresh)
     assert closed(held[0].socket)
@@ -186,16 +188,16 @@ def test_websockets_without_telemetry_keep_no_simulator_out(fresh: Served) -> No
 
 def test_a_request_whose_head_never_ends_is_closed(impatient: Served) -> None:
     (connection,) = hold(impatient.port, 1)
-    for _ in range(40):  # a byte at a time, so that no single wait is long
+    for _ in range(40):  # byte by byte, so that no single wait is long
         with contextlib.suppress(OSError):
             connection.sendall(b"x")
         time.sleep(0.1)
         if closed(connection, 0.01):
             return
-    raise AssertionError("it is open after 4 s")
+    raise AssertionError("still open after 4 s")
 
 
-# --- messages that silence a session ---
+# --- Messages that silence a session ---
 
 GOOD_BINARY = json.dumps(["telemetry", telemetry(image={"_placeholder": True, "num": 0})])
 FIRST = {
@@ -252,7 +254,7 @@ def test_an_attachment_beyond_the_limit_is_answered(driver: Served) -> None:
         assert client.reply() == FINE
 
 
-def test_a_packet_that_is_none_ends_the_session(fresh: Served) -> None:
+def test_an_invalid_packet_ends_the_session(fresh: Served) -> None:
     for packet in ("", "x", "bA"):
         with OldClient(fresh.port) as client:
             client.send(packet)
@@ -263,7 +265,7 @@ def test_a_packet_that_is_none_ends_the_session(fresh: Served) -> None:
 
 @pytest.mark.parametrize("auth", [{"token": "x"}, {}, ["x"], "x"])
 @pytest.mark.parametrize("transports", [["polling", "websocket"], ["websocket"]])
-def test_a_client_of_today_with_auth_is_driven(
+def test_a_current_client_with_auth_is_driven(
     driver: Served, auth: object, transports: list[str]
 ) -> None:
     client = socketio.SimpleClient()

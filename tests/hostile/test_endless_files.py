@@ -1,4 +1,4 @@
-"""Files that never end, or that are far too large, in the place of those that are read."""
+"""Files without an end, or far too large, in place of those that are read."""
 
 import os
 import socket
@@ -41,9 +41,9 @@ Make = Callable[[Path], object]
 
 
 def listening(path: Path) -> None:
-    """Leave a socket's file; closing it removes no name."""
+    """Create a socket's file; closing the socket keeps the file."""
     place = Path.cwd()
-    os.chdir(path.parent)  # a socket's path is short
+    os.chdir(path.parent)  # the path of a socket must be short
     try:
         with socket.socket(socket.AF_UNIX) as one:
             one.bind(path.name)
@@ -56,12 +56,12 @@ def sparse(size: int) -> Make:
 
 
 ENDLESS: dict[str, tuple[Make, str]] = {
-    "pipe": (os.mkfifo, "is a named pipe"),
-    "device": (lambda path: path.symlink_to("/dev/zero"), "is a device"),
-    "socket": (listening, "is a socket"),
-    "folder": (Path.mkdir, "is a directory"),
+    "pipe": (os.mkfifo, "pipe"),
+    "device": (lambda path: path.symlink_to("/dev/zero"), "device"),
+    "socket": (listening, "socket"),
+    "folder": (Path.mkdir, "directory"),
 }
-KERNEL = Path("/proc/kmsg")  # calls itself a regular file of 0 bytes, and is waited for
+KERNEL = Path("/proc/kmsg")  # claims to be a regular file of 0 bytes, but reading it blocks
 
 
 @pytest.mark.parametrize("name", ENDLESS)
@@ -77,7 +77,7 @@ def test_a_link_to_a_regular_file_is_one(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"abc")
     (tmp_path / "link").symlink_to(tmp_path / "file")
     assert read_regular(tmp_path / "link", 3) == b"abc"
-    with pytest.raises(OSError, match="3 bytes, more than the 2"):
+    with pytest.raises(OSError, match=r"3.* 2\b"):
         read_regular(tmp_path / "link", 2)
 
 
@@ -107,7 +107,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
 
 @pytest.mark.parametrize("kind", READERS)
 @pytest.mark.parametrize("name", [*ENDLESS, "kernel"])
-def test_what_is_read_is_a_regular_file(kind: str, name: str, tmp_path: Path) -> None:
+def test_only_regular_files_are_read(kind: str, name: str, tmp_path: Path) -> None:
     file, read = READERS[kind]
     make, _ = ENDLESS.get(name, (lambda path: path.symlink_to(KERNEL), ""))
     path = place(make, tmp_path / file)
@@ -120,18 +120,18 @@ def test_what_is_read_is_a_regular_file(kind: str, name: str, tmp_path: Path) ->
 def test_a_split_is_a_regular_file(name: str, recorded: Written, tmp_path: Path) -> None:
     make, words = ENDLESS[name]
     path = place(make, tmp_path / "split.csv")
-    with pytest.raises(InputError, match=rf"split\.csv: {words}"):
+    with pytest.raises(InputError, match=rf"split\.csv: .*{words}"):
         split_rows(read_recordings(str(recorded.folder)), str(path))
 
 
 def test_a_log_beyond_its_limit_is_refused_unread(tmp_path: Path) -> None:
     sparse(MOST_LOG_BYTES + 1)(tmp_path / "driving_log.csv")
-    with pytest.raises(InputError, match=r"driving_log\.csv: has 2,000,000,001 bytes"):
+    with pytest.raises(InputError, match=r"driving_log\.csv: .*2,000,000,001"):
         read_recordings(str(tmp_path))
 
 
 def png_header(width: int, height: int) -> bytes:
-    """Return a PNG that claims a size and holds next to nothing."""
+    """Return a PNG whose header claims a size, with almost no data."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         whole = kind + content
@@ -148,7 +148,7 @@ def png_header(width: int, height: int) -> bytes:
 
 
 def jpeg_header(width: int, height: int) -> bytes:
-    """Return a JPEG that claims a size."""
+    """Return a JPEG whose header claims a size."""
     _, data = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))
     whole = bytearray(data.tobytes())
     at = whole.index(b"\xff\xc0")
@@ -169,12 +169,12 @@ def test_an_image_of_too_many_pixels_is_refused_by_check_and_training_alike(
 ) -> None:
     path = tmp_path / "image.jpg"
     path.write_bytes(LARGE[name])
-    said = look_at_image(str(path))
-    assert isinstance(said, str)
-    assert f"pixels, more than {MOST_PIXELS:,}" in said
-    with pytest.raises(ValueError, match="pixels, more than") as caught:
+    fault = look_at_image(str(path))
+    assert isinstance(fault, str)
+    assert f"{MOST_PIXELS:,}" in fault
+    with pytest.raises(ValueError, match="pixels") as caught:
         read_image(path)
-    assert str(caught.value) == said
+    assert str(caught.value) == fault
     assert not recwarn.list
 
 
@@ -186,7 +186,8 @@ def test_an_image_of_too_many_scans_is_refused_by_check_and_training_alike(
     path = tmp_path / "image.jpg"
     path.write_bytes(many_scans(scans))
     found = look_at_image(str(path))
-    assert f"the JPEG has {scans:,} scans, more than {MOST_SCANS}" in str(found)
+    assert f"{scans:,} scans" in str(found)
+    assert str(MOST_SCANS) in str(found)
     with pytest.raises(ValueError, match="scans") as caught:
         read_image(path)
     assert str(caught.value) == found
@@ -208,17 +209,17 @@ def test_a_scan_bomb_is_named_with_its_row(module: str, replaced: Written, tmp_p
     image.write_bytes(many_scans(10_796))
     if module == "zoo":
         places = (f"data.root={replaced.folder}", "data.cache=null", "hydra.run.dir=run")
-        said = only_line(run(tmp_path, *SMALL, *places, timeout=100))
+        line = only_line(run(tmp_path, *SMALL, *places, timeout=100))
     else:
         result = run(tmp_path, str(replaced.folder), module=module, timeout=60)
         assert result.returncode == 1
-        (said,) = [line for line in result.stdout.splitlines() if "scans" in line]
-    assert f"{replaced.log}, row 8: " in said
-    assert image.name in said
-    assert "10,796 scans" in said
+        (line,) = [one for one in result.stdout.splitlines() if "scans" in one]
+    assert f"{replaced.log}, row 8: " in line
+    assert image.name in line
+    assert "10,796 scans" in line
 
 
-def test_an_image_at_the_limit_is_none_too_many() -> None:
+def test_an_image_at_the_limit_is_decoded() -> None:
     assert decode_image(jpeg_header(8, 8)).shape == (160, 320, 3)
     assert find_size_fault(8_000, MOST_PIXELS // 8_000) is None
     assert find_size_fault(8_000, MOST_PIXELS // 8_000 + 1)
@@ -229,8 +230,8 @@ def test_an_image_that_never_ends_is_named_by_check_and_training_alike(
     name: str, tmp_path: Path
 ) -> None:
     more = {
-        "kernel": (lambda path: path.symlink_to(KERNEL), "is empty"),
-        "large": (sparse(MOST_IMAGE_BYTES + 1), "32,000,001 bytes"),
+        "kernel": (lambda path: path.symlink_to(KERNEL), "empty"),
+        "large": (sparse(MOST_IMAGE_BYTES + 1), "32,000,001"),
     }
     make, words = (ENDLESS | more)[name]
     path = place(make, tmp_path / "image.jpg")
@@ -241,7 +242,7 @@ def test_an_image_that_never_ends_is_named_by_check_and_training_alike(
 
 @pytest.fixture
 def replaced(tmp_path: Path) -> Written:
-    """A recording, one of whose images becomes something else after the log names it."""
+    """Write a recording; tests replace one of its images with another kind of file."""
     return write_recording(tmp_path / "lake", rows=40)
 
 
@@ -251,7 +252,8 @@ def test_decoding_names_the_file(replaced: Written) -> None:
     paths = [str(replaced.image(row)) for row in range(10)]
     faults = decode_all(paths, View([60, 40], "gray", [8, 8]), lambda start, chunk: None)
     assert list(faults) == [7]
-    assert f"{image}: the image has 20000 x 20000 pixels" in faults[7]
+    assert str(image) in faults[7]
+    assert "20000 x 20000" in faults[7]
 
 
 @pytest.mark.slow
@@ -282,7 +284,8 @@ def test_commands_do_not_wait_for_a_file(name: str, replaced: Written, tmp_path:
         "zoo.preview": (f"data.root={replaced.folder}",),
     }.items():
         line = only_line(run(tmp_path, *arguments, module=module, timeout=60))
-        assert f"{replaced.log}: {words}" in line
+        assert f"{replaced.log}: " in line
+        assert words in line
 
 
 @pytest.mark.parametrize("module", ["zoo.evaluate", "zoo.export", "zoo.drive"])
@@ -291,9 +294,10 @@ def test_a_checkpoint_that_never_ends_is_refused(module: str, tmp_path: Path) ->
     assert "x.ckpt" in only_line(run(tmp_path, "x.ckpt", module=module, timeout=60))
 
 
-def test_film_leaves_out_what_is_no_file(replaced: Written, tmp_path: Path) -> None:
+def test_film_names_an_image_that_is_no_regular_file(replaced: Written, tmp_path: Path) -> None:
     images = tmp_path / "images"
     images.mkdir()
     os.mkfifo(images / "a.jpg")
     line = only_line(run(tmp_path, str(images), module="zoo.film", timeout=60))
-    assert f"{images / 'a.jpg'}: is a named pipe" in line
+    assert f"{images / 'a.jpg'}: " in line
+    assert "pipe" in line

@@ -1,4 +1,4 @@
-"""Links in a stranger's run folder: what they lead to is not written."""
+"""Links in a stranger's run folder: no command writes to their targets."""
 
 import os
 import shutil
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="makes links")
 
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
-    """A file outside of the run's folder."""
+    """Write a file outside of the run's folder."""
     path = tmp_path / "mine"
     path.write_text("mine")
     return path
@@ -51,9 +51,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_link_in_a_files_place_or_beside_it_is_not_followed(
-    name: str, mine: Path, tmp_path: Path
-) -> None:
+def test_a_link_in_place_of_a_file_is_not_followed(name: str, mine: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     for one in (name, f"{name}.part", f".{name}.part", f"{name}.{os.getpid()}.part"):
@@ -107,7 +105,8 @@ def test_a_link_that_leads_out_is_refused_by_name(
     command, arguments = COMMANDS[name]
     assert run_command(name, command, arguments) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert f"run/{link}: is a link" in line
+    assert f"run/{link}: " in line
+    assert "link" in line.replace(link, "")
     assert mine.read_text() == "mine"
     assert list((tmp_path / "elsewhere").iterdir()) == []
     assert not (tmp_path / "again").exists()
@@ -121,11 +120,11 @@ def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
     write_record(tmp_path / "sweep", new_record(["seed=1,2"]))
     (tmp_path / "sweep" / "0" / "log.txt").symlink_to(mine)
     assert run_command("zoo.sweep", resume_sweep, ["resume=sweep"]) == 1
-    assert "sweep/0/log.txt: is a link" in capsys.readouterr().err
+    assert "sweep/0/log.txt: " in capsys.readouterr().err
 
 
 def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
-    """Such as those of Weights & Biases to its latest run."""
+    """Weights & Biases makes such a link to its latest run."""
     (tmp_path / "run" / "wandb" / "one").mkdir(parents=True)
     (tmp_path / "run" / "wandb" / "latest").symlink_to("one")
     refuse_links_out(tmp_path / "run")
@@ -133,7 +132,7 @@ def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
     refuse_links_out(tmp_path / "run2")
     (tmp_path / "running").mkdir()
     (tmp_path / "run" / "out").symlink_to(tmp_path / "running")
-    with pytest.raises(InputError, match="leads out"):
+    with pytest.raises(InputError, match="run/out: "):
         refuse_links_out(tmp_path / "run")
 
 
@@ -149,7 +148,7 @@ def test_the_leaderboard_replaces_a_link(
     assert not page.is_symlink()
 
 
-def test_what_a_killed_process_left_is_removed_and_nothing_else(mine: Path, tmp_path: Path) -> None:
+def test_only_unfinished_files_of_a_killed_process_are_removed(mine: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     torch.save({}, folder / "best.ckpt")

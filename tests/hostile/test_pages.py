@@ -1,4 +1,4 @@
-"""Pages about a stranger's runs, in a real browser: their names stay text."""
+"""Pages about a stranger's runs, in a browser: hostile names are shown as text."""
 
 import html
 import json
@@ -16,7 +16,7 @@ IMAGE = "<img src=x onerror=hacked=1>"
 SCRIPT = "</script><script>hacked=1</script>"
 PLACEHOLDER = "{{data}} {% raw %} {{ 7*7 }} ${hacked=1}"
 HOSTILE = f"{IMAGE} {SCRIPT} {PLACEHOLDER} \"'onload=hacked=1 </title></style></pre>"
-# Of a folder's name.
+# A name that a folder can have.
 NAME = "<img src=x onerror=hacked=1> {{data}} \"'"
 
 needs_chromium = pytest.mark.skipif(
@@ -26,7 +26,7 @@ needs_chromium = pytest.mark.skipif(
 
 @pytest.fixture
 def runs(tmp_path: Path) -> list[Path]:
-    """Two finished runs and a failed one, whose every text is hostile."""
+    """Write two finished runs and a failed one, with hostile texts everywhere."""
     found = []
     for number in range(3):
         folder = tmp_path / f"{NAME} {number}"
@@ -41,7 +41,7 @@ def runs(tmp_path: Path) -> list[Path]:
 
 
 def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
-    """Open a page; return the text that it shows."""
+    """Open a page, check that no script of a text runs, and return the shown text."""
     with Browser(profile, 1200, 900) as browser:
         browser.open(page.as_uri())
         browser.wait_for(
@@ -54,7 +54,7 @@ def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
         assert browser.value(count("[onerror], [onload]")) == 0
         assert browser.value(count('meta[http-equiv="Content-Security-Policy"]')) == 1
         assert browser.errors == []
-        # What would run, if it had come in by another way, does not.
+        # The page's policy also stops scripts that are inserted later.
         browser.value(f"document.body.insertAdjacentHTML('beforeend', {json.dumps(IMAGE)})")
         browser.value(
             "document.body.append(Object.assign(document.createElement('script'), "
@@ -84,7 +84,7 @@ def test_the_report_shows_hostile_names_as_text(
     assert PLACEHOLDER in shown
 
 
-def test_each_page_fetches_and_runs_nothing_but_its_own(runs: list[Path], tmp_path: Path) -> None:
+def test_each_page_allows_only_its_own_content(runs: list[Path], tmp_path: Path) -> None:
     ranking = write_page(tmp_path / "page.html", "x", rank(read_runs(runs)[0]), [], tmp_path)
     for page in (ranking, write_report(runs[0])):
         text = page.read_text()

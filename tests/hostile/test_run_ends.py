@@ -1,4 +1,4 @@
-"""The end of a run: nothing that can only be shown costs the figures and the checkpoints."""
+"""The end of a run: errors of its output never lose figures or checkpoints."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def arguments(root: str, *more: str) -> list[str]:
 
 
 def train(cwd: Path, *given: str, stdout: object = subprocess.PIPE, **more: str) -> tuple[int, str]:
-    """Return the exit status and what was printed on stderr."""
+    """Return the exit status and the text on stderr."""
     result = subprocess.run(
         command("zoo", *given),
         cwd=cwd,
@@ -45,24 +45,26 @@ def check_whole(run: Path) -> None:
 
 @posix
 @pytest.mark.slow
-def test_a_recording_whose_folder_is_no_utf_8(recorded: Written, tmp_path: Path) -> None:
+def test_a_recording_whose_folder_is_not_utf_8(recorded: Written, tmp_path: Path) -> None:
     root = tmp_path / os.fsdecode(b"laps\xff\xe4")
     shutil.copytree(recorded.folder, root)
-    ended, said = train(tmp_path, *arguments(str(root)))
-    assert (ended, said) == (0, "")
+    ended, err = train(tmp_path, *arguments(str(root)))
+    assert (ended, err) == (0, "")
     check_whole(tmp_path / "run")
-    ended, said = train(tmp_path, "resume=run", "trainer.max_epochs=2")
-    assert (ended, said) == (0, "")
+    ended, err = train(tmp_path, "resume=run", "trainer.max_epochs=2")
+    assert (ended, err) == (0, "")
 
 
 @posix
 @pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_a_standard_output_of_few_signs(encoding: str, recorded: Written, tmp_path: Path) -> None:
+def test_a_standard_output_of_few_characters(
+    encoding: str, recorded: Written, tmp_path: Path
+) -> None:
     root = tmp_path / "Fahrt \N{SNOWMAN}"
     shutil.copytree(recorded.folder, root)
-    ended, said = train(tmp_path, *arguments(str(root)), PYTHONIOENCODING=encoding)
-    assert (ended, said) == (0, "")
+    ended, err = train(tmp_path, *arguments(str(root)), PYTHONIOENCODING=encoding)
+    assert (ended, err) == (0, "")
     check_whole(tmp_path / "run")
 
 
@@ -71,9 +73,9 @@ def test_a_standard_output_of_few_signs(encoding: str, recorded: Written, tmp_pa
 def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         more = {"PYTHONUNBUFFERED": buffered}
-        ended, said = train(tmp_path, *arguments(str(recorded.folder)), stdout=full, **more)
-    (line,) = said.strip().splitlines()
-    assert "standard output: No space left on device" in line
+        ended, err = train(tmp_path, *arguments(str(recorded.folder)), stdout=full, **more)
+    (line,) = err.strip().splitlines()
+    assert "No space left on device" in line
     assert ended == 1
     check_whole(tmp_path / "run")
 
@@ -85,20 +87,19 @@ def test_a_standard_output_that_is_closed(tmp_path: Path) -> None:
     assert (result.returncode, result.stderr) == (0, b"")
 
 
-def test_a_report_that_fails_is_one_line(
+def test_a_report_that_fails_gets_one_line(
     recorded: Written,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
     def fail(folder: Path) -> Path:
-        raise UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no sign")
+        raise UnicodeEncodeError("utf-8", "\udcff", 0, 1, "no character")
 
     monkeypatch.setattr(conclusion, "write_report", fail)
     assert zoo_here(monkeypatch, tmp_path, *arguments(str(recorded.folder))) == 0
-    said = capsys.readouterr()
-    (line,) = [one for one in said.out.splitlines() if "no report" in one]
-    assert "no sign" in line
+    (line,) = [one for one in capsys.readouterr().out.splitlines() if "no report" in one]
+    assert "no character" in line
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 1
 
 

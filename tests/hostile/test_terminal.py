@@ -1,4 +1,4 @@
-"""Names and fields with control characters: a terminal shows them and does not obey them."""
+"""Names and fields with control characters: they are printed as text."""
 
 import json
 import os
@@ -15,11 +15,11 @@ from tests.recordings import write_recording
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
 
-EVIL = "a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb\rc"  # clears, renames, goes up, turns, overwrites
+EVIL = "a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb\rc"  # clear, title, cursor up, right-to-left, overwrite
 SHOWN = r"a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb"
 
 
-def orders(printed: str) -> str:
+def control_characters(printed: str) -> str:
     return "".join(one for one in printed if one != "\n" and not one.isprintable())
 
 
@@ -36,13 +36,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_an_error_names_what_is_evil_in_one_harmless_line(name: str, tmp_path: Path) -> None:
+def test_an_error_escapes_control_characters_in_one_line(name: str, tmp_path: Path) -> None:
     module, arguments = REFUSED[name]
     line = only_line(run(tmp_path, *arguments, module=module, timeout=60))
-    assert not orders(line)
+    assert not control_characters(line)
 
 
-def test_check_shows_the_folders_and_images_of_a_log_harmlessly(tmp_path: Path) -> None:
+def test_check_escapes_folders_and_images_of_a_log(tmp_path: Path) -> None:
     folder = tmp_path / f"{EVIL}\nall images are whole"
     written = write_recording(folder, rows=30)
     log = written.log.read_text()
@@ -50,7 +50,7 @@ def test_check_shows_the_folders_and_images_of_a_log_harmlessly(tmp_path: Path) 
     written.image(3).write_bytes(b"")
     result = run(tmp_path, str(folder), module="datamodules.check", timeout=60)
     assert result.returncode == 1
-    assert not orders(result.stdout + result.stderr)
+    assert not control_characters(result.stdout + result.stderr)
     assert "row 8: " in result.stdout
     assert SHOWN in result.stdout
     assert "all images are whole" not in result.stdout.splitlines()
@@ -63,17 +63,17 @@ def evil_runs(folder: Path) -> None:
     (damaged / "metrics.json").write_text(json.dumps({"baselines": {EVIL: {"x": {"mse": "x"}}}}))
 
 
-def test_the_leaderboard_shows_names_of_runs_and_tracks_harmlessly(tmp_path: Path) -> None:
+def test_the_leaderboard_escapes_names_of_runs_and_tracks(tmp_path: Path) -> None:
     evil_runs(tmp_path)
     result = run(tmp_path, ".", module="zoo.leaderboard", timeout=60)
     assert result.returncode == 0, result.stderr
-    assert not orders(result.stdout + result.stderr)
+    assert not control_characters(result.stdout + result.stderr)
     assert "1 damaged: " in result.stdout
     assert "9 failed" not in result.stdout.splitlines()
 
 
-def test_on_a_terminal_it_shows_them_harmlessly_too(tmp_path: Path) -> None:
-    """The terminal's own colours and frames stay: other orders are not printed."""
+def test_on_a_terminal_it_escapes_them_too(tmp_path: Path) -> None:
+    """Colours and table frames stay; other control characters are not printed."""
     evil_runs(tmp_path)
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
@@ -88,27 +88,27 @@ def test_on_a_terminal_it_shows_them_harmlessly_too(tmp_path: Path) -> None:
     try:
         while part := os.read(ours, 65536):
             printed += part
-    except OSError:  # the terminal's last user has ended
+    except OSError:  # the process has closed the terminal
         pass
     os.close(ours)
     assert process.wait(60) == 0
     assert b"damaged" in printed
     assert b"\x1b[1m" in printed or b"\x1b[3m" in printed
-    for order in (b"\x1b[2J", b"\x1b]", b"\x07", b"\xc2\x9b", b"\xe2\x80\xae"):
-        assert order not in printed
+    for sequence in (b"\x1b[2J", b"\x1b]", b"\x07", b"\xc2\x9b", b"\xe2\x80\xae"):
+        assert sequence not in printed
 
 
-def test_a_report_of_a_run_with_such_a_name_is_printed_harmlessly(tmp_path: Path) -> None:
+def test_a_report_escapes_the_name_of_its_run(tmp_path: Path) -> None:
     folder = write_run(tmp_path / f"{EVIL}\nx", 0.9)
     config = {"seed": 1, "data": {"root": None}, "model": {"name": "linear"}}
     (folder / ".hydra" / "config.yaml").write_text(json.dumps(config))
     result = run(tmp_path, str(folder), module="zoo.report", timeout=100)
     assert result.returncode == 0, result.stderr
-    assert not orders(result.stdout + result.stderr)
+    assert not control_characters(result.stdout + result.stderr)
     assert len(result.stdout.splitlines()) == 2
 
 
-def test_rich_escapes_texts_and_keeps_its_own_orders(capsys: pytest.CaptureFixture) -> None:
+def test_rich_escapes_texts_and_keeps_its_own_sequences(capsys: pytest.CaptureFixture) -> None:
     guard_rich()
     table = Table(EVIL)
     table.add_row(EVIL, style="red")
@@ -121,7 +121,7 @@ def test_rich_escapes_texts_and_keeps_its_own_orders(capsys: pytest.CaptureFixtu
     assert "\x1b[2J" not in printed
 
 
-def test_an_errors_line_is_cut_in_its_middle() -> None:
+def test_a_long_error_is_cut_in_its_middle() -> None:
     line = error_line("zoo", "a" * 5000 + "\n\x1b" + "b" * 5000)
     assert line.startswith("zoo: aaa")
     assert line.endswith("bbb")

@@ -1,4 +1,4 @@
-"""An object whose pickle runs code when it is loaded: it makes a folder, which a test looks for."""
+"""An object whose pickle runs code when loaded: it creates a folder, which tests look for."""
 
 import os
 from pathlib import Path

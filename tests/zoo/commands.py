@@ -1,4 +1,4 @@
-"""Run our commands as a person does: in a process of their own, in a folder of their own."""
+"""Running of our commands as a user does: in a process and a folder for each."""
 
 import functools
 import os
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def environment() -> dict[str, str]:
-    # One thread: the networks are small, and several tests' processes share the cores.
+    # One thread: the networks are small, and processes of several tests share the cores.
     return os.environ | {
         "PYTHONPATH": str(ROOT),
         "OMP_NUM_THREADS": "1",
@@ -29,8 +29,8 @@ def command(module: str, *arguments: str) -> list[str]:
 def run(
     cwd: Path, *arguments: str, module: str = "zoo", timeout: int = 120
 ) -> subprocess.CompletedProcess:
-    """Return what `python -m zoo ARGUMENTS` printed and its exit status."""
-    if sys.platform != "linux":  # elsewhere a process with threads of a system's cannot fork
+    """Return the output and exit status of `python -m zoo ARGUMENTS`."""
+    if sys.platform != "linux":  # elsewhere, forking a process that has threads is not safe
         return subprocess.run(
             command(module, *arguments),
             cwd=cwd,
@@ -50,12 +50,12 @@ def run(
 
 @functools.cache
 def forked_commands() -> ForkedCommands:
-    """Return the process that this process's tests share."""
+    """Return the process that forks commands for all tests of this process."""
     return ForkedCommands(environment())
 
 
 def only_line(result: subprocess.CompletedProcess) -> str:
-    """The one line that a command with bad input says; fails on a trace or an exit status of 0."""
+    """Return the one error line of a command with bad input; fail on a traceback or status 0."""
     assert result.returncode in (1, 2), result.stdout + result.stderr
     lines = result.stderr.strip().splitlines()
     assert len(lines) == 1, result.stderr

@@ -1,4 +1,4 @@
-"""One run of the main job, which many tests look at."""
+"""One training run, which many tests read."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from tests.zoo.commands import run
 
 @pytest.fixture(scope="session")
 def run_folder(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a finished run of `nvidia`, two epochs, trained through the command line."""
+    """Train `nvidia` for two epochs with the command, and return the run's folder."""
     cwd = tmp_path_factory.mktemp("work")
     result = run(
         cwd,

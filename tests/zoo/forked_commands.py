@@ -1,8 +1,8 @@
-"""A process that has imported what commands import, and forks one process for each command.
+"""A process that imports the commands' libraries once, and forks a process for each command.
 
 Importing torch, Lightning and albumentations takes longer than most commands of the tests. A fork
-has an exit status, a folder, an environment and an output of its own, as `python -m` has. A test of
-the start itself (imports, threads, Ctrl-C while importing) uses `commands.command` instead.
+has its own exit status, current folder, environment and output, as `python -m` has. Tests of the
+start itself (imports, threads, Ctrl-C during imports) use `commands.command` instead.
 """
 
 import json
@@ -14,7 +14,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-# No module that is a command: that has to be run as `__main__`.
+# Not the commands themselves: these must run as `__main__`.
 IMPORTED = (
     "albumentations",
     "hydra._internal.utils",
@@ -26,7 +26,7 @@ IMPORTED = (
 
 
 class ForkedCommands:
-    """A process that runs one command at a time; it ends with ours."""
+    """A process that runs one command at a time; it ends with this process."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         self._process = subprocess.Popen(
@@ -46,14 +46,14 @@ class ForkedCommands:
         output: Path,
         errors: Path,
     ) -> int:
-        """Return the exit status of `python -m ARGUMENTS`, which prints to the two files."""
+        """Return the exit status of `python -m ARGUMENTS`; its output goes to the two files."""
         request = [arguments, str(cwd), environment, timeout_s, str(output), str(errors)]
         print(json.dumps(request), file=self._process.stdin, flush=True)
         return int(self._process.stdout.readline())
 
 
 def serve() -> None:
-    """Fork a process for each request; return in that process, when it is ready to run it."""
+    """Fork a process for each request; return in the fork, ready to run the command."""
     for module in IMPORTED:
         import_module(module)
     for request in sys.stdin:
@@ -73,7 +73,7 @@ def become(
     output: str,
     errors: str,
 ) -> None:
-    """Make this process what `python -m ARGUMENTS` begins as."""
+    """Give this process the state in which `python -m ARGUMENTS` starts."""
     for number, path, flags in (
         (0, os.devnull, os.O_RDONLY),
         (1, output, os.O_WRONLY),

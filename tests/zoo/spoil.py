@@ -1,4 +1,4 @@
-"""Callbacks that stop a run in the middle of its training, or take its disk away."""
+"""Callbacks that stop a run during training, or remove or fill its disk."""
 
 import shutil
 from pathlib import Path
@@ -7,21 +7,20 @@ import lightning
 
 
 class RemoveFolder(lightning.Callback):
-    """Removes the run's folder at the beginning of an epoch."""
+    """A callback that removes the run's folder at the start of an epoch."""
 
     def __init__(self, epoch: int) -> None:
         self.epoch = epoch
 
     def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
         if trainer.current_epoch == self.epoch:
-            while Path(
-                trainer.default_root_dir
-            ).exists():  # TensorBoard's thread still writes there
+            # Several times, since TensorBoard's thread still writes there.
+            while Path(trainer.default_root_dir).exists():
                 shutil.rmtree(trainer.default_root_dir, ignore_errors=True)
 
 
 class LimitFiles(lightning.Callback):
-    """Lets no file grow beyond some bytes: writes fail where they do on a full disk."""
+    """A callback that limits the size of files: larger writes fail, as on a full disk."""
 
     def __init__(self, epoch: int, limit: int) -> None:
         self.epoch, self.limit = epoch, limit
@@ -35,7 +34,7 @@ class LimitFiles(lightning.Callback):
 
 
 class FillDisk(lightning.Callback):
-    """Fills the disk of the run's folder at the beginning of an epoch, but for its checkpoints."""
+    """A callback that fills the disk of the run's folder at the start of an epoch."""
 
     def __init__(self, epoch: int) -> None:
         self.epoch = epoch
@@ -51,7 +50,7 @@ class FillDisk(lightning.Callback):
 
 
 class Interrupt(lightning.Callback):
-    """Raises what Ctrl-C does at the beginning of an epoch."""
+    """A callback that raises KeyboardInterrupt, as Ctrl-C does, at the start of an epoch."""
 
     def __init__(self, epoch: int) -> None:
         self.epoch = epoch

@@ -1,4 +1,4 @@
-"""Folders as runs leave them, without training any."""
+"""Run folders for tests, written without training."""
 
 import json
 from pathlib import Path
@@ -19,9 +19,9 @@ def write_run(
     fingerprint: str = "0123456789abcdef",
     **more: object,
 ) -> Path:
-    """A finished run that drove so well on each of the tracks; None where it was not driven.
+    """Write a finished run with the same figures on each track; autonomy None: without drives.
 
-    Without `start_seeds`, its figures of driving are as earlier versions wrote them.
+    Without `start_seeds`, its drive figures have the format of earlier versions.
     """
     drive = None
     if autonomy is not None:
@@ -31,8 +31,8 @@ def write_run(
             "interventions": [round(10 * (1 - autonomy)), 0.0],
         }
         if start_seeds:
-            kept = 0 if figures["interventions"][0] else start_seeds
-            figures |= {"drives": start_seeds, "drives_without_intervention": kept}
+            clean = 0 if figures["interventions"][0] else start_seeds
+            figures |= {"drives": start_seeds, "drives_without_intervention": clean}
         drive = {
             "speed_mph": 20.0,
             "laps": 1.0,
@@ -65,6 +65,6 @@ def write_run(
 
 
 def change_status(folder: Path, **fields: object) -> None:
-    """Write other fields into a `status.json`."""
+    """Change fields of a run's `status.json`."""
     path = folder / "status.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | fields))

@@ -20,4 +20,4 @@ def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
 
 
 def test_a_folder_without_figures_is_named(tmp_path: Path) -> None:
-    assert "holds no metrics.json" in only_line(run(ROOT, str(tmp_path), module="zoo.results"))
+    assert "metrics.json" in only_line(run(ROOT, str(tmp_path), module="zoo.results"))

@@ -1,4 +1,4 @@
-"""Trainings in this process: without callbacks and loggers, or as the command runs them."""
+"""Trainings in the tests' process: without callbacks and loggers, or as the command does."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ def train_here(
     together: int | None = None,
     console: Console | None = None,
 ) -> tuple[SteeringModule, DrivingData]:
-    """What was trained, and on what; with `together`, on so many batches at a time."""
+    """Train, and return the module and the data; `together` sets the batches per step."""
     base = (
         f"data.root={recorded.folder}",
         f"data.cache={folder / 'cache'}",
@@ -59,7 +59,7 @@ def planned(
     console: Console | None = None,
     together: int | None = None,
 ) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
-    """Return all that a training needs, as the command builds it."""
+    """Return module, data and trainer, as the command builds them."""
     console = console or Console(quiet=True)
     network = build_network(config, data.view, console)
     trainer = build_trainer(config, folder, has_validation=True)
@@ -71,7 +71,7 @@ def planned(
     return module, build_feed(data, plan, console), trainer
 
 
-# Small enough for seconds; blocks as short as the recording asks for.
+# A training of seconds; the blocks are short, since the recording is.
 SMALL = (
     "model=tiny",
     "data.crop=[50,0]",
@@ -84,7 +84,7 @@ SMALL = (
 
 
 def zoo_here(monkeypatch: pytest.MonkeyPatch, cwd: Path, *arguments: str) -> int:
-    """Return the exit status of `python -m zoo ARGUMENTS`, run in this process: torch is there."""
+    """Return the exit status of `python -m zoo ARGUMENTS`, run in this process with its torch."""
     monkeypatch.chdir(cwd)
     monkeypatch.setattr("sys.argv", ["zoo", *arguments])
     return run_command("zoo", zoo, list(arguments))

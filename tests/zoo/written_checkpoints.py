@@ -1,4 +1,4 @@
-"""Checkpoints of a network that looks at nothing and always steers alike."""
+"""Checkpoints of a network that ignores its input and always steers the same."""
 
 from pathlib import Path
 
@@ -10,11 +10,13 @@ from zoo.models.make_network import make_network
 
 
 def write_constant(path: Path, steering: float, epoch: int = 0, **config: object) -> Path:
-    """Write a checkpoint of `model=linear` that always answers `steering`, -1..1.
+    """Write a checkpoint of `model=linear` that always returns the same steering.
 
     Args:
-        epoch: the epoch after which it was saved, 0 is the first.
-        config: further sections of the card's config, beside `model`.
+        path: file to write.
+        steering: steering that it returns, -1..1.
+        epoch: epoch after which it was saved, from 0 on.
+        config: sections of the card's config, in addition to `model`.
     """
     model = {
         "_target_": "zoo.models.linear.Linear",

@@ -1,4 +1,4 @@
-"""Drives of a checkpoint, and what the expert would have done in what it saw."""
+"""Drives of a checkpoint, recorded with what the expert would have done at each frame."""
 
 import hashlib
 import shutil
@@ -24,17 +24,17 @@ from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
 from zoo.evaluate.process_pool import drive_in_processes
 
 NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
-YEARS_S = 50 * 365 * 24 * 3600
+START_RANGE_S = 50 * 365 * 24 * 3600  # recordings start anywhere within 50 years
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A frame that the model saw: from where, and what the expert would have done.
+class ExpertLabel:
+    """What the expert would have done at a frame of the model's drive.
 
     Attributes:
-        pose: of the car, as `World.pose`.
-        frame: its number, of which the picture's grain depends.
-        steering, throttle: the expert's, -1..1.
+        pose: pose of the car, as `World.pose` returns it.
+        frame: number of the frame, which seeds the image's noise.
+        steering, throttle: controls of the expert, -1..1.
     """
 
     pose: tuple[float, float, float, float, float]
@@ -43,17 +43,20 @@ class Asked:
     throttle: float
 
 
-class AskingPolicy:
-    """Drives as the model does, and asks the expert at every frame.
+class LabellingPolicy:
+    """A policy that drives as the model does, and stores the expert's label at every frame.
 
     Args:
-        policy: the model's.
-        world: that is driven in.
-        expert_mph: that the expert's throttle is for.
-        beta: the share of seconds in which the expert's steering drives (Ross et al. 2011).
-        nudge: steering added for half a second now and then, up to so much, so that a model that
-            drives well gets off its line, too; after Laskey et al., "DART", 2017, arXiv:1703.09327.
-        seed: of both.
+        policy: policy of the model.
+        world: world in which it drives.
+        expert_mph: speed that the expert's throttle holds.
+        beta: share of seconds in which the expert steers, 0..1 (Ross et al. 2011).
+        nudge: largest steering added for half a second in every 4 s, 0..1, so that a model that
+            drives well leaves its line, too; after Laskey et al., "DART", 2017, arXiv:1703.09327.
+        seed: random seed of the expert's seconds and the nudges.
+
+    Attributes:
+        labels: the expert's labels, one for each frame.
     """
 
     def __init__(
@@ -66,19 +69,20 @@ class AskingPolicy:
         seed: int,
     ) -> None:
         self.policy, self.world, self.beta, self.nudge = policy, world, beta, nudge
-        # An answer is no movement: it need not be near the one before.
+        # The expert does not steer here: its labels may change faster than a steering wheel.
         self.expert = Expert(world.track, ExpertSettings(expert_mph, steering_per_s=50))
-        self.asked: list[Asked] = []
+        self.labels: list[ExpertLabel] = []
         self.seed = seed
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
+        """Store the expert's label, and return the controls that drive."""
         world = self.world
         steering, throttle = self.policy(frame, speed_mph)
-        answer = self.expert(world)
-        self.asked.append(Asked(world.pose(), world.frames, *answer))
+        label = self.expert(world)
+        self.labels.append(ExpertLabel(world.pose(), world.frames, *label))
         second = np.random.default_rng([self.seed, 0, int(world.time)])
         if second.random() < self.beta:
-            return answer[0], throttle
+            return label[0], throttle
         number, since_s = divmod(world.time, NUDGE_EVERY_S)
         push = np.random.default_rng([self.seed, 1, int(number)])
         begin_s, force = push.uniform(0, NUDGE_EVERY_S - NUDGE_S), push.uniform(-1, 1)
@@ -90,15 +94,21 @@ class AskingPolicy:
 def worth_keeping(
     rows: list[DriveRow], before_s: float, after_s: float, off_m: float | None
 ) -> np.ndarray:
-    """Which frames of a drive to train on, bool [N]: those so long before an intervention, in which
-    it went wrong, so long after it, and all that are farther off than `off_m`."""
+    """Return which frames of a drive to train on, bool [N].
+
+    Args:
+        rows: rows of the drive.
+        before_s: seconds to keep before an intervention.
+        after_s: seconds to keep after it.
+        off_m: distance from the centreline, in metres, from which frames are kept, too.
+    """
     time_s = np.array([row.time_s for row in rows])
-    lost = np.flatnonzero([row.intervention for row in rows])
+    interventions = np.flatnonzero([row.intervention for row in rows])
     keep = np.zeros(len(rows), bool)
     if off_m is not None:
         keep |= np.abs([row.cross_track_m for row in rows]) >= off_m
     begin = 0
-    for number in lost:
+    for number in interventions:
         stretch = np.arange(begin, number + 1)
         keep[stretch[time_s[stretch] >= time_s[number] - before_s]] = True
         begin = number + 1
@@ -115,16 +125,21 @@ def collect(
     folder: Path,
     console: Console,
 ) -> int:
-    """Drive on every track with seeds of the round's own, and leave what is worth training on in
-    `folder`, as a recording; returns its number of rows. With 0 there is no such folder.
+    """Drive on every track, and record in `folder` the frames that are worth training on.
 
     Args:
-        identity: of the checkpoint that is corrected; file names are drawn from it, so that those
-            of several corrections differ.
-        console: where progress is shown.
+        checkpoint: path of the checkpoint that drives.
+        options: tracks, drives, and what to keep.
+        round_number: number of the round, from 1; each round has its own seeds.
+        identity: hash of the checkpoint to correct; it makes file names differ between corrections.
+        folder: folder of the new recording; not created without a row.
+        console: output of the progress.
+
+    Returns:
+        The number of rows.
 
     Raises:
-        InputError: the simulator cannot be opened, the disk is full, a process was ended.
+        InputError: the simulator cannot open, the disk is full, or a process was killed.
     """
     parts = folder.with_name(f"{folder.name}.parts")
     shutil.rmtree(parts, ignore_errors=True)
@@ -135,7 +150,7 @@ def collect(
             setup = Setup.of(options.scored, track, seed)
             setup = replace(setup, weather=read_weather(options.weather))
             digest = hashlib.sha256(f"{identity} {track} {seed}".encode()).digest()
-            begin_s = int.from_bytes(digest[:8], "big") % YEARS_S
+            begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
             place = parts / f"{len(jobs):03d}"
             jobs.append((checkpoint, setup, options, options.beta**round_number, begin_s, place))
     with progress_bar(f"collecting {len(jobs)} drives", console) as show:
@@ -156,10 +171,10 @@ def collect_drive(
     folder: Path,
     report: Callable[[float], None] | None = None,
 ) -> int:
-    """Drive once in this process and record it; returns the number of rows.
+    """Drive once in this process, record the drive, and return the number of rows.
 
-    The first row is `begin_s` after the recorder's first moment; `report` is called at every frame
-    with the share that is driven, 0..1.
+    The first row's time is `begin_s` after the recorder's start; `report` is called at every frame
+    with the finished share of the drive, 0..1.
     """
     import torch
 
@@ -169,7 +184,7 @@ def collect_drive(
     torch.set_num_threads(1)
     try:
         world = open_setup(setup, "auto")
-        policy = AskingPolicy(
+        policy = LabellingPolicy(
             load_policy(checkpoint),
             world,
             options.expert_speed,
@@ -180,7 +195,7 @@ def collect_drive(
         drive = drive_setup(policy, world, setup, report=report)
         keep = worth_keeping(drive.rows, options.before_s, options.after_s, options.off_m)
         with Recorder(folder, relative=True) as recorder:
-            _record(recorder, world, drive.rows, policy.asked, keep, begin_s)
+            _record(recorder, world, drive.rows, policy.labels, keep, begin_s)
         world.pictures.close()
     except SimulatorError as error:
         raise InputError(str(error)) from None
@@ -193,28 +208,31 @@ def _record(
     recorder: Recorder,
     world: World,
     rows: list[DriveRow],
-    asked: list[Asked],
+    labels: list[ExpertLabel],
     keep: np.ndarray,
     begin_s: float,
 ) -> None:
-    """A pass for each stretch of frames that follow each other. Only now the side cameras look."""
+    """Record the kept frames, each stretch of consecutive frames as a pass.
+
+    The side cameras are rendered here: the drive needs only the centre camera.
+    """
     before, stretch_s = -2, 0.0
     for number in np.flatnonzero(keep):
-        row, answer = rows[number], asked[number]
-        # Being put back takes no time, and is no driving.
+        row, label = rows[number], labels[number]
+        # After an intervention the car is elsewhere.
         if number != before + 1 or rows[before].intervention:
             recorder.begin_pass()
             stretch_s = row.time_s if recorder.rows else row.time_s - begin_s
         before = number
         frames = {
-            camera: world.pictures.frame(answer.pose, camera, answer.frame) for camera in CAMERAS
+            camera: world.pictures.frame(label.pose, camera, label.frame) for camera in CAMERAS
         }
-        pedals = split_pedals(answer.throttle)
-        recorder.add(frames, answer.steering, *pedals, row.speed_mph, row.time_s - stretch_s)
+        pedals = split_pedals(label.throttle)
+        recorder.add(frames, label.steering, *pedals, row.speed_mph, row.time_s - stretch_s)
 
 
 def _join(parts: list[Path], folder: Path) -> None:
-    """Several recordings with relative paths as one, which takes its name when it is whole."""
+    """Join recordings with relative paths; the result gets its name when it is complete."""
     whole = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(whole, ignore_errors=True)
     (whole / IMAGE_FOLDER).mkdir(parents=True)
@@ -224,6 +242,6 @@ def _join(parts: list[Path], folder: Path) -> None:
             lines += (part / LOG_NAME).read_text().splitlines()
             for image in (part / IMAGE_FOLDER).iterdir():
                 image.rename(whole / IMAGE_FOLDER / image.name)
-    # File names begin with the time.
+    # Lines begin with file names, and these with the time.
     (whole / LOG_NAME).write_text("\n".join(sorted(lines)) + "\n")
     whole.rename(folder)

@@ -1,4 +1,4 @@
-"""`correct.json`: the rounds of a correction."""
+"""The schema of `correct.json`, the rounds of a correction."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, p
 
 
 class Driven(Figures):
-    """A track's figures, with those by which rounds are compared."""
+    """A track's figures; these four are required, to compare rounds."""
 
     autonomy: Pair
     interventions: Pair
@@ -19,7 +19,7 @@ class Driven(Figures):
 
 
 class Round(Fields):
-    """A checkpoint and how it drives."""
+    """A checkpoint and its figures."""
 
     number: Whole
     checkpoint: str
@@ -28,7 +28,7 @@ class Round(Fields):
 
 
 class Correction(Fields):
-    """What `zoo.correct.correct_rounds.Progress.save` wrote."""
+    """The fields that `zoo.correct.correct_rounds.Progress.save` writes."""
 
     identity: str
     options: dict

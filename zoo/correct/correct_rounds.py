@@ -1,4 +1,4 @@
-"""What the rounds of a correction have come to, and the file that keeps it."""
+"""The finished rounds of a correction, their file `correct.json` and their table."""
 
 import hashlib
 import json
@@ -16,18 +16,19 @@ from zoo.runs.track_figures import read_figures
 from zoo.runs.whole_file import write_whole
 
 NAME = "correct.json"
-MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")  # from one start to the next
+# Options that may differ when a correction is resumed.
+MAY_CHANGE = ("rounds", "workers", "out", "enough_m", "trust")
 
 
 @dataclass(frozen=True)
 class Round:
-    """A checkpoint and how it drives.
+    """A checkpoint and its figures.
 
     Attributes:
-        number: 0 is the checkpoint that was given.
-        checkpoint: its path.
-        corrections: rows that it has been trained on, of this round and those before.
-        tracks: by name, mean and spread of each figure, as `zoo.evaluate` has them.
+        number: number of the round; 0 is the given checkpoint.
+        checkpoint: path of the checkpoint.
+        corrections: number of correction rows in its training, from this and earlier rounds.
+        tracks: by track, mean and spread of each figure, as in `zoo.evaluate`.
     """
 
     number: int
@@ -36,12 +37,12 @@ class Round:
     tracks: dict[str, dict]
 
     def mean(self, key: str) -> float:
-        """A figure's mean over tracks."""
+        """Return a figure's mean over the tracks."""
         return sum(figures[key][0] for figures in self.tracks.values()) / len(self.tracks)
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Higher is better."""
+        """Return the values by which rounds are compared; higher is better."""
         return self.mean("autonomy"), -self.mean("cte_mean_m")
 
 
@@ -50,9 +51,9 @@ class Progress:
     """All rounds so far.
 
     Attributes:
-        identity: of the checkpoint that is corrected: its bytes' hash.
-        options, overrides: as they were given.
-        rounds: those that are finished.
+        identity: hash of the checkpoint to correct.
+        options, overrides: options and config overrides of the command.
+        rounds: finished rounds.
     """
 
     identity: str
@@ -62,33 +63,37 @@ class Progress:
 
     @property
     def best(self) -> Round:
+        """Return the round that drives best."""
         return max(self.rounds, key=lambda one: one.rank)
 
     def with_round(self, finished: Round) -> "Progress":
+        """Return this progress with one more round."""
         return replace(self, rounds=[*self.rounds, finished])
 
     def save(self, folder: Path) -> None:
-        """Make the folder if need be, and replace the file at once.
+        """Replace the file atomically, and create its folder if needed.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the file cannot be written.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
             text = json.dumps(asdict(self), indent=1, allow_nan=False)
             write_whole(folder / NAME, f"{text}\n")
         except OSError as error:
-            raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+            raise InputError(
+                f"{folder}: cannot be written ({error.strerror}); name another folder with out="
+            ) from None
 
 
 def open_progress(
     folder: Path, checkpoint: str, options: CorrectOptions, overrides: list[str]
 ) -> Progress:
-    """That of a folder: a new one's, or one's whose command was stopped.
+    """Return the progress saved in a folder, or a new one.
 
     Raises:
-        InputError: it holds something else, or a correction of another checkpoint or with other
-            options.
+        InputError: the folder holds something else, or a correction of another checkpoint or with
+            other options.
     """
     identity = hashlib.sha256(Path(checkpoint).read_bytes()).hexdigest()[:16]
     given = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
@@ -96,7 +101,7 @@ def open_progress(
     if not (folder / NAME).is_file():
         if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
             raise InputError(
-                f"{folder}: is not empty, and holds no {NAME}; name another folder with out="
+                f"{folder}: is not empty and has no {NAME}; name another folder with out="
             )
         return new
     from zoo.correct.correct_file import read_correct_file
@@ -106,23 +111,25 @@ def open_progress(
         rounds = [_read_round(one, before["options"].get("seeds")) for one in before["rounds"]]
         found = Progress(before["identity"], before["options"], before["overrides"], rounds)
     except (InputError, TypeError) as error:
-        raise InputError(f"{error}; it is damaged: name another folder with out=") from None
+        raise InputError(f"{error}; the file is damaged, name another folder with out=") from None
     if found.identity != identity:
         raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
     other = [key for key in given if given[key] != found.options.get(key)]
     if other:
         raise InputError(
-            f"{folder}: was begun with {other[0]}={found.options.get(other[0])}; give the same "
-            "options to go on, or name another folder with out="
+            f"{folder}: was started with {other[0]}={found.options.get(other[0])}; give the same "
+            "options to resume, or name another folder with out="
         )
     if found.overrides != overrides:
         raise InputError(
-            f"{folder}: was begun with {' '.join(found.overrides) or 'no overrides'}; give the "
-            "same to go on, or name another folder with out="
+            f"{folder}: was started with {' '.join(found.overrides) or 'no overrides'}; give the "
+            "same to resume, or name another folder with out="
         )
     for one in found.rounds[1:]:
         if not Path(one.checkpoint).is_file():
-            raise InputError(f"{one.checkpoint}: is gone; name another folder with out=")
+            raise InputError(
+                f"{one.checkpoint}: this checkpoint is missing; name another folder with out="
+            )
     return found
 
 
@@ -132,7 +139,7 @@ def _read_round(found: dict, seeds: int | None) -> Round:
 
 
 def rounds_table(rounds: list[Round]) -> Table:
-    """A row for each round and track."""
+    """Return a table with a row for each round and track."""
     count = max(
         (one.get("drives", 1) for each in rounds for one in each.tracks.values()), default=1
     )
@@ -144,7 +151,7 @@ def rounds_table(rounds: list[Round]) -> Table:
         box=SIMPLE_HEAD,
         collapse_padding=True,
     )
-    names = ("round", "track", "rows", "autonomy", "inter-\nventions", "mean\nerror, m", "most, m")
+    names = ("round", "track", "rows", "autonomy", "inter-\nventions", "mean\nerror, m", "max, m")
     for name in names:
         table.add_column(name, justify="left" if name == "track" else "right", no_wrap=True)
     for one in rounds:

@@ -1,4 +1,4 @@
-"""Training on: with a checkpoint's own config, its own recording and all corrections so far."""
+"""Further training of a checkpoint, on its own recording and all corrections so far."""
 
 import csv
 import io
@@ -26,16 +26,17 @@ SPLIT_NAME = "split.csv"
 def own_config(
     checkpoint: Checkpoint, overrides: list[str], path: str, trusted: Collection[str] = ()
 ) -> DictConfig:
-    """Return the config that a checkpoint was trained with, with such overrides as
-    `data.root=FOLDER`.
+    """Return the config of a checkpoint's training, changed by overrides.
 
     Args:
-        path: the checkpoint's, for messages.
-        trusted: see `check_saved_config`.
+        checkpoint: checkpoint to correct.
+        overrides: overrides such as `data.root=FOLDER`.
+        path: path of the checkpoint, for messages.
+        trusted: names of classes and keys that are allowed, see `check_saved_config`.
 
     Raises:
-        InputError: a key that its config lacks, a value that cannot be read, no such recording, or
-            a config that names what it must not.
+        InputError: an unknown key, an invalid value, a missing recording, or a config that names
+            what is not allowed.
     """
     config = OmegaConf.create(escape_interpolation(checkpoint.config))
     OmegaConf.set_struct(config, True)
@@ -43,57 +44,60 @@ def own_config(
     for one in overrides:
         key, _, value = one.partition("=")
         try:
-            # A path that exists is taken as it stands, whatever is in it.
+            # A path that exists is not parsed as YAML.
             is_path = key == "data.root" and Path(value).expanduser().exists()
             value = value if is_path else OmegaConf.create(f"v: {value}").v
             OmegaConf.update(config, key, value)
             typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", key)))
         except OmegaConfBaseException:
-            raise InputError(f"{key}: the checkpoint's config has no such key") from None
-        except Exception:  # what YAML's parser raises for text that is none
-            raise InputError(f"{one}: cannot be read as a value") from None
+            raise InputError(f"{key}: no such key in the checkpoint's config") from None
+        except Exception:  # any error of the YAML parser
+            raise InputError(f"{one}: the value is not valid YAML; put it in quotes") from None
     OmegaConf.set_struct(config, False)
     check_saved_config(config, path, trusted, typed)
     if config.data.images is not None:
         raise InputError(
-            f"data.images={config.data.images}: corrections have pictures of their own; put "
-            "those of data.root in IMG beside its log, and say data.images=null"
+            f"data.images={config.data.images}: corrections need each recording's images in IMG "
+            "next to its log; move them there and add data.images=null"
         )
     for root in own_roots(config):
         if not (Path(root).expanduser() / LOG_NAME).is_file() and not root.endswith(".csv"):
             raise InputError(
-                f"{root}: the recording that the checkpoint was trained on is not there; say where "
-                "it is now with data.root=FOLDER"
+                f"{root}: the checkpoint's recording is missing; name its new folder with "
+                "data.root=FOLDER"
             )
     return config
 
 
 def own_roots(config: DictConfig) -> list[str]:
-    """The recordings of a config."""
+    """Return the recording folders of a config."""
     root = config.data.root
     return [root] if isinstance(root, str) else list(root)
 
 
 def write_own_split(
-    config: DictConfig, checkpoint: Checkpoint, beside: Path, path: Path, console: Console
+    config: DictConfig, checkpoint: Checkpoint, run_split: Path, path: Path, console: Console
 ) -> None:
-    """Write how the checkpoint's own rows were split, so that none that it was validated on is
-    trained on, and none that it was trained on validates.
+    """Write the split of the checkpoint's own rows, so that rows keep their part.
 
     Args:
-        beside: the `split.csv` that its run has left, if it is still there.
+        config: config of the checkpoint.
+        checkpoint: checkpoint to correct.
+        run_split: path of the `split.csv` of the checkpoint's run, which need not exist.
+        path: file to write.
+        console: output of a note if the recording has changed.
     """
     from zoo.training.build import build_data
 
     config = config.copy()
-    if beside.is_file():
-        config.data.split = str(beside)
+    if run_split.is_file():
+        config.data.split = str(run_split)
     data = build_data(config)
     data.load(Console(file=io.StringIO()))
     if data.recording.fingerprint() != checkpoint.data["fingerprint"]:
         console.print(
-            f"note: {', '.join(data.recording.names)} is not what the checkpoint was trained on "
-            f"({checkpoint.data['rows']} rows); it is trained on now",
+            f"note: {', '.join(data.recording.names)} is not the recording that the checkpoint was "
+            f"trained on ({checkpoint.data['rows']} rows); this training uses it",
             highlight=False,
             markup=False,
         )
@@ -109,10 +113,10 @@ def training_config(
     own_split: Path,
     split: Path,
 ) -> DictConfig:
-    """The config of a round's training, whose split file is written to `split`.
+    """Return the config of a round's training, and write its split file to `split`.
 
-    All corrections are trained on. The last epoch's weights are kept, not those of the best: the
-    checkpoint's own validation rows know nothing of the corrections, and the driving decides.
+    All corrections are training rows. The round keeps the last epoch's weights, not the best's: no
+    correction is in the validation rows, and the drives after each round decide which one is best.
     """
     config = config.copy()
     roots = own_roots(config)
@@ -129,22 +133,24 @@ def training_config(
     config.data.split = str(split)
     config.data.pop("record", None)
     config.model.weights = start
-    config.quick = False  # what it capped is capped in the config already, but for the epochs
+    config.quick = False  # the config already has its limits; epochs are set below
     config.trainer.max_epochs = options.epochs
     config.callbacks.pop("early_stopping", None)
     config.callbacks.pop("closed_loop", None)
     if config.callbacks.get("best"):
-        # Of two alike callbacks Lightning could not tell the states apart; the mode has no effect.
+        # The mode has no effect; it keeps the callback's state key different from the other one's.
         config.callbacks.best.update(monitor=None, mode="max")
     config.score = {}
     return config
 
 
 def train_round(config: DictConfig, folder: Path, own_run: Path) -> Path:
-    """Train in `folder`, or go on there with what was stopped; the checkpoint.
+    """Train in `folder`, or resume a stopped training there, and return the checkpoint.
 
     Args:
-        own_run: of the checkpoint that is corrected, whose choices of config groups still hold.
+        config: config of the training.
+        folder: folder of the round's run.
+        own_run: run folder of the checkpoint to correct; its choices of config groups are copied.
     """
     from zoo.runs.status import read_status
     from zoo.training.run import run_experiment

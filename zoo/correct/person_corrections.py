@@ -1,9 +1,9 @@
 """A person's corrections: a recording of them, or a drive in which the person took over.
 
-The simulator's telemetry is empty while a person holds W or S: no picture, no steering. A drive
-tells when that was, and keeps what the network saw and did until then; what the person did, nobody
-knows. So the person is asked, as DAgger asks its expert: `labels.csv` lists frames before each
-taking over, with what was steered, and the person writes what should have been.
+The simulator's telemetry is empty while a person holds W or S: no image, no steering. A drive has
+the times of these takeovers and the network's frames and steering before them, but not what the
+person did. So the person is asked, as DAgger asks its expert: `labels.csv` lists frames before each
+takeover with the network's steering, and the person writes the correct steering.
 """
 
 import csv
@@ -24,14 +24,14 @@ from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import PERSON, POLICY, Drive
 
-LABELS, PICTURES = "labels.csv", "labels.png"
+LABELS, LABELS_IMAGE = "labels.csv", "labels.png"
 COLUMNS = ("override", "image", "seconds_before", "sent", "steering")
-ASKED_EVERY_S = 0.5  # between them the person's steering is interpolated
+LABEL_EVERY_S = 0.5  # the steering is interpolated between labels
 
 
 @dataclass(frozen=True)
 class Override:
-    """A taking over: rows of the drive, int64 [N], that the network drove just before."""
+    """A takeover: its number and time, and the network's rows just before it, int64 [N]."""
 
     number: int
     began_s: float
@@ -39,46 +39,46 @@ class Override:
 
 
 def check_person(options: CorrectOptions) -> None:
-    """Say what is wrong with the person's corrections before anything is written or driven.
+    """Check the person's corrections before anything is written or driven.
 
     Raises:
-        InputError: no such recording or drive, one without pictures or overrides.
+        InputError: no such recording or drive, or a drive without images or takeovers.
     """
     if options.recording is not None:
         read_recordings(options.recording)
         return
     found = overrides(read_drive(options.drive), options.before_s)
     if not found:
-        raise InputError(f"{options.drive}: nobody took over in this drive, nothing to correct")
-    if not any(len(one.rows) for one in found):
         raise InputError(
-            f"{options.drive}: its pictures were not kept; drive again with drive.record=FOLDER"
+            f"{options.drive}: has no takeover, nothing to correct; name another drive"
         )
+    if not any(len(one.rows) for one in found):
+        raise InputError(f"{options.drive}: has no images; drive again with drive.record=FOLDER")
 
 
 def ask_person(options: CorrectOptions, folder: Path) -> None:
-    """Leave the labels that are to be filled in, where a drive's are not there yet.
+    """Write the file of labels for the person to fill in, or check the filled one.
 
     Raises:
-        InputError: to say that they wait to be filled in; or one is no steering.
+        InputError: the file was written and must be filled in, or a label is invalid.
     """
     if options.drive is None:
         return
     if not (folder / LABELS).is_file():
         drive = read_drive(options.drive)
-        _ask(drive, overrides(drive, options.before_s), folder)
+        _write_labels(drive, overrides(drive, options.before_s), folder)
         raise InputError(
-            f"{folder / LABELS}: write what should have been steered, -1..1, in the last column "
-            f"({PICTURES} shows the pictures; what is left empty is left out), then give the same "
-            f"command with out={folder}"
+            f"{folder / LABELS}: write the correct steering, -1..1, in the last column "
+            f"({LABELS_IMAGE} shows the images; empty rows are skipped), then run the same command "
+            f"with out={folder}"
         )
     read_labels(folder / LABELS)
 
 
 def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) -> int:
-    """Leave the person's corrections in `folder` as a recording; returns its rows.
+    """Write the person's corrections to `folder` as a recording; return its number of rows.
 
-    Its pictures get names of their own: other recordings of the same simulator have the same.
+    Its images get new names: other recordings of the same simulator can have the same names.
     """
     rows = _recorded(options.recording) if options.recording else _labelled(options, out)
     whole = folder.with_name(f"{folder.name}.part")
@@ -99,25 +99,26 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
 
 
 def overrides(drive: Drive, before_s: float) -> list[Override]:
-    """Each time that a person took over, and the rows with a picture so long before it."""
+    """Return each takeover of a drive, with the rows with an image up to `before_s` before it."""
     found = []
     for number, began in enumerate(np.flatnonzero(drive.intervention & (drive.driver == PERSON))):
         since_s = drive.time_s[began] - drive.time_s
         mine = (drive.client == drive.client[began]) & (drive.driver == POLICY)
         near = mine & (drive.frame != "") & (since_s >= 0) & (since_s <= before_s)
-        # Not those before the last override: the car was elsewhere then.
+        # Rows before the previous takeover belong to that one.
         near[: found[-1][1] if found else 0] = False
         rows = np.flatnonzero(near)
-        _, first = np.unique(drive.frame[rows], return_index=True)  # the old client sends twice
+        # The original simulator sends frames twice.
+        _, first = np.unique(drive.frame[rows], return_index=True)
         found.append((number + 1, began, rows[np.sort(first)]))
     return [Override(number, drive.time_s[began], rows) for number, began, rows in found]
 
 
 def read_labels(path: Path) -> dict[str, float]:
-    """The steering by image that a person filled in.
+    """Return the filled-in steering by image.
 
     Raises:
-        InputError: none is, or one is no steering.
+        InputError: no label is filled in, or one is no number in -1..1.
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = list(csv.DictReader(file))
@@ -131,34 +132,39 @@ def read_labels(path: Path) -> dict[str, float]:
         except ValueError:
             value = np.nan
         if not -1 <= value <= 1 or not row.get("image"):
-            raise InputError(f"{path}, row {line}: steering is {text!r}, not a number in -1..1")
+            raise InputError(f"{path}: row {line}: steering is {text!r}; write a number in -1..1")
         labels[row["image"]] = value
     if not labels:
-        raise InputError(f"{path}: its steering column is empty; fill in what you can, -1..1")
+        raise InputError(
+            f"{path}: the steering column is empty; write numbers in -1..1 where you can"
+        )
     return labels
 
 
-def _ask(drive: Drive, found: list[Override], folder: Path) -> None:
-    asked = [(one, _sparse(drive, one.rows)) for one in found if len(one.rows)]
-    columns = max(len(rows) for _, rows in asked)
-    figure = Figure(figsize=(2.4 * columns, 1.6 * len(asked)), layout="constrained")
-    axes = figure.subplots(len(asked), columns, squeeze=False)
+def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
+    """Write the labels to fill in, and an image that shows their frames."""
+    shown = [(one, _sparse(drive, one.rows)) for one in found if len(one.rows)]
+    columns = max(len(rows) for _, rows in shown)
+    figure = Figure(figsize=(2.4 * columns, 1.6 * len(shown)), layout="constrained")
+    axes = figure.subplots(len(shown), columns, squeeze=False)
     for axis in axes.ravel():
         axis.axis("off")
     lines = []
-    for line, (one, rows) in enumerate(asked):
+    for line, (one, rows) in enumerate(shown):
         for column, row in enumerate(rows):
             before_s = one.began_s - drive.time_s[row]
             sent = drive.steering[row]
             lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
-            picture = cv2.imread(str(drive.folder / drive.frame[row]))
-            if picture is None:
-                raise InputError(f"{drive.folder / drive.frame[row]}: no such picture")
-            axes[line, column].imshow(picture[:, :, ::-1])
+            image = cv2.imread(str(drive.folder / drive.frame[row]))
+            if image is None:
+                raise InputError(
+                    f"{drive.folder / drive.frame[row]}: no such image; name another drive"
+                )
+            axes[line, column].imshow(image[:, :, ::-1])
             axes[line, column].set_title(
                 f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}", fontsize=6
             )
-    figure.savefig(folder / PICTURES, dpi=150)
+    figure.savefig(folder / LABELS_IMAGE, dpi=150)
     part = folder / f"{LABELS}.part"
     with part.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([COLUMNS, *lines])
@@ -166,16 +172,16 @@ def _ask(drive: Drive, found: list[Override], folder: Path) -> None:
 
 
 def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:
-    """The last row, and one every half a second before it."""
+    """Return the last row, and one for every half second before it."""
     chosen = [int(rows[-1])]
     for row in rows[::-1]:
-        if drive.time_s[chosen[-1]] - drive.time_s[row] >= ASKED_EVERY_S - 0.01:
+        if drive.time_s[chosen[-1]] - drive.time_s[row] >= LABEL_EVERY_S - 0.01:
             chosen.append(int(row))
     return chosen[::-1]
 
 
 def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
-    """Rows between an override's first and last label."""
+    """Return the rows between each takeover's first and last label, with steering."""
     drive, labels = read_drive(options.drive), read_labels(out / LABELS)
     rows = []
     for one in overrides(drive, options.before_s):
@@ -190,7 +196,7 @@ def _labelled(options: CorrectOptions, out: Path) -> list[tuple]:
             image = str(drive.folder / drive.frame[row])
             rows.append(((image, None, None), (steering, *pedals, drive.speed_mph[row])))
     if not rows:
-        raise InputError(f"{out / LABELS}: names no picture of {options.drive}; delete it")
+        raise InputError(f"{out / LABELS}: names no image of {options.drive}; delete the file")
     return rows
 
 
@@ -207,7 +213,7 @@ def _recorded(folder: str) -> list[tuple]:
 
 
 def _link(source: Path, target: Path) -> None:
-    """The same file twice, where the disk can."""
+    """Link a file; copy it if the disk has no links."""
     try:
         os.link(source.resolve(), target)
     except OSError:

@@ -1,5 +1,5 @@
-"""What `python -m zoo.doctor` looks at.
+"""The checks of `python -m zoo.doctor`.
 
-A doctor is called where things are missing: outside of functions these modules import nothing that
-has to be installed, and their annotations are not evaluated, so that an old Python gets an answer.
+They must run where packages are missing or Python is too old: at module level they import only the
+standard library and each other, and their annotations are not evaluated.
 """

@@ -1,4 +1,4 @@
-"""What a check found."""
+"""The result of a check, and the conversion of errors to results."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class Finding:
     """A row of the doctor's table.
 
     Attributes:
-        state: `ok`, `warning` (works, with a drawback) or `fault` (something will not work).
-        what: the thing looked at, in a word or two.
-        found: what was found, in a line.
-        fix: what to do about it; empty where nothing need be done.
+        state: `ok`, `warning` (works, with a drawback) or `fault` (something does not work).
+        what: subject of the check, in a word or two.
+        found: result of the check, in one line.
+        fix: action for the user; empty where none is needed.
     """
 
     state: str
@@ -26,22 +26,24 @@ class Finding:
 
 
 def from_error(what: str, error: Exception, usual_fix: str) -> Finding:
-    """The fault that one of our own errors tells: `what was found; what to do`, or else the
-    usual fix."""
+    """Convert one of our errors, `what was found; what to do`, to a fault.
+
+    An error without the second part gets the usual fix.
+    """
     text = " ".join(str(error).split())
     found, _, fix = text.rpartition("; ")
     return Finding(FAULT, what, found or text, fix if found else usual_fix)
 
 
 def careful(what: str, check: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
-    """The findings of a check; what it raises becomes one more, never a trace."""
+    """Yield the findings of a check; an exception becomes a finding, not a traceback."""
     try:
         yield from check()
     except ModuleNotFoundError as error:
-        yield Finding(FAULT, what, f"not looked at: {error.name} is not installed", INSTALL)
-    except Exception as error:  # a library that is damaged can raise anything
+        yield Finding(FAULT, what, f"not checked: {error.name} is not installed", INSTALL)
+    except Exception as error:  # a damaged library can raise anything
         reason = " ".join(str(error).split()) or "no reason given"
         yield Finding(FAULT, what, f"the check failed: {type(error).__name__}: {reason}", INSTALL)
 
 
-INSTALL = "in the checkout, make sure of the environment: pip install -e ."
+INSTALL = "activate the virtual environment, then in the checkout: pip install -e ."

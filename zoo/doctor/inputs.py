@@ -1,4 +1,4 @@
-"""A checkpoint and a recording: can they be used?"""
+"""Checks of the inputs: whether a checkpoint and a recording can be used."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Iterator
 
 from zoo.doctor.finding import OK, WARNING, Finding, from_error
 
-SLOW_MS = 1000 / 60  # the original simulator sends up to 60 pictures a second
-TRIALS, PICTURES = 15, 50
+SLOW_MS = 1000 / 60  # the original simulator sends up to 60 images per second
+TRIALS, IMAGES = 15, 50
 
 
 def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Finding]:
-    """Whether it loads, what it expects, and how long a frame takes."""
+    """Check that a checkpoint loads; report its input and its time for a frame."""
     import numpy as np
 
     from datamodules.errors import InputError
@@ -24,7 +24,7 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     try:
         policy = load_policy(path)
     except InputError as error:
-        yield from_error(what, error, "take one that python -m zoo wrote, or train again")
+        yield from_error(what, error, "name a checkpoint that python -m zoo wrote, or train again")
         return
     view = policy.view
     name = policy.config.get("model", {}).get("name") or policy.name
@@ -32,9 +32,9 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     height, width, _ = view.shape
     speed = " and the speed" if policy.takes_speed else ""
     answers = "steering and throttle" if policy.outputs > 1 else "steering"
-    crop = f"{view.crop[0]} rows off the top, {view.crop[1]} off the bottom"
-    found = f"{width} x {height} {view.colour}{speed}; {crop}; answers with {answers}"
-    yield Finding(OK, "it expects", found)
+    crop = f"without {view.crop[0]} rows at the top, {view.crop[1]} at the bottom"
+    found = f"{width} x {height} {view.colour}{speed}; {crop}; returns {answers}"
+    yield Finding(OK, "input", found)
     yield _trained_on(policy, recording)
 
     frame = np.full((FRAME_HEIGHT, FRAME_WIDTH, 3), 128, np.uint8)
@@ -44,12 +44,12 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
         policy(frame, 9.0)
         times_ms.append(1000 * (time.perf_counter() - began))
     took_ms = statistics.median(times_ms)
-    found = f"{took_ms:.1f} ms a frame, {1000 / took_ms:.0f} a second"
+    found = f"{took_ms:.1f} ms per frame, {1000 / took_ms:.0f} frames per second"
     if took_ms > SLOW_MS:
-        fix = "drive with more threads (drive.threads=4), or a smaller model"
-        yield Finding(WARNING, "it takes", f"{found}; a simulator sends up to 60", fix)
+        fix = "drive with more threads (drive.threads=4), or train a smaller model"
+        yield Finding(WARNING, "speed", f"{found}; a simulator sends up to 60", fix)
     else:
-        yield Finding(OK, "it takes", found)
+        yield Finding(OK, "speed", found)
 
 
 def _trained_on(policy: object, recording: str | None) -> Finding:
@@ -64,13 +64,12 @@ def _trained_on(policy: object, recording: str | None) -> Finding:
             same = read_recordings(recording).fingerprint() == data.get("fingerprint")
         except InputError:
             return Finding(OK, "trained on", found)
-        found += "; that is this recording" if same else "; not this recording"
+        found += "; the same as this recording" if same else "; not the same as this recording"
     return Finding(OK, "trained on", found)
 
 
 def check_recording(folder: str) -> Iterator[Finding]:
-    """Whether its log can be read, and a few of its pictures, spread over it."""
-
+    """Check that a recording's log can be read, and a sample of its images."""
     import numpy as np
 
     from datamodules.errors import InputError
@@ -85,25 +84,25 @@ def check_recording(folder: str) -> Iterator[Finding]:
         return
     yield Finding(OK, what, f"{folder}: {len(recording):,} rows, {_cameras(recording)}")
     bad = list(recording.bad_images)
-    rows = np.unique(np.linspace(0, len(recording) - 1, PICTURES).astype(int))
+    rows = np.unique(np.linspace(0, len(recording) - 1, IMAGES).astype(int))
     for row in rows:
         try:
             read_image(recording.images[row, 0])
         except (OSError, ValueError) as error:
             bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
     if bad:
-        found = f"{len(bad):,} bad pictures or more: {bad[0]}"
-        fix = f"see them all: python -m datamodules.check {folder}; train with "
-        yield Finding(WARNING, "pictures", found, f"{fix}data.on_bad_image=skip")
+        found = f"{len(bad):,} or more bad images: {bad[0]}"
+        fix = f"list them with python -m datamodules.check {folder}; train with "
+        yield Finding(WARNING, "images", found, f"{fix}data.on_bad_image=skip")
     else:
-        yield Finding(OK, "pictures", f"{len(rows)} of them, spread over it, can be read")
+        yield Finding(OK, "images", f"a sample of {len(rows)} can be read")
 
 
 def _cameras(recording: object) -> str:
     names = ("centre", "left", "right")
-    there = [
+    present = [
         name
         for name, paths in zip(names, recording.images.T)  # noqa: B905
         if any(path is not None for path in paths)
     ]
-    return f"{', '.join(there)} camera{'s' if len(there) > 1 else ''}"
+    return f"{', '.join(present)} camera{'s' if len(present) > 1 else ''}"

@@ -1,4 +1,4 @@
-"""Is what is installed what `pyproject.toml` asks for?"""
+"""Checks of Python and the installed packages against `pyproject.toml`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KNOWN_BAD = {
     ("lightning", "2.6.2"): "carries malware (GHSA-w37p-236h-pfx3)",
     ("lightning", "2.6.3"): "carries malware (GHSA-w37p-236h-pfx3)",
 }
-# They install modules of the same name over each other, and the last one wins.
+# Packages that overwrite each other's modules; the last one installed stays.
 RIVALS = {
     "opencv-python-headless": ("opencv-python", "opencv-contrib-python"),
     "albumentations": ("albumentationsx",),
@@ -25,7 +25,7 @@ SHOWN = ("torch", "lightning", "numpy", "opencv-python-headless", "python-socket
 
 
 def check_python() -> Iterator[Finding]:
-    """The interpreter that runs this."""
+    """Check the version of the running interpreter."""
     version, range_ = platform.python_version(), f"{_dotted(OLDEST)} to {_dotted(NEWEST)}"
     if OLDEST <= sys.version_info[:2] <= NEWEST:
         yield Finding(OK, "Python", f"{version}, {sys.executable}")
@@ -33,36 +33,36 @@ def check_python() -> Iterator[Finding]:
         yield Finding(
             FAULT,
             "Python",
-            f"{version} at {sys.executable}; supported are {range_}",
+            f"{version} at {sys.executable}; drivezoo supports {range_}",
             f"python{_dotted(NEWEST)} -m venv .venv && .venv/bin/pip install -e .",
         )
 
 
 def check_packages() -> Iterator[Finding]:
-    """Each dependency against its range, and what is known to be bad or in the way."""
+    """Check each dependency's version, and packages that are known to do harm."""
     wanted, source = read_requirements()
     if not wanted:
-        yield Finding(WARNING, "packages", "there is no pyproject.toml to compare with", INSTALL)
+        yield Finding(WARNING, "packages", "found no pyproject.toml to compare with", INSTALL)
         return
     missing = [name for name in map(_name, wanted) if installed_version(name) is None]
     if missing:
         found = f"not installed: {', '.join(missing)}"
         yield Finding(FAULT, "packages", found, INSTALL)
-    if installed_version("packaging") is None:  # it reads versions, and is none of ours
+    if installed_version("packaging") is None:  # reads versions; not a dependency of ours
         return
     good = {}
     for line in wanted:
-        findings = list(_look_at(line))
+        findings = list(_check_package(line))
         yield from findings
         name = _name(line)
         if name not in missing and all(finding.state != FAULT for finding in findings):
             good[name] = installed_version(name)
     shown = ", ".join(f"{name} {good[name]}" for name in SHOWN if name in good)
-    yield Finding(OK, "packages", f"{len(good)} within the ranges of {source}: {shown}")
+    yield Finding(OK, "packages", f"{len(good)} have the versions that {source} requires: {shown}")
 
 
-def _look_at(line: str) -> Iterator[Finding]:
-    """What is wrong with the package of a requirement, which is installed."""
+def _check_package(line: str) -> Iterator[Finding]:
+    """Yield the problems of a requirement's package, if it is installed."""
     from packaging.requirements import Requirement
 
     requirement = Requirement(line)
@@ -71,21 +71,23 @@ def _look_at(line: str) -> Iterator[Finding]:
         return
     install = f"pip install '{name}{requirement.specifier}'"
     if (name, version) in KNOWN_BAD:
-        fix = f"pip uninstall {name}; change the passwords that it could read; {install}"
+        fix = f"pip uninstall {name}; change all passwords stored on this machine; {install}"
         found = f"{name} {version} {KNOWN_BAD[name, version]}"
         yield Finding(FAULT, "packages", found, fix)
     elif not requirement.specifier.contains(version, prereleases=True):
-        found = f"{name} {version} is not within {requirement.specifier}"
+        found = f"{name} {version} is installed, {requirement.specifier} is required"
         yield Finding(FAULT, "packages", found, install)
     for rival in RIVALS.get(name, ()):
         if installed_version(rival):
-            found = f"{rival} is installed too, over the modules of {name}"
+            found = f"{rival} is installed, too; it overwrites modules of {name}"
             yield Finding(WARNING, "packages", found, f"pip uninstall {rival} {name}; {install}")
 
 
 def read_requirements() -> tuple[list[str], str]:
-    """The dependencies, and where they were read: a checkout's `pyproject.toml`, which is newer
-    than what pip noted when it was installed; else that."""
+    """Return the dependencies, and the name of their source.
+
+    A checkout's `pyproject.toml` comes first: pip's record of an editable install can be older.
+    """
     pyproject = Path(__file__).parents[2] / "pyproject.toml"
     try:
         import tomllib  # since Python 3.11
@@ -102,7 +104,7 @@ def read_requirements() -> tuple[list[str], str]:
 
 
 def installed_version(name: str) -> str | None:
-    """The version of a distribution; None where there is none."""
+    """Return the version of a package; None if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:

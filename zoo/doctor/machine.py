@@ -1,4 +1,4 @@
-"""Device, disk, locale and port: what the machine has for us."""
+"""Checks of the machine: device, disk, locale and port."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from pathlib import Path
 
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding
 
-FULL_GB, LOW_GB = 0.2, 2.0  # a training run of the lake leaves about 0.2 GB, with its cache
+FULL_GB, LOW_GB = 0.2, 2.0  # a training run on the lake writes about 0.2 GB, with its cache
 OUTPUTS = Path("outputs")
 
 
 def check_device() -> Iterator[Finding]:
-    """What networks will be computed on."""
+    """Check the devices that can compute networks."""
     import torch
 
     threads, cores = torch.get_num_threads(), usable_cores()
     setting = os.environ.get("OMP_NUM_THREADS")
     found = f"{threads} threads on {cores} cores, OMP_NUM_THREADS is {setting or 'not set'}"
     if threads > cores:
-        fix = f"export OMP_NUM_THREADS={cores}: more threads than cores hinder each other"
+        fix = f"export OMP_NUM_THREADS={cores}: more threads than cores slow each other down"
         yield Finding(WARNING, "CPU", found, fix)
     else:
         yield Finding(OK, "CPU", found)
-    with warnings.catch_warnings(record=True) as said:  # of a driver that is too old
+    with warnings.catch_warnings(record=True) as caught:  # as for an old graphics driver
         warnings.simplefilter("always")
         available = torch.cuda.is_available()
     if available:
         yield from _check_cuda()
     elif shutil.which("nvidia-smi"):
         reason = f"torch {torch.__version__} cannot use it"
-        if said:
-            reason += f": {str(said[0].message).splitlines()[0]}"
+        if caught:
+            reason += f": {str(caught[0].message).splitlines()[0]}"
         fix = "install the torch for its driver, see https://pytorch.org/get-started/locally"
-        yield Finding(WARNING, "GPU", f"there is one of NVIDIA, and {reason}", fix)
+        yield Finding(WARNING, "GPU", f"found an NVIDIA GPU, but {reason}", fix)
     else:
-        yield Finding(OK, "GPU", "none, the CPU will be used")
+        yield Finding(OK, "GPU", "none found; training uses the CPU")
 
 
 def _check_cuda() -> Iterator[Finding]:
@@ -54,27 +54,27 @@ def _check_cuda() -> Iterator[Finding]:
             torch.ones(1, 1, 8, 8, device="cuda"), torch.ones(1, 1, 3, 3, device="cuda")
         ).sum().item()
     except RuntimeError as error:
-        fix = "end what else uses it; or train with trainer=cpu"
-        yield Finding(FAULT, "GPU", f"{name} does not compute: {str(error).splitlines()[0]}", fix)
+        fix = "end other programs that use it, or train with trainer=cpu"
+        yield Finding(FAULT, "GPU", f"{name} cannot compute: {str(error).splitlines()[0]}", fix)
         return
     yield Finding(OK, "GPU", f"{name}, {free:.1f} of {total:.1f} GB free")
 
 
 def usable_cores() -> int:
-    """Cores that this process may run on."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def check_disk() -> Iterator[Finding]:
-    """Room, and leave to write, where runs leave their results."""
+    """Check free space and write permission in the folder of runs."""
     folder = OUTPUTS.absolute() if OUTPUTS.is_dir() else Path.cwd()
     free_gb = shutil.disk_usage(folder).free / 1e9
     found = f"{free_gb:.1f} GB free in {folder}"
-    fix = "make room, or write elsewhere: hydra.run.dir=FOLDER data.cache=null"
+    fix = "delete files, or write to another disk: hydra.run.dir=FOLDER data.cache=null"
     if not os.access(folder, os.W_OK):
-        yield Finding(FAULT, "disk", f"{folder} cannot be written to", "change to another folder")
+        yield Finding(FAULT, "disk", f"{folder} cannot be written", "change to another folder")
     elif free_gb < LOW_GB:
         yield Finding(FAULT if free_gb < FULL_GB else WARNING, "disk", found, fix)
     else:
@@ -82,46 +82,46 @@ def check_disk() -> Iterator[Finding]:
 
 
 def check_locale() -> Iterator[Finding]:
-    """The decimal sign that programs started from here use, a simulator too."""
+    """Check the locale, whose decimal separator a simulator started from here uses."""
     try:
         locale.setlocale(locale.LC_NUMERIC, "")
     except locale.Error:
         names = ("LC_ALL", "LC_NUMERIC", "LANG")
         name = next((f"{one}={os.environ[one]}" for one in names if os.environ.get(one)), "LANG")
-        fix = "export LC_ALL=C.UTF-8, or install it (Debian: dpkg-reconfigure locales)"
+        fix = "export LC_ALL=C.UTF-8, or install the locale (Debian: dpkg-reconfigure locales)"
         yield Finding(WARNING, "locale", f"{name} is not installed here", fix)
         return
-    sign = locale.localeconv()["decimal_point"]
+    separator = locale.localeconv()["decimal_point"]
     locale.setlocale(locale.LC_NUMERIC, "C")
-    note = "" if sign == "." else "; the driver answers as it is asked, and logs with it are read"
-    yield Finding(OK, "locale", f"decimal sign is {sign!r}{note}")
+    note = "" if separator == "." else "; the driver and the log reader support it"
+    yield Finding(OK, "locale", f"decimal separator is {separator!r}{note}")
 
 
 def check_port(port: int) -> Iterator[Finding]:
-    """Whether the driver can have its port."""
+    """Check that the driver can listen on a port."""
     from zoo.drive.port_holder import port_holder
 
     what = f"port {port}"
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        if os.name == "posix":  # a connection that has just ended does not hold it
+        if os.name == "posix":  # ignore connections that have just ended
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
-            # Of two that are bound with that option, the second fails only when it listens.
+            # With that option, a second socket binds too, and fails only when it listens.
             probe.listen(1)
         except OSError as error:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 raise
             if error.errno == errno.EACCES:
-                yield Finding(FAULT, what, "not allowed to this user", "take drive.port=4567")
+                yield Finding(FAULT, what, "not allowed to this user", "drive with drive.port=4567")
                 return
             holder = port_holder(port)
             if holder and "zoo.drive" in holder:
-                fix = "simulators connect to that one; end it to drive another checkpoint"
-                yield Finding(WARNING, what, f"a driver of ours serves: {holder}", fix)
+                fix = "simulators connect to that driver; end it to drive another checkpoint"
+                yield Finding(WARNING, what, f"used by another driver: {holder}", fix)
                 return
-            fix = "end it, or drive with drive.port=4568"
-            by = f"held by {holder}" if holder else "held by another user's process"
+            fix = "end that process, or drive with drive.port=4568"
+            by = f"used by {holder}" if holder else "used by another user's process"
             yield Finding(FAULT, what, by, fix)
             return
     yield Finding(OK, what, "free")

@@ -1,6 +1,6 @@
-"""Does the embedded simulator's renderer open here, and draw?
+"""Check of the embedded simulator's renderers: whether they open and draw.
 
-Each is tried in a process of its own: a graphics driver that crashes takes only that along.
+Each runs in a subprocess, because a graphics driver can crash its process.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from pathlib import Path
 
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 GROUND, CARD = (0.2, 0.6, 0.4), (0.8, 0.4, 0.2)
 
 
 def start_renderers() -> Callable[[], Iterator[Finding]]:
-    """Begin to try them, in the background; call the result for what was found."""
+    """Start the renderers in the background; return a function that yields the findings."""
     started = {name: _start(name) for name in ("software", "opengl")}
     return lambda: _findings(started)
 
@@ -27,8 +27,8 @@ def _findings(started: dict[str, subprocess.Popen]) -> Iterator[Finding]:
     drawn = {}
     for name, process in started.items():
         try:
-            process.wait(PATIENCE_S)
-            # What graphics libraries print on their way does not count.
+            process.wait(TIMEOUT_S)
+            # Only the last line counts: graphics libraries print lines before it.
             lines = (process.stdout.read().strip() or "no answer").splitlines()
         except subprocess.TimeoutExpired:
             process.kill()
@@ -36,26 +36,26 @@ def _findings(started: dict[str, subprocess.Popen]) -> Iterator[Finding]:
             lines = ["no answer"]
         drawn[name] = "" if process.returncode == 0 else lines[-1]
         if process.returncode < 0 and drawn[name] == "no answer":
-            drawn[name] = f"it crashed with signal {-process.returncode}"
+            drawn[name] = f"crashed with signal {-process.returncode}"
         process.stdout.close()
     if not drawn["software"]:
-        yield Finding(OK, "renderer", "software opens and draws, as in every recording of ours")
+        yield Finding(OK, "renderer", "software opens and draws")
     else:
         fix = "pip install -e . (panda3d 1.10.15 or newer)"
         if sys.platform == "linux" and not _loads("libX11.so.6"):
-            fix = "apt install libx11-6 (the software renderer loads it, though no display is used)"
+            fix = "apt install libx11-6 (the software renderer loads it, but needs no display)"
         state = WARNING if not drawn["opengl"] else FAULT
         yield Finding(state, "renderer", f"software does not draw: {drawn['software']}", fix)
     if not drawn["opengl"]:
         yield Finding(OK, "OpenGL", "opens and draws: renderer=opengl")
     else:
-        yield Finding(OK, "OpenGL", f"not here, and not needed ({drawn['opengl']})")
+        yield Finding(OK, "OpenGL", f"not available, and not needed ({drawn['opengl']})")
 
 
 def _start(name: str) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-m", "zoo.doctor.renderer", name],
-        # Where `zoo` was found, this process need not have been started in.
+        # The user's current folder need not be the one that contains `zoo`.
         cwd=Path(__file__).parents[2],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -65,7 +65,7 @@ def _start(name: str) -> subprocess.Popen:
 
 
 def draw(name: str) -> str:
-    """Draw a card before a ground with a renderer; what went wrong, or nothing."""
+    """Draw a card on a background with a renderer; return what failed, or an empty text."""
     from panda3d import core
 
     from simulator.errors import SimulatorError
@@ -93,7 +93,7 @@ def draw(name: str) -> str:
     middle = pixels[8 * 32 * 3 : 9 * 32 * 3]
     for seen, colour in ((middle[:3], GROUND), (middle[-3:], CARD)):
         if any(abs(one / 255 - wanted) > 0.03 for one, wanted in zip(seen, colour)):  # noqa: B905
-            return f"it drew {tuple(seen)} where {tuple(round(255 * one) for one in colour)} is"
+            return f"drew {tuple(seen)} instead of {tuple(round(255 * one) for one in colour)}"
     return ""
 
 
@@ -107,8 +107,8 @@ def _loads(library: str) -> bool:
 
 if __name__ == "__main__":
     try:
-        wrong = draw(sys.argv[1])
-    except Exception as error:  # what a damaged installation raises, in one line
-        wrong = f"{type(error).__name__}: {error}".splitlines()[0]
-    print(wrong)
-    sys.exit(1 if wrong else 0)
+        failure = draw(sys.argv[1])
+    except Exception as error:  # print any error of a damaged installation in one line
+        failure = f"{type(error).__name__}: {error}".splitlines()[0]
+    print(failure)
+    sys.exit(1 if failure else 0)

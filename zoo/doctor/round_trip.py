@@ -1,4 +1,4 @@
-"""A round trip: a driver on a free port, and a client that speaks the original's protocol."""
+"""Check of a round trip: a driver on a free port, and a client with the original's protocol."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from pathlib import Path
 
 from zoo.doctor.finding import FAULT, OK, Finding
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 FRAMES = 20
 
 
 def check_round_trip(checkpoint: str) -> Iterator[Finding]:
-    """Drive a checkpoint as `python -m zoo.drive` does, for a second, with grey pictures."""
+    """Start `python -m zoo.drive` with a checkpoint, and send it grey images."""
     what = "round trip"
-    fix = f"try it by hand: python -m zoo.drive {checkpoint}"
+    fix = f"start it yourself to see its output: python -m zoo.drive {checkpoint}"
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
             [sys.executable, "-m", "zoo.drive", str(Path(checkpoint).absolute()), "drive.port=0"]
@@ -35,13 +35,13 @@ def check_round_trip(checkpoint: str) -> Iterator[Finding]:
             errors="replace",
         )
         try:
-            url, said = _wait_for_url(process)
+            url, lines = _wait_for_url(process)
             if url is None:
-                last = said[-1] if said else "nothing"
-                yield Finding(FAULT, what, f"the driver did not start, it said: {last}", fix)
+                last = lines[-1] if lines else "nothing"
+                yield Finding(FAULT, what, f"the driver did not start, it printed: {last}", fix)
                 return
             times_ms, steer = _drive(url)
-            found = f"{FRAMES} pictures as the original sends them, each answered"
+            found = f"{FRAMES} images as the original sends them, each answered"
             took = f"{statistics.median(times_ms):.1f} ms"
             yield Finding(OK, what, f"{found} in {took} (median), steering {steer:+.3f}")
         except (OSError, ValueError, TimeoutError) as error:
@@ -51,9 +51,11 @@ def check_round_trip(checkpoint: str) -> Iterator[Finding]:
 
 
 def _drive(url: str) -> tuple[list[float], float]:
-    """Milliseconds from each telemetry to its reply, and the last steering.
+    """Return the milliseconds from each telemetry to its reply, and the last steering.
 
-    Raises TimeoutError without a reply, ValueError for one that the original would not take.
+    Raises:
+        TimeoutError: the driver sent no reply.
+        ValueError: the original simulator would not accept the reply.
     """
     import numpy as np
 
@@ -76,34 +78,34 @@ def _drive(url: str) -> tuple[list[float], float]:
 
 
 def _next_steer(client: object) -> object:
-    end_s = time.monotonic() + PATIENCE_S / 3
+    end_s = time.monotonic() + TIMEOUT_S / 3
     while time.monotonic() < end_s:
         for name, argument in client.events(0.2):
             if name == "steer":
                 return argument
-    raise TimeoutError("no steer event came")
+    raise TimeoutError("no steer event received")
 
 
 def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, list[str]]:
-    """Where the driver listens, once it says so, and all that it said."""
-    lines: queue.Queue[str] = queue.Queue()
+    """Return the URL that the driver prints, None without one, and the printed lines."""
+    unread: queue.Queue[str] = queue.Queue()
 
     def read() -> None:
         for line in process.stdout:
-            lines.put(line.strip())
+            unread.put(line.strip())
 
     reader = threading.Thread(target=read, daemon=True)
     reader.start()
-    said, end_s = [], time.monotonic() + PATIENCE_S
-    while time.monotonic() < end_s and (reader.is_alive() or not lines.empty()):
+    lines, end_s = [], time.monotonic() + TIMEOUT_S
+    while time.monotonic() < end_s and (reader.is_alive() or not unread.empty()):
         try:
-            said.append(lines.get(timeout=0.1))
+            lines.append(unread.get(timeout=0.1))
         except queue.Empty:
             continue
-        found = re.search(r"listening on (http://\S+?)[;\s]", said[-1] + " ")
+        found = re.search(r"listening on (http://\S+?)[;\s]", lines[-1] + " ")
         if found:
-            return found[1], said
-    return None, [line for line in said if line]
+            return found[1], lines
+    return None, [line for line in lines if line]
 
 
 def _end(process: subprocess.Popen) -> None:

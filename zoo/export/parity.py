@@ -1,4 +1,4 @@
-"""Does an exported network steer as its checkpoint does? Both are asked, frame by frame."""
+"""Comparison of an exported network with its checkpoint, frame by frame."""
 
 import statistics
 import time
@@ -21,12 +21,12 @@ WARM_UP = 3
 
 @dataclass(frozen=True)
 class Frames:
-    """What two policies are compared on.
+    """The inputs on which two policies are compared.
 
     Attributes:
-        frames: uint8 [160, 320, 3] RGB each.
-        speeds_mph: one a frame.
-        source: where they are from, as in "64 frames of FOLDER".
+        frames: camera frames, each uint8 [160, 320, 3] RGB.
+        speeds_mph: speed at each frame.
+        source: origin of the frames, as in "64 frames of FOLDER".
     """
 
     frames: list[np.ndarray]
@@ -36,11 +36,12 @@ class Frames:
 
 @dataclass(frozen=True)
 class Parity:
-    """How two policies compare.
+    """The result of a comparison.
 
     Attributes:
-        difference: the largest, of steering or throttle, each -1..1; NaN where either says NaN.
-        checkpoint_ms, onnx_ms: median times of a frame, its view included.
+        difference: largest difference of steering or throttle, each -1..1; NaN if a policy
+            returned NaN.
+        checkpoint_ms, onnx_ms: median times per frame, with the view.
     """
 
     difference: float
@@ -49,25 +50,31 @@ class Parity:
 
 
 def take_frames(recording: str | None, config: dict) -> Frames:
-    """Frames of a recording; without one, of that which the checkpoint was trained on, or of the
-    embedded lake's; where neither is on this disk, frames are rendered.
+    """Return frames of a recording, or rendered frames if no recording can be read.
+
+    Args:
+        recording: folder to read; None tries the recording of the training, then the embedded
+            lake's.
+        config: config of the checkpoint.
 
     Raises:
-        InputError: the recording named cannot be read, or there is none and nothing renders.
+        InputError: the given recording cannot be read, or rendering fails.
     """
     if recording is not None:
         return _frames_of(recording)
-    for folder, images in _recordings_at_hand(config):
+    for folder, images in _known_recordings(config):
         try:
             return _frames_of(folder, images)
-        except (InputError, OSError):  # another machine's, or half of it is gone
+        except (InputError, OSError):  # on another machine, or incomplete
             continue
     return _rendered_frames()
 
 
 def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
-    """Ask both for each frame, by turns, on one thread each; and the exported network for all
-    frames at once, since its batch may be of any size."""
+    """Compare two policies on each frame, and time them on one thread.
+
+    The exported network also runs on all frames as one batch, since it accepts any batch size.
+    """
     policies, times_ms, answers = (policy, exported), ([], []), ([], [])
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -85,11 +92,11 @@ def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
                 answers[which].append([one for one in answer if one is not None])
     finally:
         torch.set_num_threads(threads)
-    pictures = np.stack([exported.view(frame) for frame in frames.frames])
-    at_once = exported.predict(pictures, np.array(frames.speeds_mph))
+    images = np.stack([exported.view(frame) for frame in frames.frames])
+    batched = exported.predict(images, np.array(frames.speeds_mph))
     expected, found = (np.array(one, dtype=float) for one in answers)
     return Parity(
-        difference=float(np.abs([found - expected, at_once - expected]).max()),
+        difference=float(np.abs([found - expected, batched - expected]).max()),
         checkpoint_ms=statistics.median(times_ms[0]),
         onnx_ms=statistics.median(times_ms[1]),
     )
@@ -109,7 +116,7 @@ def _frames_of(folder: str | list[str], images: str | None = None) -> Frames:
     return Frames(frames, recording.speed_mph[rows].tolist(), source)
 
 
-def _recordings_at_hand(config: dict) -> list[tuple[str | list[str], str | None]]:
+def _known_recordings(config: dict) -> list[tuple[str | list[str], str | None]]:
     from zoo.cli.compose import compose_config
 
     data = config.get("data", {})
@@ -119,18 +126,18 @@ def _recordings_at_hand(config: dict) -> list[tuple[str | list[str], str | None]
 
 
 def _rendered_frames() -> Frames:
-    """Of the embedded lake, all around it, and now and then beside the centreline."""
+    """Return frames all around the embedded lake, on the centreline and 1 m off each side."""
     from simulator.errors import SimulatorError
     from simulator.world import Start, open_world
 
     try:
         world = open_world("lake", "auto")
     except SimulatorError as error:
-        raise InputError(f"nothing renders frames here ({error}); add frames=RECORDING") from None
+        raise InputError(f"cannot render frames ({error}); add frames=RECORDING") from None
     frames, speeds_mph = [], np.linspace(0, 30, RENDERED).tolist()
     for number, speed_mph in enumerate(speeds_mph):
-        aside = number % 3 - 1
-        start = Start(number * world.track.length / RENDERED, aside, 5.0 * aside, speed_mph)
+        side = number % 3 - 1
+        start = Start(number * world.track.length / RENDERED, side, 5.0 * side, speed_mph)
         world.reset(number, start)
         frames.append(world.frame())
     world.pictures.close()

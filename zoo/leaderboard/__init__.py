@@ -1,1 +1,1 @@
-"""The ranking of all runs, in the terminal and on a page: `python -m zoo.leaderboard`."""
+"""Ranking of all runs, in the terminal and as an HTML page: `python -m zoo.leaderboard`."""

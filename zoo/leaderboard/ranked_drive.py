@@ -1,4 +1,4 @@
-"""Drives beside runs in the ranking: on a socket, in the embedded world, in a replay."""
+"""Single drives as entries of the ranking: from a socket, the embedded world or a replay."""
 
 import math
 from collections.abc import Iterable
@@ -14,7 +14,7 @@ UNKNOWN = "unknown track"
 
 
 def read_drives(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
-    """Return each drive as an entry that can be ranked, or what is wrong with it."""
+    """Return the drives that can be ranked, and the damaged ones with the reason."""
     found, unranked = [], []
     for folder in folders:
         try:
@@ -26,12 +26,12 @@ def read_drives(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
 
 
 def load_drive(folder: Path) -> Run:
-    """Return a drive as the ranking reads a run.
+    """Return a drive in the form of a ranked run.
 
-    Figures that `drive.json` lacks, such as those of a drive that was cut off, are measured.
+    Figures missing from `drive.json`, as after an interrupted drive, are computed from the log.
 
     Raises:
-        InputError: its files cannot be read.
+        InputError: a file of the drive cannot be read.
     """
     from zoo.drives.drive_file import read_summary_file
 
@@ -53,7 +53,7 @@ def load_drive(folder: Path) -> Run:
         folder=folder,
         name=str(summary.get("checkpoint") or "-"),
         overrides={},
-        settings=f"the drive in {folder.resolve()}",
+        settings=f"the drive in {folder.resolve()}",  # unique: no other drive repeats it
         seed=None,
         trained_on=TrainedOn(),
         parameters=None,

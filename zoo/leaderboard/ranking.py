@@ -1,6 +1,6 @@
-"""Runs side by side, the best driver first: reading, grouping by training seed, ranking.
+"""Reading finished runs, grouping them by training seed, and ranking them, best driver first.
 
-Sweeps and the leaderboard share it. A run that was not driven comes after all that were.
+Sweeps and the leaderboard use it. Runs without a drive rank below all runs with one.
 """
 
 import json
@@ -22,39 +22,36 @@ from zoo.runs.trained_recordings import TrainedOn, read_trained_on
 if TYPE_CHECKING:
     from zoo.runs.config_files import Runtime
 
-# Not what a run is: its seed, where things are kept, and what a search adds.
-APART = ("seed",)
-LAST = float("inf")
+IGNORED_KEYS = ("seed",)  # runs whose configs differ only here are repeats
+LAST = float("inf")  # sorts after every figure
 CURVES = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
 
 
 @dataclass(frozen=True)
 class Count:
-    """Drives without an intervention, of all drives."""
+    """A number of drives, and how many of them had no intervention."""
 
-    kept: int
+    without_intervention: int
     drives: int
 
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run, as its folder tells it, or a drive, see `zoo.leaderboard.ranked_drive`.
+    """A finished run, read from its folder; or a drive, see `zoo.leaderboard.ranked_drive`.
 
     Attributes:
-        name: of its experiment, or its model.
-        overrides: what was typed, key by key, launcher and folders apart.
-        settings: the config and the recordings as text, the training seed left out: equal for
-            repeats of a run.
-        seed: the training seed.
-        trained_on: its recordings.
-        autonomy, cte_m: mean over the tracks driven (0..1, metres); None where it was not driven.
-        tracks: by track, the metrics that the leaderboard shows, and `driven_s`: means over its
-            drives.
-        counts: by track, its drives without an intervention; none where that is not known.
-        mph: the speed that was held; None where it drove with its own throttle, or was not driven.
-        wall_s: seconds of training; None for a drive alone.
-        curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), value by epoch from 1 on.
-        source: where it was driven, as in `Drive`; empty where it was not.
+        name: name of the experiment, or of the model.
+        overrides: overrides that the user typed, by key, without those of Hydra itself.
+        settings: config and recordings as text, without the training seed; equal for repeats.
+        seed: training seed.
+        trained_on: recordings of the training.
+        autonomy, cte_m: means over the tracks (0..1, metres); None for a run without a drive.
+        tracks: by track, the leaderboard's metrics and `driven_s`, each a mean over the drives.
+        counts: by track, number of drives and of those without an intervention, where known.
+        mph: speed that the controller held; None for the network's own throttle, or no drive.
+        wall_s: seconds of training; None for a single drive.
+        curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), values by epoch from 1 on.
+        source: source of the drives, as in `Drive`; empty for a run without a drive.
     """
 
     folder: Path
@@ -78,12 +75,11 @@ class Run:
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the ranking: a run, or several that differ in their training seed alone.
+    """A row of the ranking: a run, or several that differ only in their training seed.
 
     Attributes:
-        figures: mean and sample deviation over the training seeds, by `autonomy`, `cte_m`,
-            `val_mse`, ...; by `TRACK/drives`, the `Count` of all their drives. None where a run has
-            none.
+        figures: by `autonomy`, `cte_m`, `val_mse`, ..., mean and sample deviation over the training
+            seeds; by `TRACK/drives`, the `Count` of all drives. None where a run lacks the figure.
     """
 
     runs: tuple[Run, ...]
@@ -91,13 +87,18 @@ class Entry:
 
     @property
     def first(self) -> Run:
+        """Return the run with the lowest training seed."""
         return self.runs[0]
 
 
 @dataclass(frozen=True)
 class Unranked:
-    """A run without figures: `why` is `running`, `stopped`, `failed`, `pruned`, `older` or
-    `damaged`, with more words in `reason`."""
+    """A run without figures.
+
+    Attributes:
+        why: `running`, `stopped`, `failed`, `pruned`, `older` or `damaged`.
+        reason: details, such as the line of the error.
+    """
 
     folder: Path
     why: str
@@ -105,7 +106,7 @@ class Unranked:
 
 
 def read_run(folder: Path) -> Run | None:
-    """Return a finished run; None where its figures are not those of this version, or damaged."""
+    """Return a finished run; None where its figures are damaged or of another version."""
     try:
         return load_run(folder)
     except InputError:
@@ -113,10 +114,10 @@ def read_run(folder: Path) -> Run | None:
 
 
 def load_run(folder: Path) -> Run | None:
-    """Return a finished run; None where its figures are not those of this version.
+    """Return a finished run; None where its figures are of another version.
 
     Raises:
-        InputError: a file of it is missing, or cannot be read.
+        InputError: a file of the run is missing or cannot be read.
     """
     from zoo.runs.curves_files import read_curves
     from zoo.runs.metrics_file import read_metrics_file
@@ -158,29 +159,30 @@ def load_run(folder: Path) -> Run | None:
 
 
 def why_unranked(folder: Path) -> Unranked:
-    """What has become of a run that has no figures to rank."""
+    """Return why a run has no figures to rank."""
     status = read_status(folder)
-    said, reason = status.get("status"), str(status.get("reason", ""))
-    if said == "running":
+    state, reason = status.get("status"), str(status.get("reason", ""))
+    if state == "running":
         return Unranked(folder, "running" if is_alive(folder) else "stopped")
-    if said in ("failed", "pruned"):
-        return Unranked(folder, said, reason)
+    if state in ("failed", "pruned"):
+        return Unranked(folder, state, reason)
     return Unranked(folder, "older")
 
 
 def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
-    """Return each folder as a run that can be ranked, or why it can't."""
+    """Return the runs that can be ranked, and the others with the reason."""
     from zoo.runs.status_file import read_status_file
 
     runs, unranked = [], []
     for folder in folders:
         try:
             status = read_status_file(folder)
-            # Of a finished run that was resumed, the figures of what was finished stand.
+            # A finished run that is being resumed keeps the figures of its finished epochs.
             has_figures = status.get("status") == "finished" or "finished_epochs" in status
             run = load_run(folder) if has_figures else None
         except InputError as error:
-            unranked.append(Unranked(folder, "damaged", _below(str(error), folder)))
+            reason = str(error).removeprefix(f"{folder}/")
+            unranked.append(Unranked(folder, "damaged", reason))
             continue
         if run is None:
             unranked.append(why_unranked(folder))
@@ -189,16 +191,11 @@ def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
     return runs, unranked
 
 
-def _below(reason: str, folder: Path) -> str:
-    """Return a reason without the folder, which stands before it."""
-    return reason.removeprefix(f"{folder}/")
-
-
 def rank(runs: Sequence[Run]) -> list[Entry]:
-    """By autonomy, then cross-track error, then validation MSE.
+    """Sort runs by autonomy, then cross-track error, then validation MSE.
 
-    Repeats with other training seeds are one entry.
-    Where the runs were driven on different tracks, those that all share decide.
+    Repeats with other training seeds form one entry. Where runs were driven on different tracks,
+    only the tracks that all of them share count.
     """
     groups: dict[str, list[Run]] = {}
     for run in runs:
@@ -209,19 +206,19 @@ def rank(runs: Sequence[Run]) -> list[Entry]:
 
 
 def shared_tracks(runs: Sequence[Run]) -> list[str]:
-    """Those that every run that was driven was driven on."""
+    """Return the tracks on which every run with a drive was driven."""
     driven = [run.tracks for run in runs if run.tracks]
     return [name for name in (driven[0] if driven else {}) if all(name in one for one in driven)]
 
 
 def protocols(runs: Sequence[Run]) -> list[str]:
-    """How the runs were driven, in words, where that is not the same for all."""
-    said = {f"{', '.join(run.tracks)} {_how(run)}" for run in runs if run.tracks}
-    return sorted(said) if len(said) > 1 else []
+    """Return descriptions of how the runs were driven; none where it is the same for all."""
+    found = {f"{', '.join(run.tracks)} {_conditions(run)}" for run in runs if run.tracks}
+    return sorted(found) if len(found) > 1 else []
 
 
-def _how(run: Run) -> str:
-    """Return where and how fast a run was driven."""
+def _conditions(run: Run) -> str:
+    """Return where a run was driven, and at what speed."""
     if run.source == REPLAY:
         return "in a replay"
     how = f"at {run.mph:g} mph" if run.mph else "with its own throttle"
@@ -229,7 +226,7 @@ def _how(run: Run) -> str:
 
 
 def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
-    """Return figures by track and the speed; none where the run was scored in another way."""
+    """Return figures by track, and the speed; both empty for a score of another format."""
     if not drive or not drive.get("tracks"):
         return {}, None
     tracks = {name: one for name, one in drive["tracks"].items() if one}
@@ -257,8 +254,8 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
         counts = [run.counts.get(track) for run in runs]
         figures[f"{track}/drives"] = None
         if all(counts):
-            kept, drives = (sum(column) for column in zip(*map(astuple, counts), strict=True))
-            figures[f"{track}/drives"] = Count(kept, drives)
+            totals = (sum(column) for column in zip(*map(astuple, counts), strict=True))
+            figures[f"{track}/drives"] = Count(*totals)
     return Entry(tuple(runs), figures)
 
 
@@ -288,21 +285,22 @@ def _order(entry: Entry) -> tuple:
 
 
 def _settings(config: dict, trained_on: TrainedOn) -> str:
-    """Return what repeats of a run share: the same recording may be named in several ways."""
+    """Return config and recordings as text, equal for repeats of a run."""
     data = config.get("data")
+    # The fingerprint identifies a recording; its path may be written in several ways.
     if isinstance(data, dict):
         config = config | {"data": {key: data[key] for key in data if key != "root"}}
     return json.dumps([config, *astuple(trained_on)], sort_keys=True)
 
 
 def _configs(folder: Path) -> tuple[dict, dict[str, str], "Runtime"]:
-    """Return the config without the seed, the overrides by key, and what Hydra kept."""
+    """Return the config without ignored keys, the typed overrides by key, and Hydra's record."""
     from zoo.runs.config_files import read_config_file, read_hydra_file, read_overrides_file
 
     config, overrides = read_config_file(folder), read_overrides_file(folder)
-    for key in APART:
+    for key in IGNORED_KEYS:
         config.pop(key, None)
-    # A search's own callback tells its trials apart, not what is trained.
+    # A search adds this callback to each trial; it holds the trial's number.
     if isinstance(config.get("callbacks"), dict):
         config["callbacks"].pop("pruning", None)
     pairs = [one.lstrip("+~").partition("=") for one in overrides]

@@ -1,4 +1,4 @@
-"""The ranking as one page that fetches nothing: table, parallel coordinates, curves."""
+"""The ranking as one self-contained HTML page: table, parallel coordinates, curves."""
 
 import math
 from collections.abc import Sequence
@@ -12,13 +12,13 @@ from zoo.evaluate.drives_table import with_deviation
 from zoo.leaderboard.ranking import Count, Entry, Unranked
 from zoo.leaderboard.ranking_table import (
     Column,
-    below,
-    columns,
+    figure_columns,
+    figure_text,
+    folder_label,
     named_columns,
     run_name,
-    said,
     setting_columns,
-    shown_setting,
+    setting_text,
     training_seeds,
     unranked_lines,
     value_of,
@@ -32,20 +32,24 @@ CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
 def write_page(
     path: Path, title: str, entries: Sequence[Entry], unranked: Sequence[Unranked], under: Path
 ) -> Path:
-    """Write the page; raises OSError where that can't be.
+    """Write the page and return its path.
 
     Args:
-        title: its heading.
-        entries: ranked, the best first.
-        unranked: what could not be, named below the table.
-        under: folders are said below it.
+        path: file to write.
+        title: heading of the page.
+        entries: rows of the ranking, the best first.
+        unranked: runs without figures, listed below the table.
+        under: folder to which the runs' folders are shown relative.
+
+    Raises:
+        OSError: the file cannot be written.
     """
-    figures, settings = columns(entries), setting_columns(entries)
-    # A count's interval is wider than what an axis could show of it.
+    figures, settings = figure_columns(entries), setting_columns(entries)
+    # Counts have no axis: it could not show their intervals.
     axes = [one for one in figures if one.form]
     data = {
         "axes": [*map(_setting_axis, settings), *map(_figure_axis, axes)],
-        "entries": [_plain(entry, settings, figures, under) for entry in entries],
+        "entries": [_script_entry(entry, settings, figures, under) for entry in entries],
         "curves": [
             name for name in CURVES if any(name in r.curves for e in entries for r in e.runs)
         ],
@@ -72,49 +76,54 @@ def write_page(
     return write_whole(path, page)
 
 
-def _kept(entry: Entry) -> str:
-    """Return how many of an entry's drives needed no intervention, by track, in words."""
-    counts = {key: one for key, one in entry.figures.items() if isinstance(one, Count)}
-    said_counts = [
-        f"{count_with_interval(one.kept, one.drives)} on {Path(key).parent.stem}"
-        for key, one in counts.items()
+def _counts_text(entry: Entry) -> str:
+    """Return by track how many of an entry's drives had no intervention, as text."""
+    texts = [
+        f"{count_with_interval(one.without_intervention, one.drives)} on {Path(key).parent.stem}"
+        for key, one in entry.figures.items()
+        if isinstance(one, Count)
     ]
-    return f"; drives without intervention: {', '.join(said_counts)}" if counts else ""
+    return f"; drives without intervention: {', '.join(texts)}" if texts else ""
 
 
 def _lead(entries: Sequence[Entry]) -> str:
-    """What the best came to, in a sentence."""
+    """Return the page's first sentences: number of runs, the best run and its figure."""
     if not entries:
         return "No run has finished."
     best, count = entries[0], sum(len(entry.runs) for entry in entries)
     what = f"{count} runs" if count > 1 else "1 run"
     if len(entries) < count:
-        what += f", {len(entries)} settings with repeats by training seed"
+        what += f", grouped by training seed into {len(entries)} settings"
     for column in (
         Column("autonomy", "autonomy", "{:.1%}"),
         Column("validation MSE", "val_mse", "{:.4f}"),
     ):
         if best.figures.get(column.key):
             figure = with_deviation(best.figures[column.key], column.form, len(best.runs))
-            return f"{what}. The best, {best.first.name}: {column.heading} {figure}{_kept(best)}."
+            name, counts = best.first.name, _counts_text(best)
+            return f"{what}. The best, {name}: {column.heading} {figure}{counts}."
     return f"{what}."
 
 
 def _table(
     entries: Sequence[Entry], settings: Sequence[str], figures: Sequence[Column], under: Path
 ) -> dict:
-    """The columns' headings, each with whether it holds words, and the rows: cells of text with a
-    number to sort by, or None."""
+    """Return the table for the template.
+
+    Returns:
+        `heads`: headings, each with whether the column holds text.
+        `rows`: rows of cells, each a text and the number to sort by (None: sort by the text).
+    """
     names = named_columns(entries, under)
     words = [*(one.heading for one in names), *settings, "training seeds"]
     heads = [(one, True) for one in words] + [(one.heading, False) for one in figures]
     rows = []
     for place, entry in enumerate(entries):
         texts = [one.cells[place] for one in names]
-        texts += [shown_setting(entry.first.overrides.get(key)) for key in settings]
+        texts += [setting_text(entry.first.overrides.get(key)) for key in settings]
         texts.append(training_seeds(entry))
         row = [(text, None) for text in texts]
-        row += [(said(entry.figures, one), value_of(entry, one)) for one in figures]
+        row += [(figure_text(entry.figures, one), value_of(entry, one)) for one in figures]
         rows.append(row)
     return {"heads": heads, "rows": rows}
 
@@ -129,22 +138,24 @@ def _figure_axis(column: Column) -> dict:
         "key": column.key,
         "heading": column.heading,
         "kind": "figure",
-        "less": column.less,  # such an axis stands upside down: up is good everywhere
+        "less": column.less,  # draws the axis upside down, so that up is better on every axis
         "share": share,
     }
 
 
-def _plain(entry: Entry, settings: Sequence[str], figures: Sequence[Column], under: Path) -> dict:
-    """An entry as the page's script reads it."""
+def _script_entry(
+    entry: Entry, settings: Sequence[str], figures: Sequence[Column], under: Path
+) -> dict:
+    """Return an entry in the form that the page's script reads."""
     values = {key: entry.first.overrides.get(key) for key in settings}
     values |= {one.key: value_of(entry, one) for one in figures if value_of(entry, one) is not None}
-    own = " ".join(f"{key}={shown_setting(values[key])}" for key in settings)
+    own = " ".join(f"{key}={setting_text(values[key])}" for key in settings)
     return {
         "name": f"{run_name(entry, under)}: {own or entry.first.name}",
         "values": values,
         "runs": [
             {
-                "folder": below(run.folder, under),
+                "folder": folder_label(run.folder, under),
                 "seed": run.seed,
                 "curves": {
                     name: sorted(pair for pair in curve.items() if math.isfinite(pair[1]))

@@ -1,4 +1,4 @@
-"""The ranking as a table for the terminal, and as rows for a page."""
+"""The ranking as a table for the terminal, and its columns as the HTML page shows them."""
 
 import os
 from collections.abc import Sequence
@@ -19,21 +19,21 @@ from zoo.leaderboard.ranked_drive import read_drives
 from zoo.leaderboard.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.runs.trained_recordings import recording_names
 
-SURELY = 2  # figures that long names do not push out: autonomy, and of how many drives
-WIDTH = 140  # of a table that no terminal limits
-# Where things are is no setting; how long it may take is.
-PLACES = ("data.root", "data.images", "data.cache", "seed")
+ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
+WIDTH = 140  # of a table that is not printed on a terminal
+# Overrides that get no column: paths, and the seed, which has a column of its own.
+NO_SETTINGS = ("data.root", "data.images", "data.cache", "seed")
 
 
 @dataclass(frozen=True)
 class Column:
-    """A figure of the ranking.
+    """A column of figures in the ranking.
 
     Attributes:
-        heading: its words.
-        key: place in `Entry.figures`.
-        form: format of its value.
-        less: less of it is better.
+        heading: text above the column.
+        key: key in `Entry.figures`.
+        form: format of the value; empty for a `Count`.
+        less: whether a lower value is better.
     """
 
     heading: str
@@ -42,8 +42,8 @@ class Column:
     less: bool = False
 
 
-def columns(entries: Sequence[Entry]) -> list[Column]:
-    """Of all that some entry has, the most important first."""
+def figure_columns(entries: Sequence[Entry]) -> list[Column]:
+    """Return the figures that at least one entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
     labels = {track: Path(track).stem if "/" in track else track for track in tracks}
     first, *others = leaderboard_metrics()
@@ -71,13 +71,13 @@ def _column(metric: Metric, track: str, label: str) -> Column:
     return Column(heading, f"{track}/{metric.name}", metric.form, metric.direction == LOWER)
 
 
-def said(figures: dict, column: Column) -> str:
-    """`98.2% ± 0.4%`; a dash where there is none, and no spread of a single training."""
+def figure_text(figures: dict, column: Column) -> str:
+    """Return a figure as text, such as `98.2% ± 0.4%`; a dash where there is none."""
     value = figures.get(column.key)
     if value is None:
         return "-"
     if isinstance(value, Count):
-        return count_with_interval(value.kept, value.drives)
+        return count_with_interval(value.without_intervention, value.drives)
     return with_deviation(value, column.form)
 
 
@@ -85,40 +85,40 @@ def value_of(entry: Entry, column: Column) -> float | None:
     """Return a figure as a number to sort by; None where there is none."""
     figure = entry.figures.get(column.key)
     if isinstance(figure, Count):
-        return figure.kept / figure.drives
+        return figure.without_intervention / figure.drives
     return figure[0] if figure else None
 
 
 def setting_columns(entries: Sequence[Entry]) -> list[str]:
-    """The overrides in which the entries differ, in the order in which they were typed."""
+    """Return the override keys whose values differ between entries, in typed order."""
     keys = dict.fromkeys(key for entry in entries for key in entry.first.overrides)
     varied = []
     for key in keys:
         values = {entry.first.overrides.get(key) for entry in entries}
-        if key not in PLACES and len(values) > 1:
+        if key not in NO_SETTINGS and len(values) > 1:
             varied.append(key)
     return varied
 
 
-def is_named(entries: Sequence[Entry], settings: Sequence[str]) -> bool:
-    """Whether the names of the runs say what no column of settings says."""
+def has_model_column(entries: Sequence[Entry], settings: Sequence[str]) -> bool:
+    """Return whether the runs' names differ and no column of settings shows it."""
     return len({one.first.name for one in entries}) > 1 and not {"model", "experiment"} & set(
         settings
     )
 
 
 def wide_console() -> Console:
-    """As wide as the terminal; where nobody watches, wide enough for most tables."""
+    """Return a console as wide as the terminal; without a terminal, wide enough for tables."""
     console = Console(soft_wrap=True, emoji=False)
     if console.is_terminal or "COLUMNS" in os.environ:
         return console
     return Console(soft_wrap=True, emoji=False, width=WIDTH)
 
 
-def shown_setting(value: str | None) -> str:
-    """A value as typed; a number of a search, which has sixteen digits, with four.
+def setting_text(value: str | None) -> str:
+    """Return a value as typed; long numbers, as a search chooses them, with four digits.
 
-    >>> shown_setting("3.3435908606340734e-05"), shown_setting("[50,0]"), shown_setting(None)
+    >>> setting_text("3.3435908606340734e-05"), setting_text("[50,0]"), setting_text(None)
     ('3.344e-05', '[50,0]', '-')
     """
     if value is None:
@@ -131,18 +131,18 @@ def shown_setting(value: str | None) -> str:
 
 
 def training_seeds(entry: Entry) -> str:
-    """Return `1`, or `1, 2, 3` and in a second line `(n = 3)`: of the runs of an entry."""
+    """Return an entry's training seeds: `1`, or `1, 2, 3` with `(n = 3)` in a second line."""
     listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
     return f"{listed}\n(n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
 
 
 def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
-    """What tells the entries apart, settings apart: place, folders, model and recording."""
+    """Return the columns that identify entries: rank, folders, model, source, recording."""
     found = [
-        Cells("", tuple(str(place) for place in range(1, len(entries) + 1)), "right"),
+        Cells("", tuple(str(number) for number in range(1, len(entries) + 1)), "right"),
         Cells("run", tuple(run_name(entry, under) for entry in entries)),
     ]
-    if is_named(entries, setting_columns(entries)):
+    if has_model_column(entries, setting_columns(entries)):
         found.append(Cells("model", tuple(entry.first.name for entry in entries)))
     sources = tuple(entry.first.source or "-" for entry in entries)
     if set(sources) - {"-", EMBEDDED}:
@@ -157,36 +157,41 @@ def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
 def ranking_table(
     entries: Sequence[Entry], title: str, under: Path | None = None, width: int = WIDTH
 ) -> tuple[Table, list[str]]:
-    """A line an entry, the best first; folders are said below `under`.
+    """Return the ranking as a table with a row for each entry, the best first.
+
+    Args:
+        entries: rows of the ranking.
+        title: title of the table.
+        under: folder to which the runs' folders are shown relative.
+        width: columns of the terminal; long names can make the table wider.
 
     Returns:
-        The table, at most `width` wide where the names leave room for that, and the headings of
-        the figures that do not fit.
+        The table, and the headings of the figures that do not fit.
     """
     names = named_columns(entries, under)
     settings = [
-        Cells(key, tuple(shown_setting(entry.first.overrides.get(key)) for entry in entries))
+        Cells(key, tuple(setting_text(entry.first.overrides.get(key)) for entry in entries))
         for key in setting_columns(entries)
     ]
     seeds = Cells("training seeds", tuple(map(training_seeds, entries)))
     last = [seeds] if len({run.seed for one in entries for run in one.runs}) > 1 else []
-    shown = columns(entries)
+    shown = figure_columns(entries)
     figures = [_figure_cells(entries, column, narrow=False) for column in shown]
     identifying = [*names, *settings, *last]
     table, left_out = fitted_table(title, identifying, figures, width)
     if left_out:
         figures = [_figure_cells(entries, column, narrow=True) for column in shown]
-        room = width - sum(one.width + FRAME for one in figures[:SURELY])
+        room = width - sum(one.width + FRAME for one in figures[:ALWAYS_SHOWN])
         if len(settings) > 1 and not fits(identifying, ENOUGH, room):
             identifying = [*names, _in_one_column(settings), *last]
-        table, left_out = fitted_table(title, identifying, figures, width, SURELY)
+        table, left_out = fitted_table(title, identifying, figures, width, ALWAYS_SHOWN)
     pairs = zip(shown, figures, strict=True)
     return table, [column.heading for column, cells in pairs if cells in left_out]
 
 
 def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cells:
-    """Return a figure's column; a narrow one has deviation and interval in a second line."""
-    cells = [said(entry.figures, column) for entry in entries]
+    """Return a figure's cells; narrow ones have deviation and interval in a second line."""
+    cells = [figure_text(entry.figures, column) for entry in entries]
     heading = column.heading.replace(", ", ",\n").replace("without ", "without\n")
     if narrow:
         cells = [two_lines(one).replace(" ±", "\n±") for one in cells]
@@ -194,7 +199,7 @@ def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cel
 
 
 def _in_one_column(settings: Sequence[Cells]) -> Cells:
-    """Where there are too many for a column each."""
+    """Return all settings as one column of `key=value` lines."""
     keys = [column.heading for column in settings]
     cells = []
     for values in zip(*(column.cells for column in settings), strict=True):
@@ -204,12 +209,12 @@ def _in_one_column(settings: Sequence[Cells]) -> Cells:
 
 
 def run_name(entry: Entry, under: Path | None) -> str:
-    """The folders of its runs, below `under` where they are."""
-    return ", ".join(below(run.folder, under) for run in entry.runs)
+    """Return the folders of an entry's runs, see `folder_label`."""
+    return ", ".join(folder_label(run.folder, under) for run in entry.runs)
 
 
-def below(folder: Path, under: Path | None) -> str:
-    """`folder` as seen from `under`, where it is in there."""
+def folder_label(folder: Path, under: Path | None) -> str:
+    """Return `folder` relative to `under` where it is inside, else as it is."""
     if under is not None and folder.resolve().is_relative_to(under.resolve()):
         return str(folder.resolve().relative_to(under.resolve()))
     return str(folder)
@@ -223,15 +228,15 @@ def print_ranking(
     page: str,
     drives: Sequence[Path] = (),
 ) -> tuple[list[Entry], list[Unranked]]:
-    """Read, rank, print; what can't be ranked is counted and named in a line each kind.
+    """Read runs, rank them, and print the table and a line for each kind of unranked run.
 
     Args:
-        folders: of the runs.
-        title: of the table.
-        under: folders are said below it.
-        console: for the table and the lines below it.
-        page: where all columns are found.
-        drives: folders of drives, to be ranked beside the runs.
+        folders: folders of the runs.
+        title: title of the table.
+        under: folder to which the runs' folders are shown relative.
+        console: output of the table and the lines below it.
+        page: file name of the HTML page, which has all columns.
+        drives: folders of drives to rank together with the runs.
     """
     runs, unranked = read_runs(folders)
     driven, unread = read_drives(drives)
@@ -246,7 +251,7 @@ def print_ranking(
     different = protocols(runs)
     if different:
         console.print(
-            f"not all were driven alike, compare with care: {'; '.join(different)}",
+            f"compare with care, the drives had different conditions: {'; '.join(different)}",
             highlight=False,
             markup=False,
         )
@@ -256,33 +261,33 @@ def print_ranking(
 
 
 def left_out_line(headings: Sequence[str], width: int, page: str) -> str:
-    """Return a line that counts and names the columns that a table has no room for."""
+    """Return a line that counts and names the columns that do not fit."""
     what = "1 column does" if len(headings) == 1 else f"{len(headings)} columns do"
     named = "; ".join(headings)
-    return f"{what} not fit in {width}: {named}. Widen the terminal or open {page}"
+    return f"{what} not fit in {width} characters: {named}. Widen the terminal or open {page}"
 
 
-WORDS = {
+UNRANKED_TEXTS = {
     "running": "still running",
-    "stopped": "stopped half way",
+    "stopped": "stopped before the end",
     "failed": "failed",
     "pruned": "pruned",
     "older": "older or other format",
     "damaged": "damaged",
 }
-NAMED = 5
+NAMED = 5  # runs that a line names; it counts the others
 
 
 def unranked_lines(unranked: Sequence[Unranked], under: Path | None) -> list[str]:
-    """`2 failed: 3 (no space left), 7 (...)`, a line for each kind."""
+    """Return a line for each kind, such as `2 failed: 3 (no space left), 7 (...)`."""
     lines = []
-    for why, words in WORDS.items():
-        those = [one for one in unranked if one.why == why]
+    for why, text in UNRANKED_TEXTS.items():
+        found = [one for one in unranked if one.why == why]
         named = [
-            below(one.folder, under) + (f" ({one.reason})" if one.reason else "")
-            for one in those[:NAMED]
+            folder_label(one.folder, under) + (f" ({one.reason})" if one.reason else "")
+            for one in found[:NAMED]
         ]
-        if those:
-            more = f" and {len(those) - NAMED} more" if len(those) > NAMED else ""
-            lines.append(printable(f"{len(those)} {words}: {', '.join(named)}{more}"))
+        if found:
+            more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+            lines.append(printable(f"{len(found)} {text}: {', '.join(named)}{more}"))
     return lines

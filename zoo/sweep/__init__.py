@@ -1,1 +1,1 @@
-"""Sweeps: many runs of one command, that finish whatever happens."""
+"""Sweeps: many runs of one command, finished even where single runs fail."""

@@ -1,4 +1,4 @@
-"""All combinations of a sweep's values, each a job with a folder of its own."""
+"""Sweeps over all combinations of values; each combination is a job with its own folder."""
 
 import contextlib
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.leaderboard.ranking_table import below
+from zoo.leaderboard.ranking_table import folder_label
 from zoo.sweep.job_watch import watched
 from zoo.sweep.launch_rounds import Job, launch_all
 from zoo.sweep.saved_sweep import check_job
@@ -26,16 +26,16 @@ def sweep_grid(
     """Run every combination that is not done yet.
 
     Raises:
-        HydraException, OmegaConfBaseException: a job whose config can't be; none has run then.
-        InputError: the launcher can't start any.
+        HydraException, OmegaConfBaseException: a job's config is invalid; no job has run.
+        InputError: an override is an interval, or the launcher cannot start a job.
     """
     folder = Path(config.hydra.sweep.dir)
     parsed = OverridesParser.create(config_loader=context.config_loader).parse_overrides(arguments)
     for override in parsed:
         if override.is_sweep_override() and not override.is_discrete_sweep():
             raise InputError(
-                f"{override.get_key_element()}: an interval has no end of values; list some, or "
-                "let Optuna choose: hydra/sweeper=optuna"
+                f"{override.get_key_element()}: a grid needs a list of values, not an interval; "
+                "list values, or let Optuna choose them with hydra/sweeper=optuna"
             )
     (combinations,) = BasicSweeper.split_arguments(parsed, None)
     jobs = [
@@ -45,15 +45,15 @@ def sweep_grid(
     data = recordings_of([job.overrides for job in jobs], config, context)
     add_to_record(folder, jobs=[list(job.overrides) for job in jobs], data=data)
     console = Console(soft_wrap=True)
-    console.print(f"sweep: {below(folder, Path.cwd())}", highlight=False, markup=False)
+    console.print(f"sweep: {folder_label(folder, Path.cwd())}", highlight=False, markup=False)
     serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
-    # One by one they print enough themselves.
+    # Jobs that run one by one print their own progress.
     with contextlib.nullcontext() if serial else watched(jobs, console):
         launch_all(lambda some: launch_jobs(launcher, some), jobs, console)
 
 
 def launch_jobs(launcher: Launcher, jobs: Sequence[Job]) -> None:
-    """Hand jobs to one of Hydra's launchers; each keeps the folder of its number."""
+    """Pass jobs to one of Hydra's launchers; each job's folder is its number."""
     overrides = [[*job.overrides, f"hydra.sweep.subdir='{job.number}'"] for job in jobs]
     launcher.launch(overrides, initial_job_idx=jobs[0].number)
 
@@ -64,11 +64,16 @@ def recordings_of(
     context: HydraContext,
     added: Sequence[str] = (),
 ) -> dict[str, str | None]:
-    """Compose every job, so that a mistake shows before the first has begun; the digest of each
-    recording that they name.
+    """Compose every job, to report mistakes before the first job starts.
 
     Args:
-        added: overrides that a search has added itself, see `check_job`.
+        jobs: overrides of each job.
+        config: config of the sweep.
+        context: Hydra's loaders.
+        added: overrides that a search added, see `check_job`.
+
+    Returns:
+        By folder of each recording that the jobs read, the digest of its log.
     """
     roots: list[str] = []
     for overrides in jobs:

@@ -1,4 +1,4 @@
-"""Says which job of a sweep has ended, wherever it ran, by looking at its folder."""
+"""Reports of jobs that ended, on any machine, found by polling their folders."""
 
 import threading
 from collections.abc import Iterator, Sequence
@@ -11,47 +11,47 @@ from zoo.runs.status import read_status
 from zoo.sweep.launch_rounds import Job
 from zoo.sweep.sweep_record import varying
 
-LOOK_S = 0.5
+POLL_S = 0.5
 
 
 @contextmanager
 def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
-    """Print a line as each job ends, which prints nothing itself."""
+    """Print a line when a job ends; parallel jobs print only to their log files."""
     before = {job: read_status(job.folder) for job in jobs}
-    over = threading.Event()
+    stopped = threading.Event()
     varied = varying([job.overrides for job in jobs])
-    told = {job for job in jobs if job.is_done}
-    count = len(told)
+    reported = {job for job in jobs if job.is_done}
+    count = len(reported)
     lock = threading.Lock()
 
-    def look() -> None:
+    def report_ended() -> None:
         nonlocal count
         with lock:
             for job in jobs:
                 status = read_status(job.folder)
-                if job in told or status == before[job] or status.get("status") == "running":
+                if job in reported or status == before[job] or status.get("status") == "running":
                     continue
-                told.add(job)
+                reported.add(job)
                 count += 1
-                said = f"{count}/{len(jobs)}  job {job.number} ({varied[job.overrides]}): "
-                said += _outcome(job, status)
-                console.print(said, highlight=False, markup=False)
+                line = f"{count}/{len(jobs)}  job {job.number} ({varied[job.overrides]}): "
+                line += _result_text(job, status)
+                console.print(line, highlight=False, markup=False)
 
-    def keep_looking() -> None:
-        while not over.wait(LOOK_S):
-            look()
+    def poll() -> None:
+        while not stopped.wait(POLL_S):
+            report_ended()
 
-    thread = threading.Thread(target=keep_looking, daemon=True)
+    thread = threading.Thread(target=poll, daemon=True)
     thread.start()
     try:
         yield
     finally:
-        over.set()
+        stopped.set()
         thread.join()
-        look()
+        report_ended()
 
 
-def _outcome(job: Job, status: dict) -> str:
+def _result_text(job: Job, status: dict) -> str:
     run = read_run(job.folder) if status["status"] == "finished" else None
     if run is None:
         return ": ".join(filter(None, [status["status"], status.get("reason")]))

@@ -1,4 +1,4 @@
-"""Launches jobs until each has had its turn, whatever happens to the processes that train them."""
+"""Launching of all jobs of a sweep, also when processes that train them are killed."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -12,14 +12,14 @@ from zoo.runs.status import is_alive, read_status, write_status
 from zoo.sweep.sweep_job import DONE
 
 POLL_S = 1.0
-DIED = "its process died without a word: killed, or out of memory"
+DIED = "its process ended without an error: it was killed, or memory ran out"
 
 Launch = Callable[[Sequence["Job"]], None]
 
 
 @dataclass(frozen=True)
 class Job:
-    """A job of a sweep: its folder is called by its number."""
+    """A job of a sweep, in a folder named by the job's number."""
 
     number: int
     overrides: tuple[str, ...]
@@ -27,18 +27,18 @@ class Job:
 
     @property
     def is_done(self) -> bool:
+        """Return whether the job has finished or was pruned."""
         return read_status(self.folder).get("status") in DONE
 
 
 def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
-    """Give each job that is not done one turn; those that another process trains are waited for.
+    """Launch each job that is not done once, and wait for jobs that another process trains.
 
-    A launcher can break: a pool of processes does when one of them is killed, and takes its
-    neighbours along. Who was training then is tried again alone, so that only the one at fault
-    fails, and the others go on.
+    When one process of a pool is killed, the launcher can end the whole pool. Each job that was
+    training then runs again alone, so that only the job at fault fails.
 
     Raises:
-        InputError: the launcher can't start any job.
+        InputError: the launcher cannot start any job.
     """
     waiting = [job for job in jobs if not job.is_done and not is_alive(job.folder)]
     while waiting:
@@ -49,7 +49,9 @@ def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
         if broken and len(waiting) > 1:
             for job in died:
                 console.print(
-                    f"job {job.number}: {DIED}; trying again, alone", highlight=False, markup=False
+                    f"job {job.number}: {DIED}; running it again, alone",
+                    highlight=False,
+                    markup=False,
                 )
                 _try_launch(launch, [job])
         for job in died:
@@ -57,7 +59,8 @@ def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
                 write_status(job.folder, "failed", reason=DIED)
         untouched = [job for job in waiting if read_status(job.folder) == before[job]]
         if broken and len(untouched) == len(waiting):
-            raise InputError(f"the launcher could not start a job: {_said(broken)}") from broken
+            reason = _last_line(broken)
+            raise InputError(f"the launcher could not start a job: {reason}") from broken
         waiting = untouched if broken else []
     _wait(jobs, console)
 
@@ -65,13 +68,13 @@ def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:
 def _try_launch(launch: Launch, jobs: Sequence[Job]) -> Exception | None:
     try:
         launch(jobs)
-    except Exception as error:  # each launcher has errors of its own, and some a job's
+    except Exception as error:  # launchers raise their own errors, and some raise a job's
         return error
     return None
 
 
 def _wait(jobs: Sequence[Job], console: Console) -> None:
-    """Until no living process trains any of these: a killed sweep's workers finish their job."""
+    """Wait until no process trains these jobs: workers of a killed sweep finish theirs."""
     alive = [job for job in jobs if is_alive(job.folder)]
     for job in alive:
         status = read_status(job.folder)
@@ -85,7 +88,7 @@ def _wait(jobs: Sequence[Job], console: Console) -> None:
         time.sleep(POLL_S)
 
 
-def _said(error: Exception) -> str:
-    """An error's line that says most: some begin with an empty one or with a heading."""
+def _last_line(error: Exception) -> str:
+    """Return an error's type and last line; the first lines can be empty or a heading."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return f"{type(error).__name__}: {lines[-1]}" if lines else type(error).__name__

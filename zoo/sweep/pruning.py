@@ -1,4 +1,4 @@
-"""Tells a study how a trial is doing, and ends it where others did better."""
+"""Reporting of a trial's figures to its Optuna study, which can prune the trial."""
 
 import warnings
 
@@ -10,19 +10,21 @@ from zoo.cli.stop_errors import PrunedError
 
 
 class Pruning(lightning.Callback):
-    """Reports a figure after each epoch to an Optuna study, wherever its trial is trained.
+    """A callback that reports a figure to an Optuna study after each epoch.
 
-    A trial that the study holds for over, as where a run is repeated, is left alone. An epoch in
-    which nothing was driven reports the last drive's figure.
+    It reports nothing for a trial that has ended in the study, as when a run is repeated. After an
+    epoch without a drive it reports the last drive's figure.
 
     Args:
-        storage, study: where the study is.
-        trial: its number.
-        watched: the figure's name, such as `drive/autonomy`.
-        pruner, startup_trials, warmup_epochs: see `make_pruner`; a study does not keep them.
+        storage: URL of the study's database.
+        study: name of the study.
+        trial: number of the trial.
+        watched: name of the figure, such as `drive/autonomy`.
+        pruner, startup_trials, warmup_epochs: settings of the pruner, see `SearchSettings`; the
+            database does not store them.
 
     Raises:
-        PrunedError: after an epoch in which the study gives the trial up.
+        PrunedError: the study prunes the trial after an epoch.
     """
 
     def __init__(
@@ -40,6 +42,7 @@ class Pruning(lightning.Callback):
         self.trial: optuna.Trial | None = None
 
     def on_fit_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        """Load the trial from its study, in the first process."""
         if not trainer.is_global_zero:
             return
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -51,27 +54,30 @@ class Pruning(lightning.Callback):
     def on_train_epoch_end(
         self, trainer: lightning.Trainer, module: lightning.LightningModule
     ) -> None:
-        said = None
+        """Report the figure, and stop all ranks if the study prunes the trial."""
+        reason = None
         value = trainer.callback_metrics.get(self.watched)
         if self.trial is not None and value is not None:
             with warnings.catch_warnings():
-                # A trial that goes on repeats the epoch in which it was cut off.
+                # A resumed trial repeats the epoch in which it was interrupted.
                 warnings.filterwarnings("ignore", message=".*is already reported.*")
                 self.trial.report(float(value), trainer.current_epoch)
             if self.trial.should_prune():
-                said = f"given up after epoch {trainer.current_epoch + 1}"
-                said += f": {self.watched} {float(value):.4g}, others were better"
-        said = trainer.strategy.broadcast(said)
-        if said:
-            raise PrunedError(said)
+                reason = f"pruned after epoch {trainer.current_epoch + 1}"
+                reason += f": {self.watched} {float(value):.4g}, other trials were better"
+        reason = trainer.strategy.broadcast(reason)
+        if reason:
+            raise PrunedError(reason)
 
 
 def make_pruner(name: str, startup_trials: int, warmup_epochs: int) -> optuna.pruners.BasePruner:
-    """`median` gives a trial up that is worse than half of the others were after the same epoch;
-    `halving` leaves a quarter at each rung (arXiv:1810.05934); `none` gives none up.
+    """Return a pruner by name.
+
+    `median` prunes a trial that is worse than half of the others were after the same epoch;
+    `halving` keeps a quarter of the trials at each rung (arXiv:1810.05934); `none` prunes none.
 
     Raises:
-        InputError: another name.
+        InputError: no pruner has this name.
     """
     if name == "median":
         return optuna.pruners.MedianPruner(startup_trials, warmup_epochs)
@@ -79,4 +85,4 @@ def make_pruner(name: str, startup_trials: int, warmup_epochs: int) -> optuna.pr
         return optuna.pruners.SuccessiveHalvingPruner(min_resource=warmup_epochs + 1)
     if name == "none":
         return optuna.pruners.NopPruner()
-    raise InputError(f"hydra.sweeper.pruner={name}: there are median, halving, none")
+    raise InputError(f"hydra.sweeper.pruner={name}: must be median, halving or none")

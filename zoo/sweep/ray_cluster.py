@@ -1,6 +1,6 @@
-"""Jobs as tasks of a Ray cluster.
+"""Jobs of a sweep as tasks of a Ray cluster.
 
-Hydra's own plugin for Ray is not used: its last release (1.2.2) wants cloudpickle below 3, which
+Hydra's own plugin for Ray is not used: its last release (1.2.2) requires cloudpickle below 3, which
 joblib no longer accepts, and boto3 for Amazon's cloud.
 """
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 def launch_on_ray(
     launcher: "Launcher", jobs: Sequence[Sequence[str]], first: int
 ) -> list[JobReturn]:
-    """Run every job as a task, wherever the cluster has the resources, and wait for all.
+    """Run every job as a task on the cluster, and wait for all tasks.
 
     Raises:
-        InputError: no cluster at the address.
-        ray.exceptions.RayError: a task's process died; the others have ended by then.
+        InputError: Ray cannot start, or finds no cluster at the address.
+        ray.exceptions.RayError: a task's process died; the other tasks have ended.
     """
     import ray
 
@@ -42,7 +42,7 @@ def launch_on_ray(
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise InputError(f"hydra.launcher.init: {error}") from None
     try:
-        # A job writes down how far it is: one whose node died is taken up again by `launch_all`.
+        # No retries by Ray: `launch_all` resumes a job whose node died.
         settings = {"max_retries": 0, **OmegaConf.to_container(launcher.task, resolve=True)}
         task = ray.remote(**settings)(_run)
         tasks = []
@@ -71,7 +71,7 @@ def _run(
     state: dict[Any, Any],
     place: tuple[str, list[str]],
 ) -> JobReturn:
-    """In a process of the cluster: as if the job had been started where the sweep was."""
+    """Run a job in a process of the cluster, with the sweep's current folder and import path."""
     folder, paths = place
     os.chdir(folder)
     sys.path[:] = [*paths, *(one for one in sys.path if one not in paths)]

@@ -1,8 +1,8 @@
-"""Sweeps that were read from a file: what a recorded `sweep.json` may ask Hydra for.
+"""Checks of resumed sweeps: which overrides a saved `sweep.json` may contain.
 
-A sweep that a person types may ask for anything. One that is resumed from its folder may be a
-stranger's: its overrides name the package's own choices, and each job's config is checked as a
-saved run's is.
+A sweep that the user types may set anything. A sweep's folder can come from another person: its
+overrides may only name choices of this package, and each job's config is checked like that of a
+saved run.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from zoo.runs.saved_config import TRUST, check_saved_config
 
 LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")
 SWEEPERS = ("basic", "grid", "optuna")
-# Of `hydra.*`: numbers and names, none of which names a class, a command or a place.
+# Allowed `hydra.*` keys: numbers and names; none of them sets a class, a command or a path.
 HYDRA_KEYS = (
     *(f"hydra.launcher.{one}" for one in ("n_jobs", "batch_size", "verbose")),
     *(f"hydra.launcher.{one}" for one in ("timeout_min", "nodes", "cpus_per_task", "mem_gb")),
@@ -32,7 +32,7 @@ HYDRA_KEYS = (
     "hydra.sweep.subdir",  # set for each job
     "hydra.verbose",
 )
-PRUNING = "callbacks.pruning"  # a search adds it to its jobs
+PRUNING = "callbacks.pruning"  # callback that a search adds to its jobs
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class SavedSweep:
     """A sweep that is resumed from its folder.
 
     Attributes:
-        source: the file that its overrides were read from.
-        trusted: names of classes and keys that the person allows.
+        source: file of its overrides.
+        trusted: names of classes and keys that the user allows.
     """
 
     source: Path
@@ -53,7 +53,7 @@ _resumed: ContextVar[SavedSweep | None] = ContextVar("resumed", default=None)
 
 @contextmanager
 def resumed_from(sweep: SavedSweep) -> Iterator[None]:
-    """Check each job that is composed within, see `check_job`."""
+    """Check each job that is composed inside the `with` block, see `check_job`."""
     token = _resumed.set(sweep)
     try:
         yield
@@ -62,12 +62,12 @@ def resumed_from(sweep: SavedSweep) -> Iterator[None]:
 
 
 def check_job(overrides: Sequence[str], config: DictConfig, added: Sequence[str] = ()) -> None:
-    """Refuse a job of a resumed sweep that asks for what a saved config must not.
+    """Refuse a job of a resumed sweep whose overrides or config are not allowed.
 
     Args:
-        overrides: the job's.
-        config: what they compose.
-        added: those of the overrides that a search has added itself.
+        overrides: overrides of the job.
+        config: config composed from them.
+        added: those overrides that a search added.
 
     Raises:
         InputError: see `check_overrides` and `check_saved_config`.
@@ -77,16 +77,16 @@ def check_job(overrides: Sequence[str], config: DictConfig, added: Sequence[str]
         return
     check_overrides([one for one in overrides if one not in added], sweep)
     own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
-    # The study's address is checked as `hydra.sweeper.storage`.
+    # `check_overrides` has checked the study's address, as `hydra.sweeper.storage`.
     trusted = [*sweep.trusted, *([f"{PRUNING}.storage"] if added else [])]
     check_saved_config(own, sweep.source, trusted)
 
 
 def check_overrides(overrides: Sequence[str], sweep: SavedSweep) -> None:
-    """Refuse overrides that change Hydra itself, or choose what the package does not ship.
+    """Refuse overrides that change Hydra itself, or name a choice from outside the package.
 
     Raises:
-        InputError: names the override, and what to add to `trust=`.
+        InputError: an override is not allowed; the message names it and the name for `trust=`.
     """
     for flag in overrides:
         if flag.startswith("-"):
@@ -111,7 +111,7 @@ def _is_allowed(one: Override, key: str) -> bool:
 
 
 def _chosen(one: Override) -> Iterator[str]:
-    """Yield every choice of a group, swept over or listed."""
+    """Yield every choice of a group in an override, from a sweep or a list."""
     values = one.sweep_iterator() if one.is_sweep_override() else [one.value()]
     for value in values:
         yield from map(str, value if isinstance(value, list) else [value])
@@ -121,6 +121,6 @@ def _refuse(text: str, name: str, sweep: SavedSweep) -> None:
     if name in sweep.trusted:
         return
     raise InputError(
-        f"{sweep.source}: {text!r:.200} is nothing that a saved sweep may ask for, so nothing was "
-        f"run; if you know it and trust it, add {TRUST}={name:.200}"
+        f"{sweep.source}: {text!r:.200} is not allowed in a saved sweep, nothing was run; if you "
+        f"know it and trust it, add {TRUST}={name:.200}"
     )

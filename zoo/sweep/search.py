@@ -1,4 +1,4 @@
-"""Optuna chooses the values: a study in SQLite, which several processes and machines can share."""
+"""Sweeps whose values Optuna chooses, in a study that processes and machines can share."""
 
 import contextlib
 import time
@@ -17,7 +17,7 @@ from rich.console import Console
 from datamodules.errors import InputError
 from zoo.drives.driving_score import driving_score
 from zoo.leaderboard.ranking import Run, read_run
-from zoo.leaderboard.ranking_table import below
+from zoo.leaderboard.ranking_table import folder_label
 from zoo.runs.status import read_status
 from zoo.sweep.grid import launch_jobs, recordings_of
 from zoo.sweep.job_watch import watched
@@ -34,21 +34,22 @@ PRUNING = "callbacks.pruning"
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """What `hydra.sweeper` holds with `hydra/sweeper=optuna`.
+    """The keys of `hydra.sweeper` with `hydra/sweeper=optuna`.
 
     Args:
-        n_trials: of the study in all, whoever runs them.
-        at_once: so many trials are chosen together and handed to the launcher.
-        monitor: what is sought, and what trials are given up by: `drive/score`, autonomy with ties
-            broken by cross-track error (see `zoo.drives.driving_score`), or `drive/autonomy` (the
-            most), `drive/cte_mean` or `val/mse` (the least).
-        storage: the study's database; processes that name the same one share the study.
-        study: its name in there.
-        sampler: tpe, random or gp of Optuna.
-        seed: of the sampler; null for any, as several processes on one study need.
-        pruner: median, halving or none: gives a trial up that is worse than the others were.
-        startup_trials: are never given up.
-        warmup_epochs: no trial is given up before.
+        n_trials: total number of trials in the study, from all processes.
+        at_once: number of trials that are chosen together and passed to the launcher.
+        monitor: figure to optimize and to prune by: `drive/score` (autonomy, with ties broken by
+            cross-track error, see `zoo.drives.driving_score`) or `drive/autonomy`, both maximized;
+            `drive/cte_mean` or `val/mse`, both minimized.
+        storage: URL of the study's database; processes with the same URL share the study.
+        study: name of the study in the database.
+        sampler: sampler of Optuna: tpe, random or gp.
+        seed: random seed of the sampler; null for a random one. Processes that share a study need
+            null.
+        pruner: rule that ends bad trials early: median, halving or none, see `make_pruner`.
+        startup_trials: number of first trials that are never pruned.
+        warmup_epochs: number of first epochs in which no trial is pruned.
     """
 
     n_trials: int = 20
@@ -70,17 +71,17 @@ def sweep_search(
     context: HydraContext,
     launcher: Launcher,
 ) -> None:
-    """Run trials until the study has as many as wanted; first those that a killed process left.
+    """Run trials until the study has `n_trials`, first those that a killed process left.
 
     Raises:
-        InputError: settings that can't be, a study of other values, or a launcher that can't start.
+        InputError: invalid settings, a study with other values, or a launcher that cannot start.
     """
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     folder = Path(config.hydra.sweep.dir)
     parser = OverridesParser.create(config_loader=context.config_loader)
-    # Of a key that is given twice the last counts, as everywhere in Hydra.
+    # If a key is given twice, the last value counts, as everywhere in Hydra.
     given = {one.get_key_element(): one for one in parser.parse_overrides(arguments)}
     fixed = [
         f"{key}={one.get_value_element_as_str()}"
@@ -89,28 +90,29 @@ def sweep_search(
     ]
     space = {key: _distribution(one) for key, one in given.items() if one.is_sweep_override()}
     if not space:
-        raise InputError("nothing to search: give a key several values, or interval(1e-4,1e-2)")
+        raise InputError(
+            "no key to search over; give a key several values, or KEY=interval(1e-4,1e-2)"
+        )
     _check_monitor(settings.monitor, fixed, config, context)
     study = _open_study(settings)
     _check_space(study, space, settings)
-    _check_sought(study, settings)
+    _check_same_monitor(study, settings)
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
     console = Console(soft_wrap=True)
-    console.print(f"sweep: {below(folder, Path.cwd())}", highlight=False, markup=False)
+    console.print(f"sweep: {folder_label(folder, Path.cwd())}", highlight=False, markup=False)
     serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
     ours = [one for one in study.get_trials() if one.user_attrs.get("folder") == str(folder)]
     left = [one.number for one in ours if one.state == optuna.trial.TrialState.RUNNING]
     numbers = left or _ask(study, space, settings, folder)
     while numbers:
         jobs = [_job(study, number, fixed, settings, folder) for number in numbers]
-        # What the first composes, all do: only values differ.
         for job in jobs:
             recordings_of([job.overrides], config, context, _pruning(job.number, settings))
         with contextlib.nullcontext() if serial else watched(jobs, console):
             launch_all(lambda some: launch_jobs(launcher, some), jobs, console)
         for job in jobs:
-            _tell(study, job, settings.monitor)
-        _say(study, settings, console)
+            _report_result(study, job, settings.monitor)
+        _print_state(study, settings, console)
         numbers = _ask(study, space, settings, folder)
     own = [one for one in study.get_trials() if one.user_attrs.get("folder") == str(folder)]
     add_to_record(
@@ -131,7 +133,7 @@ def _open_study(settings: SearchSettings) -> "optuna.Study":
     }
     if settings.sampler not in samplers:
         raise InputError(
-            f"hydra.sweeper.sampler={settings.sampler}: there are {', '.join(samplers)}"
+            f"hydra.sweeper.sampler={settings.sampler}: must be one of {', '.join(samplers)}"
         )
     make_pruner(settings.pruner, settings.startup_trials, settings.warmup_epochs)
     if settings.n_trials < 1 or settings.at_once < 1:
@@ -147,8 +149,8 @@ def _open_study(settings: SearchSettings) -> "optuna.Study":
                 sampler=samplers[settings.sampler](seed=settings.seed),
                 load_if_exists=True,
             )
-        except Exception as error:  # SQLAlchemy's, and those of the database's own driver
-            # Two processes that make the same database at once get in each other's way.
+        except Exception as error:  # of SQLAlchemy or the database's driver
+            # Two processes that create the same SQLite file at once disturb each other: try again.
             if not attempts or "(sqlite3." not in str(error):
                 reason = str(error).strip().splitlines()[0]
                 raise InputError(f"hydra.sweeper.storage={settings.storage}: {reason}") from None
@@ -156,7 +158,7 @@ def _open_study(settings: SearchSettings) -> "optuna.Study":
 
 
 def _check_space(study: "optuna.Study", space: dict, settings: SearchSettings) -> None:
-    """Before a trial is made that could not be of this study."""
+    """Refuse values that differ from the study's, before a trial is created."""
     from optuna.distributions import check_distribution_compatibility
 
     for trial in study.get_trials(deepcopy=False):
@@ -170,12 +172,12 @@ def _check_space(study: "optuna.Study", space: dict, settings: SearchSettings) -
                 ) from None
 
 
-def _check_sought(study: "optuna.Study", settings: SearchSettings) -> None:
-    """Values of one figure say nothing about another's."""
+def _check_same_monitor(study: "optuna.Study", settings: SearchSettings) -> None:
+    """Refuse to continue a study that optimizes another figure."""
     earlier = study.user_attrs.get("monitor", settings.monitor)
     if earlier != settings.monitor:
         raise InputError(
-            f"{settings.storage}: the study {settings.study} seeks {earlier}, not "
+            f"{settings.storage}: the study {settings.study} optimizes {earlier}, not "
             f"{settings.monitor}; set hydra.sweeper.monitor={earlier}, or name another study with "
             "hydra.sweeper.study=NAME"
         )
@@ -183,7 +185,7 @@ def _check_sought(study: "optuna.Study", settings: SearchSettings) -> None:
 
 
 def _ask(study: "optuna.Study", space: dict, settings: SearchSettings, folder: Path) -> list[int]:
-    """The numbers of new trials, as many as run at once, or as are left."""
+    """Create up to `at_once` of the remaining trials, and return their numbers."""
     left = settings.n_trials - len(study.get_trials(deepcopy=False))
     numbers = []
     for _ in range(min(left, settings.at_once)):
@@ -196,7 +198,7 @@ def _ask(study: "optuna.Study", space: dict, settings: SearchSettings, folder: P
 def _job(
     study: "optuna.Study", number: int, fixed: Sequence[str], settings: SearchSettings, folder: Path
 ) -> Job:
-    """A trial's values and what prunes it, as overrides."""
+    """Return a trial as a job: its values and its pruning callback as overrides."""
     values = study.get_trials()[number].params
     own = (f"{key}={value}" for key, value in values.items())
     overrides = (*fixed, *own, *_pruning(number, settings))
@@ -204,7 +206,7 @@ def _job(
 
 
 def _pruning(number: int, settings: SearchSettings) -> list[str]:
-    """Return the overrides that let a trial be given up."""
+    """Return the overrides that add the pruning callback to a trial."""
     pruning = {
         "_target_": "zoo.sweep.pruning.Pruning",
         "storage": f"'{settings.storage}'",
@@ -218,7 +220,8 @@ def _pruning(number: int, settings: SearchSettings) -> list[str]:
     return [f"+{PRUNING}.{key}={value}" for key, value in pruning.items()]
 
 
-def _tell(study: "optuna.Study", job: Job, monitor: str) -> None:
+def _report_result(study: "optuna.Study", job: Job, monitor: str) -> None:
+    """Pass a job's figure to the study, or that it was pruned or failed."""
     from optuna.trial import TrialState
 
     status = read_status(job.folder).get("status")
@@ -230,7 +233,7 @@ def _tell(study: "optuna.Study", job: Job, monitor: str) -> None:
 
 
 def _value(folder: Path, monitor: str) -> float | None:
-    """What a run came to: of its last drive where it was driven, of its best epoch elsewhere."""
+    """Return a run's figure: from its last drive, or else from its best epoch."""
     run = read_run(folder)
     if run is None:
         return None
@@ -246,7 +249,7 @@ def _value(folder: Path, monitor: str) -> float | None:
 
 
 def _score(run: Run) -> float | None:
-    """The mean over the tracks that were driven; None where none was."""
+    """Return the mean score over the tracks; None without a drive."""
     keys = ("interventions", "driven_s", "cte_mean_m")
     if not run.tracks or any(key not in one for one in run.tracks.values() for key in keys):
         return None
@@ -254,7 +257,7 @@ def _score(run: Run) -> float | None:
     return sum(scores) / len(scores)
 
 
-def _say(study: "optuna.Study", settings: SearchSettings, console: Console) -> None:
+def _print_state(study: "optuna.Study", settings: SearchSettings, console: Console) -> None:
     states = [one.state.name for one in study.get_trials(deepcopy=False)]
     counted = ", ".join(f"{states.count(one)} {one.lower()}" for one in dict.fromkeys(states))
     best = ""
@@ -269,8 +272,11 @@ def _say(study: "optuna.Study", settings: SearchSettings, console: Console) -> N
 
 
 def _distribution(override: Override) -> "optuna.distributions.BaseDistribution":
-    """As Optuna knows it: `1,2` is a choice; `range(1,9)` has steps; `interval(1e-4,1e-2)` has
-    none, and `tag(log,...)` draws from its logarithm."""
+    """Convert an override to Optuna's distribution of its values.
+
+    `1,2` is a choice; `range(1,9)` has steps; `interval(1e-4,1e-2)` is continuous; `tag(log,...)`
+    draws on a logarithmic scale.
+    """
     from optuna.distributions import (
         CategoricalDistribution,
         FloatDistribution,
@@ -285,7 +291,7 @@ def _distribution(override: Override) -> "optuna.distributions.BaseDistribution"
             kind = IntDistribution if whole else FloatDistribution
             return kind(value.start, value.end, log=log)
         if isinstance(value, RangeSweep) and isinstance(value.step, int):
-            last = value.stop - 1  # as Python's, it stops before
+            last = value.stop - 1  # Hydra excludes the stop as Python does; Optuna includes it
             return IntDistribution(value.start, last, step=1 if log else value.step, log=log)
         return CategoricalDistribution([str(one) for one in override.sweep_string_iterator()])
     except (TypeError, ValueError) as error:
@@ -297,12 +303,12 @@ def _check_monitor(
 ) -> None:
     known = ("drive/score", "drive/autonomy", "drive/cte_mean", "val/mse")
     if monitor not in known:
-        raise InputError(f"hydra.sweeper.monitor={monitor}: there are {', '.join(known)}")
+        raise InputError(f"hydra.sweeper.monitor={monitor}: must be one of {', '.join(known)}")
     job = context.config_loader.load_sweep_config(config, list(fixed))
     if monitor.startswith("drive/") and not OmegaConf.select(job, "callbacks.closed_loop"):
         raise InputError(
-            f"hydra.sweeper.monitor={monitor}, but nothing drives while training; add "
-            "callbacks=closed_loop, or hydra.sweeper.monitor=val/mse"
+            f"hydra.sweeper.monitor={monitor}: the training has no drives; add "
+            "callbacks=closed_loop, or set hydra.sweeper.monitor=val/mse"
         )
 
 

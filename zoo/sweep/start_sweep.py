@@ -1,4 +1,4 @@
-"""`python -m zoo -m ...`: a sweep from its command to its ranking; one that was killed goes on."""
+"""`python -m zoo -m ...`: start a sweep, or resume it where it was stopped, and rank its jobs."""
 
 import contextlib
 import importlib.util
@@ -29,8 +29,8 @@ from zoo.sweep.sweep_summary import conclude
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="
-# What a choice needs beside a plain installation, and the extra that brings it.
-NEEDED = {
+# The module that a choice needs, and the optional dependency of drivezoo that installs it.
+OPTIONAL_MODULES = {
     "hydra/launcher=joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
     "hydra/launcher=slurm": ("hydra_plugins.hydra_submitit_launcher", "slurm"),
     "hydra/launcher=submitit_slurm": ("hydra_plugins.hydra_submitit_launcher", "slurm"),
@@ -41,19 +41,21 @@ NEEDED = {
 
 
 def sweep(arguments: list[str]) -> None:
-    """Run a sweep; or go on with the one that the same command began and did not finish.
+    """Run a sweep, or resume the unfinished sweep of the same command.
 
     Raises:
-        InputError: an override that can't be, a package that is missing, a folder that holds
-            something else or can't be written, or jobs that failed, after all have had their turn.
-        StoppedError: on Ctrl-C, with the command to go on.
+        InputError: an invalid override, a missing package, a folder that holds something else or
+            cannot be written; or, after the last job, jobs that failed.
+        StoppedError: on Ctrl-C, with the command to resume.
     """
     arguments = [one for one in arguments if one not in MULTIRUN]
     refuse_missing(arguments)
     named = any(one.startswith(FOLDER_KEY) for one in arguments)
     what = [one for one in arguments if not one.startswith(FOLDER_KEY)]
     if any(one.startswith("hydra.sweep.subdir") for one in what):
-        raise InputError("hydra.sweep.subdir: the folders of a sweep's jobs are its numbers")
+        raise InputError(
+            "hydra.sweep.subdir: cannot be set, a job's folder is its number; remove the override"
+        )
     folder = _composed_folder(arguments)
     console = wide_console()
     if named and (folder / records.NAME).is_file():
@@ -66,53 +68,57 @@ def sweep(arguments: list[str]) -> None:
 
 
 def go_on(folder: Path, more: list[str]) -> None:
-    """Finish a sweep, as `python -m zoo.sweep resume=FOLDER`; with `more`, by another launcher.
+    """Resume a sweep, as `python -m zoo.sweep resume=FOLDER` does.
 
-    The folder may be a stranger's: `trust=...` in `more` allows what `saved_sweep` refuses.
+    Args:
+        folder: folder of the sweep; it can come from another person, see `saved_sweep`.
+        more: overrides of the launcher or of the number of trials; `trust=...` allows names that
+            `saved_sweep` refuses.
 
     Raises:
-        InputError, StoppedError: see `sweep`; also where `more` says what is trained, the folder
-            asks for what it must not, or the recordings have changed.
+        InputError, StoppedError: see `sweep`; also if `more` changes what is trained, the folder
+            names what is not allowed, or the recordings have changed.
     """
     refuse_links_out(folder)
     record = records.read_record(folder)
     more, trusted = split_trust(more)
     saved = SavedSweep(folder / records.NAME, trusted)
     check_overrides(record.arguments, saved)
-    wrong = [one for one in more if not one.startswith((*records.HOW, "hydra.sweeper.n_trials="))]
+    may_change = (*records.LAUNCH_KEYS, "hydra.sweeper.n_trials=")
+    wrong = [one for one in more if not one.startswith(may_change)]
     if wrong:
         raise InputError(
-            f"{wrong[0]}: a sweep goes on as it began; only hydra/launcher, hydra.launcher..., "
-            "hydra.sweeper.n_trials and trust may change"
+            f"{wrong[0]}: cannot change when a sweep is resumed; only hydra/launcher, "
+            "hydra.launcher..., hydra.sweeper.n_trials and trust can; start a new sweep"
         )
     changed = records.what_changed(record)
     if changed:
         raise InputError(f"{folder}: {changed}; start a new sweep")
     keys = {one.partition("=")[0] for one in more}
     kept = [one for one in record.arguments if one.partition("=")[0] not in keys]
-    if "hydra/launcher" in keys:  # settings of the launcher before mean nothing to another
+    if "hydra/launcher" in keys:  # another launcher does not take the earlier one's settings
         kept = [one for one in kept if not one.startswith("hydra.launcher")]
     refuse_missing([*kept, *more])
     console = wide_console()
-    console.print(_going_on(folder, record), highlight=False, markup=False)
+    console.print(_resuming_line(folder, record), highlight=False, markup=False)
     with resumed_from(saved):
         run_sweep(folder, [*kept, *more], console, finished=_all_done(folder) and not more)
 
 
 def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
-    """Run what is not done yet in `folder`, then rank all of it."""
+    """Run the jobs in `folder` that are not done, then rank all jobs."""
     check_name(folder)
-    with _held(folder):
+    with _locked(folder):
         is_new = not (folder / records.NAME).is_file()
         if is_new:
             records.write_record(folder, records.new_record(arguments))
         if not finished:
             try:
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
-                _hydra([*quote_paths(arguments, sweep=True), named])
+                _run_hydra([*quote_paths(arguments, sweep=True), named])
             except KeyboardInterrupt:
                 again = shlex.join(["python", "-m", "zoo.sweep", f"resume={folder}"])
-                raise StoppedError(f"stopped; go on with the same command, or: {again}") from None
+                raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
             except Exception:
                 if is_new:
                     _remove_empty(folder)
@@ -121,21 +127,23 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
 
 
 def refuse_missing(arguments: list[str]) -> None:
-    """Raises InputError where a chosen launcher or sweeper is not installed."""
-    for choice, (module, extra) in NEEDED.items():
+    """Raise InputError if a chosen launcher or sweeper is not installed."""
+    for choice, (module, extra) in OPTIONAL_MODULES.items():
         if choice in arguments and not _is_installed(module):
-            raise InputError(f"{choice} needs a package: pip install 'drivezoo[{extra}]'")
+            raise InputError(
+                f"{choice}: a package is not installed; pip install 'drivezoo[{extra}]'"
+            )
 
 
 def _is_installed(module: str) -> bool:
     try:
         return importlib.util.find_spec(module) is not None
-    except ModuleNotFoundError:  # its parent is missing
+    except ModuleNotFoundError:  # the parent package is missing
         return False
 
 
 def _composed_folder(arguments: list[str]) -> Path:
-    """What the config and the command name as the sweep's folder."""
+    """Return the sweep's folder, from the config and the command's overrides."""
     from hydra import compose, initialize_config_dir
 
     _drop_shadowed()
@@ -156,37 +164,39 @@ def _check_same(folder: Path, arguments: list[str]) -> None:
 
 
 def find_unfinished(arguments: list[str], console: Console) -> Path | None:
-    """The newest sweep of the same command under `outputs/sweeps` that has something left to do;
-    what was decided is said in a line."""
+    """Return the newest unfinished sweep of the same command, or None.
+
+    It looks under `outputs/sweeps` and prints a line about its decision.
+    """
     for path in sorted(records.SWEEPS.glob(f"*/*/{records.NAME}"), reverse=True):
         folder = path.parent
         try:
             record = records.read_record(folder)
         except InputError:
-            continue  # another version's, or damaged: not ours to go on with
+            continue  # damaged, or written by another version
         if not records.is_same(record, arguments) or _all_done(folder):
             continue
         changed = records.what_changed(record)
         if changed:
-            said = f"{folder} is this command's, but {changed}: a new sweep begins"
-            console.print(said, highlight=False, markup=False)
+            line = f"{folder}: same command, but {changed}; starting a new sweep"
+            console.print(line, highlight=False, markup=False)
             return None
-        if record.search and _is_held(folder):
-            continue  # several processes can share a study, each with a folder of its own
-        console.print(_going_on(folder, record), highlight=False, markup=False)
+        if record.search and _is_locked(folder):
+            continue  # another process uses this folder; processes of one study have one each
+        console.print(_resuming_line(folder, record), highlight=False, markup=False)
         return folder
     return None
 
 
-def _going_on(folder: Path, record: records.SweepRecord) -> str:
+def _resuming_line(folder: Path, record: records.SweepRecord) -> str:
     statuses = [read_status(job).get("status") for job in records.job_folders(folder)]
     done = sum(status in DONE for status in statuses)
     failed = statuses.count("failed")
     count = f" of {len(record.jobs)}" if record.jobs is not None else ""
-    again = f", {failed} failed and are tried again" if failed else ""
+    again = f", {failed} failed and run again" if failed else ""
     return (
-        f"going on with the sweep of {record.started[:16].replace('T', ' ')}: {done}{count} jobs "
-        f"are done{again} (for a new one name a folder: {FOLDER_KEY}FOLDER)"
+        f"resuming the sweep of {record.started[:16].replace('T', ' ')}: {done}{count} jobs are "
+        f"done{again}; for a new sweep add {FOLDER_KEY}FOLDER"
     )
 
 
@@ -199,8 +209,8 @@ def _all_done(folder: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """One process at a time runs a sweep; the system gives the lock back when it dies."""
+def _locked(folder: Path) -> Iterator[None]:
+    """Lock a sweep for this process; the system releases the lock when the process ends."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / "sweep.lock")
@@ -209,13 +219,13 @@ def _held(folder: Path) -> Iterator[None]:
             raise PermissionError(13, "Permission denied")
     except Timeout:
         raise InputError(
-            f"{folder}: another process is running this sweep; wait for it, or name another folder "
-            f"with {FOLDER_KEY}FOLDER"
+            f"{folder}: another process runs this sweep; wait for it to end, or name another "
+            f"folder with {FOLDER_KEY}FOLDER"
         ) from None
     except OSError as error:
         raise InputError(
-            f"{folder}: cannot write the sweep there ({error.strerror}); name a folder that can be "
-            f"written with {FOLDER_KEY}FOLDER"
+            f"{folder}: cannot be written ({error.strerror}); name another folder with "
+            f"{FOLDER_KEY}FOLDER"
         ) from None
     try:
         yield
@@ -223,7 +233,7 @@ def _held(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def _is_held(folder: Path) -> bool:
+def _is_locked(folder: Path) -> bool:
     lock = FileLock(folder / "sweep.lock")
     try:
         lock.acquire(timeout=0)
@@ -234,17 +244,19 @@ def _is_held(folder: Path) -> bool:
 
 
 def _drop_shadowed() -> None:
-    """Hydra merges a YAML with a plugin's own choice of the same name, and warns in each process
-    that this will end; ours says all there is to say."""
-    Plugins.instance()  # registers what is installed
+    """Remove plugins' configs that have the same name as one of our YAML files.
+
+    Ours are complete. Hydra would merge the two, and warn in each process that this is deprecated.
+    """
+    Plugins.instance()  # registers the installed plugins
     for group in ("launcher", "sweeper"):
         for own in (conf_folder() / "hydra" / group).glob("*.yaml"):
             ConfigStore.instance().repo["hydra"][group].pop(own.name, None)
 
 
-def _hydra(arguments: list[str]) -> None:
+def _run_hydra(arguments: list[str]) -> None:
     _drop_shadowed()
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # raises errors, which `run_command` prints in one line
     conf = str(conf_folder().resolve())
     before, sys.argv = sys.argv, [sys.argv[0], "-m", *arguments]
     try:
@@ -254,7 +266,7 @@ def _hydra(arguments: list[str]) -> None:
 
 
 def _remove_empty(folder: Path) -> None:
-    """A command with a typo leaves nothing behind: not the folder of a sweep without a job."""
+    """Remove a sweep's folder without a job, as a command with a typo leaves it."""
     if records.job_folders(folder):
         return
     for name in (records.NAME, "study.db", "sweep.lock"):

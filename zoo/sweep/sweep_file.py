@@ -1,4 +1,4 @@
-"""`sweep.json`: what a sweep was told."""
+"""The schema of `sweep.json`, the record of a sweep."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from zoo.runs.record_fields import Fields, Whole, check_fields
 
 
 class Sweep(Fields):
-    """What `zoo.sweep.sweep_record.write_record` wrote."""
+    """The fields that `zoo.sweep.sweep_record.write_record` writes."""
 
     format: Whole
     arguments: list[str]
@@ -21,5 +21,5 @@ class Sweep(Fields):
 
 
 def read_sweep_file(path: Path) -> Sweep:
-    """Return a sweep's record; raises InputError."""
+    """Return a sweep's record; raises InputError for a damaged one."""
     return check_fields(Sweep, read_json(path), path)

@@ -1,4 +1,4 @@
-"""What runs in the process of a job, whoever started it: a laptop, a pool, Slurm, Ray."""
+"""A job of a sweep, in the process in which a launcher (pool, Slurm, Ray) runs it."""
 
 import contextlib
 import multiprocessing
@@ -26,20 +26,21 @@ from zoo.sweep.sweep_record import read_record, varying
 
 DONE = ("finished", "pruned")
 SERIAL = "basic"
-LOOK_S, ORPHAN = 2.0, "end as orphan"
+POLL_S, ORPHAN_WATCH = 2.0, "orphan watch"
 _training = threading.Lock()
 
 
 def run_job(config: DictConfig) -> float:
-    """Train one job of a sweep, from its last checkpoint where it has one.
+    """Train one job of a sweep, from its last checkpoint if there is one.
 
-    A failure is written down, not raised: the sweep goes on. A job that is done, or that a living
-    process is training, is left alone.
+    It skips a job that is done or that a running process trains. A failure is recorded in the job's
+    status and not raised, so that the other jobs run.
 
-    Returns the validation MSE; NaN where there is none.
+    Returns:
+        The validation MSE; NaN where there is none.
 
     Raises:
-        KeyboardInterrupt: a person stopped it; Hydra lets nothing else end a sweep.
+        KeyboardInterrupt: the user stopped the sweep; Hydra ends a sweep on no other exception.
     """
     hydra = HydraConfig.get()
     folder = Path(hydra.runtime.output_dir)
@@ -49,11 +50,11 @@ def run_job(config: DictConfig) -> float:
     if serial:
         print(_heading(folder), flush=True)
     else:
-        _be_one_of_many(config)
+        _set_up_worker(config)
     try:
-        with _training, contextlib.nullcontext() if serial else _said_in(folder / "log.txt"):
+        with _training, contextlib.nullcontext() if serial else _output_to(folder / "log.txt"):
             if needs_processes(config):
-                return _train_beside(config, folder)
+                return _train_in_subprocess(config, folder)
             return _train(config, folder)
     except StoppedError as error:
         raise KeyboardInterrupt(str(error)) from error
@@ -68,7 +69,7 @@ def run_job(config: DictConfig) -> float:
 
 
 def _heading(folder: Path) -> str:
-    """Which job of how many begins, and what is its own."""
+    """Return a line with the job's number and the overrides that only it has."""
     jobs = read_record(folder.parent).jobs
     if jobs is None:
         return f"\njob {folder.name}"
@@ -76,30 +77,34 @@ def _heading(folder: Path) -> str:
     return f"\njob {folder.name} (0 to {len(jobs) - 1}): {own}"
 
 
-def _be_one_of_many(config: DictConfig) -> None:
-    """What differs in a process that others started, beside more of its kind."""
-    # joblib's processes start others in a way of their own, which those do not know in their turn.
+def _set_up_worker(config: DictConfig) -> None:
+    """Prepare a process that a launcher started, one of several on the machine."""
+    # joblib sets a start method of its own, which fails in subprocesses of its workers.
     multiprocessing.set_start_method(multiprocessing.get_all_start_methods()[0], force=True)
-    if not any(one.name == ORPHAN for one in threading.enumerate()):
-        watch = threading.Thread(target=_end_as_orphan, args=(os.getppid(),), name=ORPHAN)
+    if not any(one.name == ORPHAN_WATCH for one in threading.enumerate()):
+        watch = threading.Thread(
+            target=_exit_without_parent, args=(os.getppid(),), name=ORPHAN_WATCH
+        )
         watch.daemon = True
         watch.start()
     if config.get("score") and not config.score.get("workers"):
         with open_dict(config.score):
-            config.score.workers = 1  # not one a core: the other jobs' drives are there, too
+            config.score.workers = 1  # not one per core: the other jobs drive on the same cores
 
 
-def _end_as_orphan(parent: int) -> None:
-    """A pool's process would outlive a sweep that was killed, and wait for work for good: it ends
-    once its job is done."""
+def _exit_without_parent(parent: int) -> None:
+    """End this process, after its current job, when the sweep's process is gone.
+
+    A pool's process would otherwise wait for work forever after its sweep was killed.
+    """
     while os.getppid() == parent:
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     with _training:
         os._exit(0)
 
 
 def _claim(folder: Path) -> bool:
-    """Mark the job as ours; False where it is done or another's."""
+    """Mark the job as running here; return False if it is done or runs in another process."""
     with FileLock(folder / "status.lock"):
         if read_status(folder).get("status") in DONE or is_beating(folder):
             return False
@@ -115,23 +120,23 @@ def _train(config: DictConfig, folder: Path) -> float:
         from zoo.training.run import run_experiment
 
     threads = torch.get_num_threads()
-    if "SLURM_CPUS_PER_TASK" in os.environ:  # torch would take the whole node's
+    if "SLURM_CPUS_PER_TASK" in os.environ:  # torch would use all cores of the node
         threads = int(os.environ["SLURM_CPUS_PER_TASK"])
     torch.set_num_threads(threads)
     try:
         return run_experiment(config, folder, resume=True)
     finally:
-        torch.set_num_threads(threads)  # a run may have taken fewer; the next job starts anew
+        torch.set_num_threads(threads)  # the run may have changed it; reset it for the next job
 
 
-def _train_beside(config: DictConfig, folder: Path) -> float:
-    """Train in a process of its own, whose command Lightning can run again for each device.
+def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
+    """Train in a subprocess, whose command Lightning can run again for each device.
 
-    In ours the command is the sweep's: the second process would start the whole sweep once more.
+    The command of this process is the sweep's: Lightning would start the whole sweep again.
     """
-    # Hydra has written the job's config there, whether it has begun to train or not.
+    # `resume=` works for a new job, too: Hydra has written the job's config to its folder.
     command = [sys.executable, "-m", "zoo", f"resume={folder}"]
-    if trusted := [one.trust for one in find_refusals(config)]:  # composed here, and so trusted
+    if trusted := [one.trust for one in find_refusals(config)]:  # this sweep composed them
         command.append(f"{TRUST}={','.join(trusted)}")
     result = subprocess.run(command, stdout=sys.stdout, stderr=sys.stderr, check=False)
     if result.returncode in (130, -signal.SIGINT):
@@ -147,8 +152,8 @@ def _train_beside(config: DictConfig, folder: Path) -> float:
 
 
 @contextlib.contextmanager
-def _said_in(path: Path) -> Iterator[None]:
-    """What the job prints goes to a file: several at once would garble a screen."""
+def _output_to(path: Path) -> Iterator[None]:
+    """Redirect printed output to a file, since parallel jobs would mix their lines."""
     with (
         path.open("a", buffering=1) as log,
         contextlib.redirect_stdout(log),

@@ -1,4 +1,4 @@
-"""`sweep.json`: what a sweep was told, so that it can be found again and go on."""
+"""`sweep.json`: the record of a sweep's command, by which it is found and resumed."""
 
 import hashlib
 import json
@@ -16,23 +16,23 @@ from zoo.runs.whole_file import write_whole
 NAME = "sweep.json"
 FORMAT = 1
 SWEEPS = Path("outputs/sweeps")
-# How a sweep is run is not what it is: another launcher may finish it.
-HOW = ("hydra/launcher", "hydra.launcher", "hydra.sweep.", "hydra.verbose")
+# Overrides that may change when a sweep is resumed: they do not change what is trained.
+LAUNCH_KEYS = ("hydra/launcher", "hydra.launcher", "hydra.sweep.", "hydra.verbose")
 VERSIONS = ("drivezoo", "torch", "lightning")
 
 
 @dataclass(frozen=True)
 class SweepRecord:
-    """What `sweep.json` holds.
+    """The contents of `sweep.json`.
 
     Attributes:
-        arguments: as typed, without `-m` and the sweep's folder.
-        jobs: the overrides of each job, in the order of their folders' names; None before
-            they are known.
-        data: of each recording, the digest of its log; None where it was not recorded yet.
-        versions: of the packages that decide what comes out.
-        started: local time, ISO.
-        search: whether Optuna chooses the jobs; `jobs` is None until it has chosen all.
+        arguments: overrides as typed, without `-m` and the sweep's folder.
+        jobs: overrides of each job, in the order of their folders' numbers; None until they are
+            known.
+        data: by recording, the digest of its log; None for a recording that did not exist yet.
+        versions: versions of the packages that change results.
+        started: local time in ISO format.
+        search: whether Optuna chooses the jobs; `jobs` is then None until the last one is chosen.
     """
 
     arguments: list[str]
@@ -44,44 +44,46 @@ class SweepRecord:
 
 
 def new_record(arguments: list[str]) -> SweepRecord:
-    """Of a sweep that starts now."""
+    """Return the record of a sweep that starts now."""
     now = datetime.now().astimezone().isoformat(timespec="seconds")
     return SweepRecord(arguments, versions=package_versions(), started=now)
 
 
 def write_record(folder: Path, record: SweepRecord) -> None:
-    """Replace the file at once; raises OSError where that can't be."""
+    """Replace `sweep.json` atomically; raises OSError if it cannot be written."""
     write_whole(folder / NAME, json.dumps({"format": FORMAT, **asdict(record)}, indent=1))
 
 
 def add_to_record(folder: Path, **more: object) -> None:
-    """Write again what `sweep.json` holds, with these fields changed."""
+    """Change these fields of `sweep.json`."""
     write_record(folder, replace(read_record(folder), **more))
 
 
 def read_record(folder: Path) -> SweepRecord:
-    """What a sweep's folder says of it.
+    """Return the record of a sweep's folder.
 
     Raises:
-        InputError: no sweep's folder, or one of another version.
+        InputError: the folder holds no sweep, a damaged one, or one of another version.
     """
     path = folder / NAME
     if not path.exists():
         found = "holds no sweep.json" if folder.is_dir() else "there is no such folder"
-        raise InputError(f"{folder}: is no sweep's folder ({found}); see outputs/sweeps")
+        raise InputError(f"{folder}: is no sweep ({found}); name a folder of {SWEEPS}")
     from zoo.sweep.sweep_file import read_sweep_file
 
     try:
         found = read_sweep_file(path)
     except InputError as error:
-        raise InputError(f"{error}; it is damaged: start a new sweep") from None
+        raise InputError(f"{error}; the file is damaged, start a new sweep") from None
     if found.format != FORMAT:
-        raise InputError(f"{path}: was written by another version; use the drivezoo that did")
+        raise InputError(
+            f"{path}: written by another version of drivezoo; resume it with that version"
+        )
     return SweepRecord(**{one.name: getattr(found, one.name) for one in fields(SweepRecord)})
 
 
 def job_folders(folder: Path) -> list[Path]:
-    """Of all jobs that have begun, by number."""
+    """Return the folders of all jobs that have started, by number."""
     return sorted(
         (path for path in folder.iterdir() if path.name.isdigit() and path.is_dir()),
         key=lambda path: int(path.name),
@@ -89,7 +91,7 @@ def job_folders(folder: Path) -> list[Path]:
 
 
 def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
-    """For each job its overrides that not all the others have.
+    """Return by job the overrides that the jobs do not share, as text.
 
     >>> varying([("a=1", "b=1"), ("a=2", "b=1")])
     {('a=1', 'b=1'): 'a=1', ('a=2', 'b=1'): 'a=2'}
@@ -99,27 +101,27 @@ def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
 
 
 def is_same(record: SweepRecord, arguments: list[str]) -> bool:
-    """Whether a sweep was told the same, in any order, launcher apart."""
-    return _what(record.arguments) == _what(arguments)
+    """Return whether a sweep has the same overrides, in any order, launcher excluded."""
+    return _training_overrides(record.arguments) == _training_overrides(arguments)
 
 
 def what_changed(record: SweepRecord) -> str | None:
-    """Why a sweep that was told the same is another now: its data or our code has changed."""
+    """Return which recording or package has changed since the sweep began; None if none has."""
     for root, digest in record.data.items():
         now = log_digest(root)
         if digest is not None and now is None:
-            return f"there is no recording in {root}, seen from here"
+            return f"there is no recording in {root}, relative to the current folder"
         if digest is not None and now != digest:
             return f"the recording in {root} has changed since"
     for name, number in record.versions.items():
         now = package_versions().get(name)
         if now != number:
-            return f"{name} was {number} then and is {now} now"
+            return f"{name} was {number} and is now {now}"
     return None
 
 
 def log_digest(root: str) -> str | None:
-    """16 hex digits of a recording's log; None where there is none to read."""
+    """Return 16 hex digits of the hash of a recording's log; None if it cannot be read."""
     path = Path(root)
     path = path / "driving_log.csv" if path.is_dir() else path
     try:
@@ -129,7 +131,7 @@ def log_digest(root: str) -> str | None:
 
 
 def package_versions() -> dict[str, str]:
-    """Of those in `VERSIONS` that are installed."""
+    """Return the versions of the packages in `VERSIONS` that are installed."""
     found = {}
     for name in VERSIONS:
         try:
@@ -139,5 +141,5 @@ def package_versions() -> dict[str, str]:
     return found
 
 
-def _what(arguments: Iterable[str]) -> list[str]:
-    return sorted(one for one in arguments if not one.lstrip("+~").startswith(HOW))
+def _training_overrides(arguments: Iterable[str]) -> list[str]:
+    return sorted(one for one in arguments if not one.lstrip("+~").startswith(LAUNCH_KEYS))

@@ -1,4 +1,4 @@
-"""How a sweep ends: its jobs ranked in the terminal and on a page, and what failed."""
+"""The summary of a finished sweep: the ranking of its jobs, and the jobs that failed."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def conclude(folder: Path, console: Console) -> None:
     """Print the ranking of a sweep's jobs and write its page.
 
     Raises:
-        InputError: jobs that failed, with their reasons.
+        InputError: jobs failed; the message has each job's reason.
     """
     folders = job_folders(folder)
     title = f"{len(folders)} jobs, the best driver first"
@@ -27,6 +27,6 @@ def conclude(folder: Path, console: Console) -> None:
     if failed:
         reasons = "; ".join(f"{one.folder.name}: {one.reason or 'it was killed'}" for one in failed)
         raise InputError(
-            f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command tries them "
+            f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command runs them "
             "again"
         )

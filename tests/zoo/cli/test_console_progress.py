@@ -1,4 +1,4 @@
-"""What is shown while a command works."""
+"""Progress that commands show on a terminal and in a log."""
 
 import io
 import os
@@ -18,7 +18,7 @@ from zoo.cli.console_progress import loading, progress_bar, working
 
 @pytest.fixture
 def log() -> Console:
-    """A console that is a file."""
+    """Return a console that writes to a file."""
     return Console(file=io.StringIO(), width=100)
 
 
@@ -37,11 +37,11 @@ def test_a_terminal_shows_a_bar_that_leaves_nothing(terminal: Console) -> None:
     assert terminal.file.getvalue().endswith("\x1b[2K"), "the line is erased"
 
 
-def test_a_log_gets_a_line_now_and_then(log: Console, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_gets_a_line_at_intervals(log: Console, monkeypatch: pytest.MonkeyPatch) -> None:
     with progress_bar("driving", log) as show:
         for share in (0.1, 0.2):
             show(share)
-    assert not log.file.getvalue(), "what is over at once needs no line"
+    assert not log.file.getvalue(), "short work needs no line"
     monkeypatch.setattr(console_progress, "LINE_EVERY_S", 0.0)
     with progress_bar("driving [/red]", log) as show:
         show(0.0)
@@ -52,7 +52,7 @@ def test_a_log_gets_a_line_now_and_then(log: Console, monkeypatch: pytest.Monkey
     assert "left" in second
 
 
-def test_work_without_a_share_is_shown_on_a_terminal_alone(
+def test_work_without_a_share_is_shown_only_on_a_terminal(
     log: Console, terminal: Console, capsys: pytest.CaptureFixture
 ) -> None:
     for console in (log, terminal):
@@ -66,7 +66,7 @@ def test_work_without_a_share_is_shown_on_a_terminal_alone(
 
 
 def on_a_terminal(cwd: Path, *words: str) -> str:
-    """What a command prints on a terminal."""
+    """Return the output of a command on a terminal."""
     ours, theirs = pty.openpty()
     process = subprocess.Popen(words, cwd=cwd, env=environment(), stdout=theirs, stderr=theirs)
     os.close(theirs)
@@ -83,7 +83,7 @@ def _chunks(descriptor: int) -> Iterator[bytes]:
     while True:
         try:
             chunk = os.read(descriptor, 65_536)
-        except OSError:  # how Linux says that the other side is closed
+        except OSError:  # raised by Linux when the other side is closed
             return
         if not chunk:
             return

@@ -11,7 +11,7 @@ CALL = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
 
 
 def drivezoo(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
-    """Return what the installed script prints, which calls `main` as `CALL` does."""
+    """Return the output of `main`, called as the installed script calls it."""
     return subprocess.run(
         [sys.executable, "-c", CALL, *arguments],
         cwd=cwd,
@@ -39,17 +39,17 @@ def test_a_command_is_that_of_python_m(tmp_path: Path) -> None:
     assert drivezoo(tmp_path, "leaderboard", "--help").stdout.startswith("usage: ")
 
 
-def test_a_typo_is_one_line_and_wrong_use(tmp_path: Path) -> None:
+def test_a_typo_gets_one_line_and_the_status_of_wrong_use(tmp_path: Path) -> None:
     result = drivezoo(tmp_path, "evalute")
     assert result.returncode == WRONG_USE
     (line,) = result.stderr.splitlines()
     assert "did you mean evaluate?" in line
 
 
-def test_a_reader_that_has_seen_enough_ends_it_quietly(tmp_path: Path) -> None:
-    begun = [sys.executable, "-c", CALL, "--help"]
+def test_a_closed_pipe_ends_it_without_an_error(tmp_path: Path) -> None:
+    shown = [sys.executable, "-c", CALL, "--help"]
     with subprocess.Popen(
-        begun, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(), cwd=tmp_path
+        shown, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(), cwd=tmp_path
     ) as process:
         process.stdout.close()
         assert process.stderr.read() == b""

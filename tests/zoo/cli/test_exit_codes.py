@@ -1,4 +1,4 @@
-"""Exit statuses of every command: 1 for input that it cannot use, 2 for a command mistyped."""
+"""Exit statuses of every command: 1 for unusable input, 2 for a mistyped command."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`--help` of every command: short, useful, at once, and no failure."""
+"""`--help` of every command: short, useful, fast and without an error."""
 
 import json
 import subprocess
@@ -9,9 +9,9 @@ import pytest
 from tests.zoo.commands import ROOT, environment
 
 GUARD = '\nif __name__ == "__main__":'
-PROBE = "zoo.doctor.renderer"  # which the doctor runs beside itself, and nobody else
+PROBE = "zoo.doctor.renderer"  # only the doctor runs it, as a subprocess
 SIMULATOR = ("record", "drive", "client")
-# What must be named beside the usage: an option, or what the command leaves.
+# Texts that each help must contain besides the usage: options, or files that the command writes.
 NAMED = {
     "zoo": ("data.offset=0.275", "experiment: commaai", "seed=1"),
     "zoo.correct": ("track=", "out="),
@@ -36,7 +36,7 @@ NAMED = {
     "simulator drive": ("track=lake", "seconds=0.0"),
     "simulator client": ("url=", "track="),
 }
-# Asks each in turn, in one process: what they import is imported once.
+# Runs all commands in one process, so that modules are imported once.
 ASK = """
 import contextlib, io, json, runpy, sys
 found = {}
@@ -44,7 +44,7 @@ for command in json.loads(sys.argv[1]):
     module, *rest = command.split()
     sys.argv = [module, *rest, "--help"]
     for name in [one for one in sys.modules if one == module]:
-        del sys.modules[name]  # as `python -m` begins
+        del sys.modules[name]  # so that it runs as with `python -m`
     status = 0
     with contextlib.redirect_stdout(io.StringIO()) as out:
         try:
@@ -58,7 +58,7 @@ print(json.dumps(found))
 
 @pytest.fixture(scope="module")
 def helps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str, bool]]:
-    """By command: its exit status, what it printed, and whether torch was imported for it."""
+    """Return by command its exit status, its output, and whether it imported torch."""
     cwd = tmp_path_factory.mktemp("empty")
     result = subprocess.run(
         [sys.executable, "-W", "ignore::RuntimeWarning", "-c", ASK, json.dumps(list(NAMED))],
@@ -70,19 +70,19 @@ def helps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str,
         check=False,
     )
     assert result.returncode == 0, result.stderr
-    assert list(cwd.iterdir()) == [], "help leaves nothing behind"
+    assert list(cwd.iterdir()) == [], "--help writes no files"
     return json.loads(result.stdout)
 
 
 @pytest.mark.parametrize("command", NAMED)
-def test_help_says_how_it_is_used_and_ends_well(command: str, helps: dict) -> None:
-    status, said, imported_torch = helps[command]
+def test_help_shows_the_usage_and_exits_with_0(command: str, helps: dict) -> None:
+    status, text, imported_torch = helps[command]
     assert status == 0
-    assert said.startswith(f"usage: python -m {command}")
+    assert text.startswith(f"usage: python -m {command}")
     for words in NAMED[command]:
-        assert words in " ".join(said.split())
-    assert not imported_torch, "it must come at once"
-    assert len(said.splitlines()) < (150 if command == "zoo" else 45)
+        assert words in " ".join(text.split())
+    assert not imported_torch, "--help must be fast"
+    assert len(text.splitlines()) < (150 if command == "zoo" else 45)
 
 
 def test_no_command_is_forgotten() -> None:
@@ -93,9 +93,9 @@ def test_no_command_is_forgotten() -> None:
                 assert name.removesuffix(".__main__") in [*NAMED, PROBE], path
 
 
-def test_the_help_of_zoo_names_what_is_part_of_its_config_and_nothing_else(helps: dict) -> None:
-    _, said, _ = helps["zoo"]
-    groups = said.partition("Choices")[2].partition("Keys")[0]
+def test_the_help_of_zoo_lists_only_parts_of_its_config(helps: dict) -> None:
+    _, text, _ = helps["zoo"]
+    groups = text.partition("Choices")[2].partition("Keys")[0]
     assert "model: commaai" in groups
     for other in ("drive/speed", "\ntrack:", "hydra"):
         assert other not in groups

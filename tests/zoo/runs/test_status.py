@@ -1,4 +1,4 @@
-"""Who of several processes speaks, before Lightning has told them apart."""
+"""The first of several processes, recognized before Lightning starts; it writes the status."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
     ("ranks", "first"),
     [
         ({}, True),
-        # Lightning's own processes: the second on this node; the first and second on another.
+        # Processes of Lightning: the second on this node; the first and second on another node.
         ({"LOCAL_RANK": 1}, False),
         ({"NODE_RANK": 1}, False),
         ({"NODE_RANK": 1, "LOCAL_RANK": 1}, False),
@@ -33,15 +33,15 @@ def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
         ({"SLURM_PROCID": 0, "LOCAL_RANK": 1}, False),
     ],
 )
-def test_the_first_of_all_is_told_by_what_started_it(
+def test_the_first_process_is_recognized_by_its_environment(
     ranks: dict, first: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started_by(monkeypatch, **ranks)
     assert is_first_process() is first
-    assert is_first_process(several=False), "on one device the others are runs of their own"
+    assert is_first_process(several=False), "on one device, each process is its own run"
 
 
-def test_the_first_alone_writes_the_status(tmp_path: Path) -> None:
+def test_only_the_first_process_writes_the_status(tmp_path: Path) -> None:
     with run_status(tmp_path, first=False):
         assert not list(tmp_path.iterdir())
     with run_status(tmp_path):

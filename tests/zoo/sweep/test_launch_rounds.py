@@ -1,4 +1,4 @@
-"""Jobs and the processes that train them: who lives, who died, and who has another turn."""
+"""Jobs and their processes: which run, which were killed, and which run again."""
 
 import os
 import socket
@@ -61,7 +61,7 @@ def begin_and_die(job: Job) -> None:
 
 
 def test_one_process_that_dies_fails_alone(tmp_path: Path, console: Console) -> None:
-    """A pool breaks as a whole: who was in it beside the one at fault is tried again."""
+    """One killed process ends the whole pool: the jobs that it interrupted run again."""
     jobs = jobs_in(tmp_path, 4)
     launched: list[list[int]] = []
 
@@ -80,14 +80,14 @@ def test_one_process_that_dies_fails_alone(tmp_path: Path, console: Console) -> 
     launch_all(launch, jobs, console)
     assert [status(job.folder) for job in jobs] == ["finished", "failed", "finished", "finished"]
     assert launched == [[0, 1, 2, 3], [0], [1], [2, 3]]
-    assert "its process died without a word" in read_status(jobs[1].folder)["reason"]
+    assert "killed" in read_status(jobs[1].folder)["reason"]
 
 
-def test_a_launcher_that_starts_nothing_says_so(tmp_path: Path, console: Console) -> None:
+def test_a_launcher_that_starts_no_job_is_an_error(tmp_path: Path, console: Console) -> None:
     def launch(some: Sequence[Job]) -> None:
         raise FileNotFoundError("there is no sbatch here")
 
-    with pytest.raises(InputError, match=r"could not start a job: .*there is no sbatch"):
+    with pytest.raises(InputError, match=r"launcher .*there is no sbatch"):
         launch_all(launch, jobs_in(tmp_path, 2), console)
 
 
@@ -120,5 +120,5 @@ def test_a_job_that_a_living_process_trains_is_not_started_twice(
         ({"devices": 1, "strategy": "auto", "num_nodes": 2}, True),
     ],
 )
-def test_jobs_on_several_devices_are_told(trainer: dict, several: bool) -> None:
+def test_jobs_on_several_devices_need_processes(trainer: dict, several: bool) -> None:
     assert needs_processes(OmegaConf.create({"trainer": trainer})) is several

@@ -1,7 +1,7 @@
 "use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
 const rows = [...document.querySelectorAll("#ranking tbody tr")];
-const words = { "val/mse": "validation MSE", "train/loss": "training loss", "drive/autonomy": "autonomy while training", "drive/cte_mean": "cross-track error while training (m)" };
+const curveLabels = { "val/mse": "validation MSE", "train/loss": "training loss", "drive/autonomy": "autonomy by epoch", "drive/cte_mean": "cross-track error by epoch (m)" };
 const tip = document.getElementById("tip");
 const brushes = new Map(); // by axis number: [top, bottom] in 0..1 from the top
 const last = Math.max(1, data.entries.length - 1);
@@ -65,7 +65,7 @@ function drawParallel() {
   const scales = data.axes.map(scale);
   const x = (axis) => left + (axis * (width - left - right)) / (data.axes.length - 1);
   const y = (part) => top + part * (height - top - bottom);
-  const order = data.entries.map((_, place) => place).reverse(); // the best is drawn last, on top
+  const order = data.entries.map((_, place) => place).reverse(); // draws the best last, on top
   for (const place of order) {
     const points = data.axes.map((axis, number) => [number, data.entries[place].values[axis.key]])
       .filter(([, value]) => value != null)
@@ -79,9 +79,9 @@ function drawParallel() {
     draw(svg, "line", { class: "axis", x1: x(number), x2: x(number), y1: y(0), y2: y(1) });
     const heading = axis.heading.length > 22 ? `…${axis.heading.slice(-21)}` : axis.heading;
     draw(svg, "text", { class: "heading", x: x(number), y: 20, "text-anchor": number ? "middle" : "start" }, heading);
-    for (const [part, said] of scales[number].ticks) {
+    for (const [part, label] of scales[number].ticks) {
       draw(svg, "line", { class: "axis", x1: x(number), x2: x(number) + 5, y1: y(part), y2: y(part) });
-      draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, said.length > 14 ? `${said.slice(0, 13)}…` : said);
+      draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, label.length > 14 ? `${label.slice(0, 13)}…` : label);
     }
     const brush = draw(svg, "rect", { class: "brush", x: x(number) - 9, width: 18, y: 0, height: 0 });
     const hand = draw(svg, "rect", { class: "hand", x: x(number) - 9, width: 18, y: y(0) - 6, height: y(1) - y(0) + 12 });
@@ -131,7 +131,7 @@ function drawCurves(name) {
   const points = all.flatMap((one) => one.curve);
   const share = name.endsWith("autonomy");
   const values = points.map((point) => point[1]).sort((a, b) => a - b);
-  // One run that blew up must not press the others flat.
+  // A run that diverged must not flatten the other curves.
   const high = share ? 1 : Math.min(values[values.length - 1], 4 * values[Math.floor(0.9 * (values.length - 1))]);
   const low = share ? Math.min(0.9, values[0]) : values[0];
   const log = !share && low > 0 && high / low > 4;
@@ -148,7 +148,7 @@ function drawCurves(name) {
   for (let epoch = 1; epoch <= epochs; epoch += every)
     draw(svg, "text", { x: x(epoch), y: height - bottom + 20, "text-anchor": "middle" }, epoch);
   draw(svg, "text", { class: "heading", x: (left + width) / 2, y: height - 4, "text-anchor": "middle" }, "epoch");
-  draw(svg, "text", { class: "heading", x: 0, y: 8 }, `${words[name]}${log ? ", log scale" : ""}`);
+  draw(svg, "text", { class: "heading", x: 0, y: 8 }, `${curveLabels[name]}${log ? ", log scale" : ""}`);
   for (const { place, curve } of [...all].reverse()) {
     if (!curve.length) continue;
     const path = curve.map(([epoch, value]) => `${x(epoch).toFixed(1)},${y(value).toFixed(1)}`).join(" ");
@@ -174,7 +174,7 @@ function chooseCurves() {
   };
   for (const name of data.curves) {
     const button = document.createElement("button");
-    button.textContent = words[name];
+    button.textContent = curveLabels[name];
     button.dataset.name = name;
     button.addEventListener("click", () => choose(name));
     group.append(button);
@@ -196,7 +196,7 @@ function sortable() {
     const missing = (text) => text === "-";
     rows.sort((one, other) => {
       const [a, b] = [value(one), value(other)];
-      if (missing(a) || missing(b)) return missing(a) - missing(b); // those without stay below
+      if (missing(a) || missing(b)) return missing(a) - missing(b); // rows without a value stay at the bottom
       return a.localeCompare(b, undefined, { numeric: true }) * (down ? -1 : 1) || 0;
     });
     const numbers = rows.every((row) => missing(value(row)) || !Number.isNaN(+value(row)));
