@@ -1,4 +1,4 @@
-"""Losses, against sums by hand."""
+"""Losses, compared with sums by hand."""
 
 import torch
 
