@@ -29,12 +29,12 @@ FIGURES = {
 }
 
 ANY = {
-    "empty": (text(""), "is no JSON"),
-    "truncated": (lambda path: path.write_text(path.read_text()[:-20]), "is no JSON"),
+    "empty": (text(""), "is not valid JSON"),
+    "truncated": (lambda path: path.write_text(path.read_text()[:-20]), "is not valid JSON"),
     "list": (text("[]"), "should be keys and values"),
     "null": (text("null"), "should be keys and values"),
-    "not UTF-8": (data(b'{"options": "\xff"}'), "byte 14 is no UTF-8"),
-    "5,000 digits": (text(f'{{"options": {"9" * 5000}}}'), "is no JSON"),
+    "not UTF-8": (data(b'{"options": "\xff"}'), "byte 14 is not UTF-8"),
+    "5,000 digits": (text(f'{{"options": {"9" * 5000}}}'), "is not valid JSON"),
     "deep": (text("[" * 100_000), "deeper than 64"),
     "rather deep": (text('{"options":' + "[" * 80 + "]" * 80 + "}"), "deeper than 64"),
     "NUL in text": (text('{"options": "a\\u0000"}'), "NUL"),
@@ -139,4 +139,4 @@ def test_training_on_a_damaged_recipe_is_one_line(tmp_path: Path) -> None:
     overrides = recorded_lake(tmp_path / "laps")
     RECIPES["truncated"][0](tmp_path / "laps" / RECIPE)
     line = only_line(run(tmp_path, "model=tiny", *overrides, timeout=100))
-    assert f"{RECIPE}: is no JSON" in line
+    assert f"{RECIPE}: is not valid JSON" in line

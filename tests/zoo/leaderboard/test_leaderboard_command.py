@@ -156,7 +156,7 @@ def test_what_cannot_be_ranked_is_counted_and_named(
     assert "1 still running: today/going" in said
     assert "1 stopped half way: today/killed" in said
     assert f"1 older or other format: today/{old.name}" in said
-    assert "1 damaged: today/broken (metrics.json: is no JSON" in said
+    assert "1 damaged: today/broken (metrics.json: is not valid JSON" in said
     assert (tmp_path / "outputs" / "leaderboard.html").is_file()
 
 

@@ -248,7 +248,7 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file", "said"),
-    [("metrics.json", "metrics.json: is no JSON"), (".hydra/config.yaml", "config.yaml")],
+    [("metrics.json", "metrics.json: is not valid JSON"), (".hydra/config.yaml", "config.yaml")],
 )
 def test_a_damaged_file_is_named(file: str, said: str, undriven: Path) -> None:
     (undriven / file).write_text("{half")

@@ -1,4 +1,4 @@
-"""The code of a run is told from other code, and from nothing else."""
+"""A run's code fingerprint changes with the code, and with nothing else."""
 
 import shutil
 import subprocess
@@ -12,7 +12,7 @@ from zoo.runs.code_fingerprint import code_fingerprint, commit_of, hash_of_code
 
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
-    """Our code, without what is left beside it."""
+    """Copy drivezoo's code without other files."""
     ignored = shutil.ignore_patterns("__pycache__")
     for name in ("conf", "zoo", "datamodules", "simulator", "hydra_plugins"):
         shutil.copytree(ROOT / name, tmp_path / "copy" / name, ignore=ignored)
@@ -41,7 +41,7 @@ def test_a_copy_has_the_same_hash_and_any_change_another(copy: Path) -> None:
     assert len(set(hashes)) == 5
 
 
-def test_the_commit_is_that_of_our_own_checkout_alone(tmp_path: Path) -> None:
+def test_the_commit_is_only_that_of_drivezoos_checkout(tmp_path: Path) -> None:
     def git(*arguments: str) -> str:
         named = ("-c", "user.name=a", "-c", "user.email=a@b")
         command = ["git", "-C", str(tmp_path), *named, *arguments]
@@ -56,6 +56,6 @@ def test_the_commit_is_that_of_our_own_checkout_alone(tmp_path: Path) -> None:
     git("commit", "-q", "-m", "one")
     commit = git("rev-parse", "HEAD")[:12]
     assert commit_of(tmp_path) == commit
-    assert commit_of(inner) is None, "a folder in somebody's checkout"
+    assert commit_of(inner) is None, "a folder in another project's checkout"
     (tmp_path / "file").write_text("2")
     assert commit_of(tmp_path) == f"{commit}-dirty"

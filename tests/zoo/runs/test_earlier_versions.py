@@ -1,4 +1,4 @@
-"""A run folder and a checkpoint that version 0.1.0 wrote, before classes moved to other modules."""
+"""A run folder and a checkpoint of version 0.1.0, from before classes moved, still load."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ WRITTEN = Path(__file__).with_name("run_of_0_1_0")
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A copy of the run folder."""
+    """Copy the run folder."""
     return Path(shutil.copytree(WRITTEN, tmp_path / "run"))
 
 
@@ -30,7 +30,7 @@ def test_its_checkpoint_drives(run: Path) -> None:
     assert -1 <= steering <= 1
 
 
-def test_classes_that_moved_have_their_names_of_today(run: Path) -> None:
+def test_classes_that_moved_have_their_present_names(run: Path) -> None:
     moved = "zoo.callbacks.training_images.FedBatch"
     assert "zoo.callbacks.pictures" in (run / ".hydra" / "config.yaml").read_text()
     for config in (load_config(run), read_config_file(run), load_checkpoint(run).config):
@@ -46,7 +46,7 @@ def test_it_is_ranked_and_reported(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_it_is_trained_further(run: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_it_is_resumed(run: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     monkeypatch.chdir(run.parent)
     arguments = ["out=recording", "laps=0.1", "speed=15", "seed=3", "relative=true"]
     simulator(["record", *arguments])

@@ -27,7 +27,7 @@ def test_a_file_without_a_version_is_upgraded() -> None:
     assert found["drive"]["tracks"]["lake"]["autonomy"] == (0.0, None)
 
 
-def test_the_spread_of_the_first_versions_becomes_that_of_today(tmp_path: Path) -> None:
+def test_the_first_versions_deviation_is_converted(tmp_path: Path) -> None:
     figures = {"autonomy": [0.9, (2 / 3) ** 0.5 / 10], "interventions": [0.0, 0.0], "lap_s": None}
     old = {"drive": {"seeds": 3, "tracks": {"lake": figures, "mountain": None}}}
     (tmp_path / "metrics.json").write_text(json.dumps(old))

@@ -1,4 +1,4 @@
-"""Who of several processes speaks, before Lightning has told them apart."""
+"""Find the first rank before Lightning assigns ranks."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
     ("ranks", "first"),
     [
         ({}, True),
-        # Lightning's own processes: the second on this node; the first and second on another.
+        # Lightning's processes: the second on this node; the first and second on another.
         ({"LOCAL_RANK": 1}, False),
         ({"NODE_RANK": 1}, False),
         ({"NODE_RANK": 1, "LOCAL_RANK": 1}, False),
@@ -33,7 +33,7 @@ def started_by(monkeypatch: pytest.MonkeyPatch, **ranks: int) -> None:
         ({"SLURM_PROCID": 0, "LOCAL_RANK": 1}, False),
     ],
 )
-def test_the_first_of_all_is_told_by_what_started_it(
+def test_the_launchers_variables_name_the_first_rank(
     ranks: dict, first: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started_by(monkeypatch, **ranks)
@@ -41,7 +41,7 @@ def test_the_first_of_all_is_told_by_what_started_it(
     assert is_first_process(several=False), "on one device the others are runs of their own"
 
 
-def test_the_first_alone_writes_the_status(tmp_path: Path) -> None:
+def test_only_the_first_rank_writes_the_status(tmp_path: Path) -> None:
     with run_status(tmp_path, first=False):
         assert not list(tmp_path.iterdir())
     with run_status(tmp_path):

@@ -238,7 +238,7 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
         ([], "usage: "),
         (["resume=nowhere"], "nowhere: is no sweep's folder (there is no such folder)"),
         (["resume=run"], "run: is no sweep's folder (holds no sweep.json)"),
-        (["resume=damaged"], "sweep.json: is no JSON"),
+        (["resume=damaged"], "sweep.json: is not valid JSON"),
         (["resume=other", "seed=3"], "seed=3: a sweep goes on as it began"),
     ],
 )
