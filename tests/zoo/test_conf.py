@@ -1,4 +1,4 @@
-"""Every YAML below `conf` constructs what it names."""
+"""Every YAML file below `conf` constructs its classes."""
 
 import importlib
 from pathlib import Path
@@ -23,7 +23,7 @@ FILES = [path.relative_to(CONF) for path in sorted(CONF.rglob("*.yaml"))]
 
 
 @pytest.mark.parametrize("path", FILES, ids=str)
-def test_every_yaml_constructs_what_it_names(path: Path, tmp_path: Path) -> None:
+def test_every_yaml_constructs_its_classes(path: Path, tmp_path: Path) -> None:
     group, name = path.parent.as_posix(), path.stem
     if group == "track":
         assert read_track(name).length > 0
@@ -39,7 +39,7 @@ def test_every_yaml_constructs_what_it_names(path: Path, tmp_path: Path) -> None
 
 
 def _construct(group: str, name: str, folder: Path) -> None:
-    """Construct the parts of a training for which a choice of a group matters."""
+    """Construct the parts of a training that an option of a group changes."""
     choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
     usual = ["model=tiny"] if group not in ("model", "experiment") else []
     choices = [f"data.root={folder}", *usual, *([choice] if group != "." else [])]
@@ -63,7 +63,7 @@ def _construct(group: str, name: str, folder: Path) -> None:
 
 
 def _import_package_of(target: str) -> None:
-    """Skip where a package that an extra brings is not installed."""
+    """Import a target's package; skip the test if an optional package is missing."""
     extras = {"RayLauncher": "ray", "SlurmLauncher": "submitit", "JoblibLauncher": "joblib"}
     extras |= {"MLFlowLogger": "mlflow", "WandbLogger": "wandb", "OptunaSweeper": "optuna"}
     package = extras.get(target.rpartition(".")[2])
