@@ -42,7 +42,7 @@ def test_it_is_ranked_and_reported(run: Path) -> None:
     assert [one.folder for one in found] == [run]
     assert not unranked
     page = write_report(run)
-    assert "This section cannot be made" not in page.read_text()
+    assert "This section could not be written" not in page.read_text()
 
 
 @pytest.mark.slow
