@@ -44,37 +44,37 @@ class Dropout(nn.Dropout):
         if not self.training or not 0 < self.p < 1 or values.device.type != "cpu" or small:
             return super().forward(values)
         last = values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last)
-        places = torch.randint(_PLACES, (2,))
+        offsets = torch.randint(_OFFSETS, (2,))
         if torch.compiler.is_compiling():
-            return values * kept_values(places, values.shape, self.p, last).to(values.dtype)
-        return values * _kept(places, values.shape, self.p, last, values.dtype)
+            return values * kept_values(offsets, values.shape, self.p, last).to(values.dtype)
+        return values * _kept(offsets, values.shape, self.p, last, values.dtype)
 
 
 @library.custom_op("drivezoo::kept_values", mutates_args=())
-def kept_values(places: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
+def kept_values(offsets: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     """Return the factors of a dropout, float32, as one operator of a compiled step.
 
     The operator does not take the values, so the compiler can fuse the operators before and after
-    it. It takes freshly drawn places, so the compiler does not merge two calls of the same shape.
+    it. It takes freshly drawn offsets, so the compiler does not merge two calls of the same shape.
     """
-    return _kept(places, shape, rate, channels_last, torch.float32)
+    return _kept(offsets, shape, rate, channels_last, torch.float32)
 
 
 @kept_values.register_fake
-def _(places: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
+def _(offsets: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     layout = torch.channels_last if channels_last else torch.contiguous_format
     return torch.empty(shape, memory_format=layout)
 
 
 def _kept(
-    places: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
+    offsets: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
 ) -> Tensor:
     """Return factors: 0 with probability `rate`, else the number that keeps the mean."""
     count, dropped = math.prod(shape), round(rate * 2**16)
     words = -(-count // 4)
     one, other = (
-        table[place : place + words]
-        for table, place in zip(_tables(words), places.tolist(), strict=True)
+        table[offset : offset + words]
+        for table, offset in zip(_tables(words), offsets.tolist(), strict=True)
     )
     bits = torch.bitwise_xor(one, other).view(torch.int16)[:count]
     kept = torch.empty(count, dtype=dtype)
@@ -85,18 +85,18 @@ def _kept(
     return kept.view(shape)
 
 
-_PLACES = 2**20
+_OFFSETS = 2**20
 _drawn: list[Tensor] = []
 
 
 def _tables(words: int) -> list[Tensor]:
-    """Return two tables of random int64, with `words` or more after each place.
+    """Return two tables of random int64, with `words` or more after each offset.
 
     A longer table starts with the same numbers.
     """
-    if not _drawn or len(_drawn[0]) < _PLACES + words:
+    if not _drawn or len(_drawn[0]) < _OFFSETS + words:
         _drawn[:] = (
-            torch.from_numpy(np.random.SFC64(seed).random_raw(_PLACES + words)).view(torch.int64)
+            torch.from_numpy(np.random.SFC64(seed).random_raw(_OFFSETS + words)).view(torch.int64)
             for seed in (1, 2)
         )
     return _drawn

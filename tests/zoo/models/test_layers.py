@@ -28,7 +28,7 @@ def test_drops_at_its_rate_and_scales_the_rest(rate: float, layout: torch.memory
     assert torch.equal(ones.grad, out.detach()), "a dropped value has no gradient"
 
 
-def test_places_are_drawn_independently() -> None:
+def test_values_are_dropped_independently() -> None:
     """Neighbours in memory share a random word, but are dropped independently."""
     dropped = (Dropout(0.3).train()(torch.ones(4, 100_000)) == 0).float().flatten()
     for apart in (1, 2, 3, 4, 5):
