@@ -127,8 +127,8 @@ def _cameras(run: Run) -> list[Block]:
     return [
         Heading("One frame of each camera"),
         Text(
-            f"{recording.place(int(row))}, a bend of median steering. Recorded steering: "
-            f"{_signed(recording.steering[row])}. Labels of side cameras: {how}."
+            f"{recording.place(int(row))}, chosen for its median steering. Recorded steering: "
+            f"{_signed(recording.steering[row])}. Steering of the side cameras: {how}."
         ),
         Images(images, columns=3),
     ]
@@ -173,7 +173,7 @@ def _recovery(run: Run) -> list[Block]:
         images.append(labelled_frame(f"recovery_{number}", frame, steering, caption))
     return [
         Heading("A recovery"),
-        Text(f"{found.why} It begins at {recording.place(int(rows[0]))}."),
+        Text(f"{found.why} The stretch begins at {recording.place(int(rows[0]))}."),
         Images(images, columns=3),
     ]
 

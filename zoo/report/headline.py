@@ -67,8 +67,8 @@ def _driving(run: Run) -> list[Tile]:
     for track, figures in run.tracks.items():
         count = figures.get("drives")
         lost, laps = figures["interventions"][0], figures["laps"][0]
-        note = f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
-        note += ", on average" if (count or 1) > 1 else ""
+        note = "per drive: " if (count or 1) > 1 else ""
+        note += f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
         if figures.get("drives_without_intervention") is not None:
             kept = count_with_interval(figures["drives_without_intervention"], count)
             note += f"; drives without intervention: {kept}"

@@ -40,9 +40,9 @@ def find_recovery(recording: Recording) -> Recovery:
         if best is None or change < LEAST_CHANGE:
             continue
         why = (
-            f"Of the {len(chosen):,} stretches of {STRETCH_S:g} s{which}, this one has the largest "
-            f"recovery response: its steering returns by {change:.2f}. (The log does not contain "
-            "the cross-track error.)"
+            f"This is the largest recovery response in the stretches of {STRETCH_S:g} s{which} "
+            f"(number: {len(chosen):,}): the steering returns by {change:.2f}. The log does not "
+            "contain the cross-track error."
         )
         if chosen is starts:
             why += " No recovery follows a pause, so this may be a sharp bend."
