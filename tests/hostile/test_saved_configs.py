@@ -305,13 +305,13 @@ def test_a_persons_own_class_is_trusted_by_name_or_typed(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("a: [", "no YAML"),
+        ("a: [", "not valid YAML"),
         ("a: &a [1]\nb: *a\n", "alias"),
         ("a: !!python/object/apply:os.system ['touch ran']\n", "os.system"),
         ("[1, 2]\n", "keys and values"),
         ("a: ${a}\n", "cannot be resolved"),
         ("[" * 5000, "64 levels"),
-        ("\0", "no YAML"),
+        ("\0", "not valid YAML"),
         ("a: " + "x" * 1_100_000, "1,000,000"),
     ],
 )
