@@ -1,13 +1,13 @@
-"""Losses beyond those of torch: each takes and gives what `torch.nn.MSELoss` does."""
+"""Losses that torch lacks, with the inputs and output of `torch.nn.MSELoss`."""
 
 from torch import Tensor, nn
 
 
 class SteeringWeightedMSE(nn.Module):
-    """Squared error, each sample weighted by `1 + weight * |true steering|`.
+    """A mean squared error that weights each sample by `1 + weight * |true steering|`.
 
-    Bends are rare in a recording and matter most; weighting them is the smooth sibling of the
-    straight-angle cap.
+    Bends are rare in a recording and matter most. The weights do smoothly what
+    `data.straight_cap` does with a threshold.
     """
 
     def __init__(self, weight: float = 4.0) -> None:
@@ -15,9 +15,10 @@ class SteeringWeightedMSE(nn.Module):
         self.weight = weight
 
     def forward(self, predicted: Tensor, true: Tensor) -> Tensor:
+        """Return the loss of a batch, both [N, outputs], as a scalar."""
         weights = 1.0 + self.weight * true[:, :1].abs()
         return (weights * (predicted - true).square()).sum() / (weights.sum() * true.shape[1])
 
     def divisor(self, true: Tensor) -> Tensor:
-        """What a batch counts for among several, a share of each of which has a loss of its own."""
+        """Return the sum of a batch's weights, by which the ranks' losses are averaged."""
         return (1.0 + self.weight * true[:, :1].abs()).sum()

@@ -1,3 +1,3 @@
-"""The door for other programs: `from zoo.policy import load_policy`."""
+"""The import for other programs: `from zoo.policy import load_policy`."""
 
 from zoo.checkpoints.policy import load_policy as load_policy

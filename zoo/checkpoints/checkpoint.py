@@ -1,4 +1,4 @@
-"""Checkpoints: self-contained, plain containers only, and read without running what is in them."""
+"""Self-contained checkpoints of plain containers, read without running code in them."""
 
 import pickle
 import zipfile
@@ -18,17 +18,17 @@ from zoo.runs.moved_targets import with_current_targets
 
 FORMAT = 1
 MOST_BYTES = 8_000_000_000
-PREFIX = "network."  # how the LightningModule calls the network in its state
+PREFIX = "network."  # the network's name in the LightningModule's state
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a checkpoint holds for whoever drives or goes on training.
+    """A checkpoint's contents, for driving and for further training.
 
     Attributes:
-        network: ready, in evaluation mode, on the CPU.
-        view: what it must be fed.
-        config: the experiment's whole config, plain.
+        network: network with its weights, in evaluation mode, on the CPU.
+        view: the network's input.
+        config: the experiment's whole config, in plain containers.
         data: the recording's `fingerprint` and number of `rows`.
     """
 
@@ -39,21 +39,23 @@ class Checkpoint:
 
 
 def make_card(config: dict, view: View, data: dict) -> dict:
-    """What every checkpoint carries beside the weights, under the key `drivezoo`."""
+    """Return what every checkpoint holds under the key `drivezoo`, besides the weights."""
     return {"format": FORMAT, "config": config, "view": view.to_dict(), "data": data}
 
 
 def read_checkpoint_file(path: str | Path) -> dict:
-    """Return the plain contents of a checkpoint's file.
+    """Return a checkpoint file's contents as plain containers.
 
     Raises:
-        InputError: no such file, not a checkpoint, one that carries code, or another program's.
+        InputError: the file does not exist, is not a checkpoint of drivezoo, or contains code.
     """
     path = Path(path)
     contents = load_plain(path)
     card = contents.get("drivezoo") if isinstance(contents, dict) else None
     if not isinstance(card, dict) or "state_dict" not in contents:
-        raise InputError(f"{path}: is not a checkpoint of drivezoo; use one of python -m zoo")
+        raise InputError(
+            f"{path}: is not a checkpoint of drivezoo; name one from a run of python -m zoo"
+        )
     if card.get("format") != FORMAT:
         raise InputError(
             f"{path}: has format {card.get('format')}, this version reads {FORMAT}; "
@@ -65,11 +67,11 @@ def read_checkpoint_file(path: str | Path) -> dict:
 
 
 def load_plain(path: Path) -> Any:
-    """Return what a file of torch holds, if that is plain containers and tensors alone.
+    """Return the contents of a torch file that holds only plain containers and tensors.
 
     Raises:
-        InputError: the file cannot be read, is empty, truncated, damaged or not torch's, or carries
-            code, which is not run.
+        InputError: the file cannot be read, is empty, truncated, damaged or not from torch, or
+            contains code, which is not run.
     """
     try:
         with open_binary(path, MOST_BYTES) as file:
@@ -80,7 +82,9 @@ def load_plain(path: Path) -> Any:
 
 
 def _load_plain(file: BinaryIO, path: Path) -> object:
-    """Return what an opened file of torch holds; the path, which may be another's by now, is text.
+    """Return the contents of an opened torch file.
+
+    The path is only text for messages: it may lead to another file by now.
 
     Raises:
         InputError: see `load_plain`.
@@ -90,37 +94,37 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
     if not begin:
         raise InputError(f"{path}: is empty (0 bytes); {_ANOTHER}")
     is_zip = begin.startswith(b"PK")
-    if is_zip and not zipfile.is_zipfile(file):  # what ends a ZIP file is not there
+    if is_zip and not zipfile.is_zipfile(file):  # its end record is missing
         raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
     if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
-        raise InputError(f"{path}: is no file of torch; {_ANOTHER}")
+        raise InputError(f"{path}: is not a torch file; {_ANOTHER}")
     file.seek(0)
     try:
         return torch.load(file, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:
         raise InputError(
-            f"{path}: refused, it is damaged or carries code, and none of it was run; use a "
-            "checkpoint of python -m zoo, or a state_dict() saved alone"
+            f"{path}: is damaged or contains code, which was not run; name a checkpoint of "
+            "python -m zoo, or a file that holds only a state_dict()"
         ) from None
-    except Exception as error:  # bytes of any kind make the unpickler fail in any way
+    except Exception as error:  # the unpickler raises any error on damaged bytes
         reason = type(error).__name__
         raise InputError(
-            f"{path}: is damaged, or no file of torch ({reason}); copy it again, or {_ANOTHER}"
+            f"{path}: is damaged, or not a torch file ({reason}); copy it again, or {_ANOTHER}"
         ) from None
 
 
-_ANOTHER = "name another checkpoint, such as last.ckpt beside it"
+_ANOTHER = "name another checkpoint, such as last.ckpt in the same folder"
 
 
 def load_checkpoint(path: str | Path) -> Checkpoint:
-    """Return the network of a checkpoint, its view and its config; needs nothing but the path.
+    """Return a checkpoint's network, view and config.
 
     Args:
-        path: file, run's folder, or `latest`: see `find_checkpoint`.
+        path: checkpoint file, run's folder, or `latest`; see `find_checkpoint`.
 
     Raises:
         InputError: see `find_checkpoint` and `read_checkpoint_file`; or the weights do not fit the
-            network that its config names, or are not finite.
+            network that the config names, or are not finite.
     """
     from zoo.checkpoints.checkpoint_card import check_card
 
@@ -133,52 +137,56 @@ def load_checkpoint(path: str | Path) -> Checkpoint:
         network = make_network(card["config"]["model"], view)
     except (InputError, RuntimeError, KeyError, TypeError) as error:
         reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: cannot be made into a network ({reason})") from None
+        raise InputError(f"{path}: its network cannot be built ({reason}); {_ANOTHER}") from None
     state = checked_state(contents["state_dict"], path)
     state = {
         name.removeprefix(PREFIX): one for name, one in state.items() if name.startswith(PREFIX)
     }
-    fix = f"its config was changed after training; {_ANOTHER}"
+    fix = f"its config was changed after the training; {_ANOTHER}"
     check_fit(network.state_dict(), state, type(network).__name__, path, fix)
     network.load_state_dict(state)
     return Checkpoint(network.eval(), view, card["config"], card["data"])
 
 
 def checked_state(state: object, path: Path) -> dict[str, Tensor]:
-    """Return what a file holds, if it is a state dict.
+    """Return a file's contents, checked to be a state dict.
 
     Raises:
-        InputError: it is something else.
+        InputError: the contents are not a state dict.
     """
     if not isinstance(state, dict) or not all(
         isinstance(name, str) and isinstance(one, Tensor) and not one.is_meta
         for name, one in state.items()
     ):
-        raise InputError(f"{path}: is no state dict; save the model's state_dict()")
+        raise InputError(f"{path}: is not a state dict; save the model's state_dict()")
     return state
 
 
 def check_fit(
     own: dict[str, Tensor], state: dict[str, Tensor], kind: str, path: Path, fix: str
 ) -> None:
-    """Check that a network can take a file's tensors, and could steer with them.
+    """Check that a file's tensors fit a network and are finite.
 
     Args:
         own: network's tensors, by name.
         state: file's tensors, by name.
-        kind: network's class.
-        path: file.
-        fix: what to do where a tensor's shape is not the network's.
+        kind: network's class, for the message.
+        path: file, for the message.
+        fix: remedy to print when a tensor has another shape than the network's.
 
     Raises:
-        InputError: names the first tensor that is missing, unknown, of another shape, no plain
-            floats or not finite.
+        InputError: names the first tensor that is missing or unknown, has another shape or dtype,
+            or is not finite.
     """
     for name in [*own, *state]:
         if name not in state:
-            raise InputError(f"{path}: holds no {name}, which {kind} needs; is it another model's?")
+            raise InputError(
+                f"{path}: lacks {name}, which {kind} needs; name a file of the same model"
+            )
         if name not in own:
-            raise InputError(f"{path}: holds {name}, which {kind} lacks; is it another model's?")
+            raise InputError(
+                f"{path}: holds {name}, which {kind} lacks; name a file of the same model"
+            )
         one = state[name]
         if one.shape != own[name].shape:
             raise InputError(
@@ -188,9 +196,11 @@ def check_fit(
         if one.layout != torch.strided or (
             one.is_floating_point() != own[name].is_floating_point()
         ):
-            raise InputError(f"{path}: {name} holds no plain floats; save the model's state_dict()")
+            raise InputError(
+                f"{path}: {name} does not hold plain floats; save the model's state_dict()"
+            )
         if not torch.isfinite(one).all():
             raise InputError(
-                f"{path}: {name} holds NaN or infinity, its training diverged; train again with a "
+                f"{path}: {name} holds NaN or infinity: the training diverged; train again with a "
                 "smaller optim.lr, or name an earlier checkpoint"
             )

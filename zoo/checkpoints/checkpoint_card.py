@@ -1,4 +1,4 @@
-"""The card that a checkpoint carries beside its weights, under the key `drivezoo`."""
+"""The typed card that a checkpoint holds under the key `drivezoo`, besides its weights."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ class Config(Fields):
 
 
 class View(Fields):
-    """What the network is fed; `datamodules.view.View` checks the values."""
+    """The network's view; `datamodules.view.View` checks the values."""
 
     crop: list[Whole]
     colour: str
@@ -28,7 +28,7 @@ class Data(Fields):
 
 
 class Card(Fields):
-    """What `zoo.checkpoints.checkpoint.make_card` returns."""
+    """A card, as `zoo.checkpoints.checkpoint.make_card` returns it."""
 
     config: Config
     view: View
@@ -36,5 +36,5 @@ class Card(Fields):
 
 
 def check_card(card: object, path: Path) -> None:
-    """Raise InputError for the first field of a card that is wrong."""
+    """Raise InputError for the first wrong field of a card."""
     check_fields(Card, card, f"{path}: drivezoo")

@@ -1,4 +1,4 @@
-"""A run's checkpoint files: written whole or not at all, read wherever the folder was moved to."""
+"""A run's checkpoint files, which survive a full disk and a moved run folder."""
 
 import io
 from pathlib import Path, PurePath
@@ -12,19 +12,19 @@ from zoo.runs.whole_file import write_whole
 
 
 class CheckpointFiles(TorchCheckpointIO):
-    """What Lightning writes and reads checkpoints with.
+    """A replacement of Lightning's reader and writer of checkpoints.
 
-    Lightning's own writes a temporary file in /tmp and copies that over the old checkpoint where
-    /tmp is another disk: a full disk then destroys both.
+    Lightning's own writer writes a file in /tmp and, when /tmp is another disk, copies it over the
+    old checkpoint. A full disk then destroys both.
     """
 
     def save_checkpoint(
         self, checkpoint: dict, path: str | Path, storage_options: object = None
     ) -> None:
-        """Replace the file at once; a run's folder that was removed is not created again.
+        """Replace the file in one step; do not recreate a run's folder that was removed.
 
         Raises:
-            OSError: cannot write it; the file that was there before is kept.
+            OSError: the file cannot be written; the old file is kept.
         """
         path = Path(path)
         contents = io.BytesIO()
@@ -33,10 +33,10 @@ class CheckpointFiles(TorchCheckpointIO):
         write_whole(path, contents.getbuffer())
 
     def load_checkpoint(self, path: str | Path, *args: Any, **more: Any) -> dict:
-        """Read a checkpoint; the paths in its callbacks' states are those of its folder now.
+        """Return a checkpoint, with its callbacks' paths changed to its present folder.
 
-        Lightning keeps absolute paths, and forgets the best score where they have changed. It also
-        removes the file that a state calls the worst, when there is a better one.
+        Lightning saves absolute paths, and forgets the best score when they change. It also deletes
+        the file that a callback's state names as the worst, once there is a better one.
 
         Raises:
             InputError: a path in a callback's state leads out of the checkpoint's folder.
@@ -57,13 +57,13 @@ def _check_paths(state: dict, path: Path) -> None:
         place = PurePath(str(one))
         if one and (".." in place.parts or not place.is_relative_to(path.parent)):
             raise InputError(
-                f"{path}: a callback's state names {str(one)!r:.200}, outside of its folder; start "
+                f"{path}: a callback's state names {str(one)!r:.200}, outside its folder; start "
                 f"a new run with model.weights={path}"
             )
 
 
 def _moved(value: object, before: str, now: str) -> object:
-    """Return the value with `before`, where a path in it begins so, replaced by `now`.
+    """Return a value in which paths below the folder `before` lie below `now`.
 
     >>> _moved({"dirpath": "/a", "best_k_models": {"/a/best.ckpt": 1}}, "/a", "/b")
     {'dirpath': '/b', 'best_k_models': {'/b/best.ckpt': 1}}

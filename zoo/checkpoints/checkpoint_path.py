@@ -1,4 +1,4 @@
-"""Where a checkpoint is: a file, a run's folder, or `latest`. Imports nothing that takes long."""
+"""Find a checkpoint by its file, its run's folder, or `latest`; without slow imports."""
 
 import os
 import sys
@@ -17,31 +17,31 @@ def find_checkpoint(named: str | Path) -> Path:
     """Return the checkpoint's file that a path or `latest` names.
 
     Args:
-        named: file, which is returned as it is; run's folder, or its `checkpoints`: the best
-            checkpoint, or else the last; `latest`, where nothing has that name: the checkpoint of
-            the newest run below `outputs`, which is printed on stderr.
+        named: file; run's folder or its `checkpoints` folder, for the best checkpoint, or the last
+            if there is no best; `latest`, for the checkpoint of the newest run below `outputs`,
+            which is printed on stderr. A file or folder named `latest` goes first.
 
     Raises:
-        InputError: no such file, or a folder that holds no checkpoint.
+        InputError: the file does not exist, or the folder holds no checkpoint.
     """
-    path = Path(os.path.expanduser(named))  # noqa: PTH111 - Path's raises for an unknown user
+    path = Path(os.path.expanduser(named))  # noqa: PTH111 Path.expanduser raises for an unknown user
     try:
         if path.is_file():
             return path
         if path.is_dir():
             return _in_folder(path)
-    except (OSError, ValueError) as error:  # a folder that may not be entered; a NUL
+    except (OSError, ValueError) as error:  # no permission for the folder; a NUL in the path
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}); name another checkpoint") from None
     if str(named) == LATEST:
         found = checkpoint_of(latest_run())
-        assert found is not None  # `latest_run` passes over runs without one
+        assert found is not None  # `latest_run` skips runs without one
         print(error_line(LATEST, found), file=sys.stderr, flush=True)
         return found
     runs = runs_below(OUTPUTS)
-    hint = f"`{LATEST}` is {checkpoint_of(runs[-1])}" if runs else "python -m zoo trains one"
+    hint = f"`{LATEST}` is {checkpoint_of(runs[-1])}" if runs else "python -m zoo trains a network"
     raise InputError(
-        f"{path}: no such checkpoint; name a run's folder or its checkpoints/best.ckpt; {hint}"
+        f"{path}: no such checkpoint; name a run's folder or its checkpoints/best.ckpt: {hint}"
     )
 
 
@@ -49,7 +49,7 @@ def find_run(named: str | Path) -> Path:
     """Return the run's folder that a path names; `latest` is the newest below `outputs`.
 
     Raises:
-        InputError: `latest`, and there is no run.
+        InputError: `latest` is named, but there is no run.
     """
     path = Path(os.path.expanduser(named))  # noqa: PTH111
     if str(named) != LATEST or path.exists():
@@ -60,7 +60,9 @@ def find_run(named: str | Path) -> Path:
 
 
 def name_latest(argument: str) -> str:
-    """Return `model.weights=PATH` for `model.weights=latest`: a saved config keeps its meaning.
+    """Return `model.weights=PATH` for `model.weights=latest`, and other arguments unchanged.
+
+    A saved config then names the same checkpoint when there are newer runs.
 
     >>> name_latest("model.weights=a/best.ckpt"), name_latest("seed=1")
     ('model.weights=a/best.ckpt', 'seed=1')
@@ -75,7 +77,7 @@ def name_latest(argument: str) -> str:
 
 
 def short_name(path: Path) -> str:
-    """Return a path as a person would type it: relative where it lies below the current folder.
+    """Return a path as a user types it: relative, if it lies below the current folder.
 
     >>> short_name(Path.cwd() / "outputs" / "run"), short_name(Path("/elsewhere/run"))
     ('outputs/run', '/elsewhere/run')
@@ -85,22 +87,22 @@ def short_name(path: Path) -> str:
 
 
 def latest_run() -> Path:
-    """Return the folder of the run that started last, of those below `outputs` with a checkpoint.
+    """Return the folder of the newest run below `outputs` that has a checkpoint.
 
     Raises:
-        InputError: there is none.
+        InputError: there is no such run.
     """
     runs = runs_below(OUTPUTS)
     if not runs:
         raise InputError(
             f"{LATEST}: no run below {OUTPUTS.absolute()} holds a checkpoint; name a checkpoint's "
-            "path, or train one: python -m zoo"
+            "path, or train a network: python -m zoo"
         )
     return runs[-1]
 
 
 def runs_below(folder: Path) -> list[Path]:
-    """Return the folders of runs that hold a checkpoint, the one that started last at the end."""
+    """Return the folders of runs that have a checkpoint, by start time, the newest last."""
     found = []
     for place, folders, _ in os.walk(folder):
         if FOLDER in folders and (checkpoint := checkpoint_of(Path(place))):
@@ -110,7 +112,7 @@ def runs_below(folder: Path) -> list[Path]:
 
 
 def checkpoint_of(run: Path) -> Path | None:
-    """Return a run's best checkpoint, or else its last; None where it has none."""
+    """Return a run's best checkpoint, or its last, or None without any."""
     return _best_or_last(run / FOLDER)
 
 
@@ -123,11 +125,11 @@ def _in_folder(folder: Path) -> Path:
     if found:
         return found
     if runs := runs_below(folder):
-        several = f"holds {len(runs)} runs: name one of them" if len(runs) > 1 else "is no run"
-        raise InputError(f"{folder}: {several}, such as {runs[0]}")
+        found_runs = f"holds {len(runs)} runs" if len(runs) > 1 else "is not a run"
+        raise InputError(f"{folder}: {found_runs}; name a run, such as {runs[0]}")
     if (folder / ".hydra").is_dir():
         raise InputError(
-            f"{folder}: this run has no checkpoint yet (no {FOLDER}/{BEST}); train it further: "
+            f"{folder}: this run has no checkpoint yet (no {FOLDER}/{BEST}); resume it: "
             f"python -m zoo resume={folder}"
         )
     raise InputError(
@@ -136,6 +138,6 @@ def _in_folder(folder: Path) -> Path:
 
 
 def _started(run: Path, checkpoint: Path) -> float:
-    """Hydra writes a run's config once, when it starts; a resumed run keeps it."""
+    """Return a run's start time: Hydra writes its config once, and a resumed run keeps it."""
     config = run / ".hydra" / "config.yaml"
     return (config if config.is_file() else checkpoint).stat().st_mtime

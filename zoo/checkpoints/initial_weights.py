@@ -1,4 +1,4 @@
-"""Initial weights of a network: `model.weights=...`, from files of several kinds."""
+"""Load a network's initial weights (`model.weights`) from files of several formats."""
 
 from pathlib import Path
 
@@ -20,21 +20,22 @@ TORCH_SUFFIXES = (".pth", ".pt")
 
 
 def load_weights(network: nn.Module, source: str) -> str:
-    """Load weights into `network`, in place, and say what was loaded, in one line.
+    """Load weights into a network in place, and return one line on what was loaded.
 
     Args:
-        source: `imagenet` (VGG16's, downloaded once); run's folder, or `latest`; or a file: `.ckpt`
-            of ours, `.pth` or `.pt` with a state dict (of the whole network, or VGG16's public
-            one), or Keras' `.h5`.
+        network: network that gets the weights.
+        source: `imagenet` (VGG16's, downloaded once); a run's folder or `latest`; or a file:
+            drivezoo's `.ckpt`, a state dict in `.pth` or `.pt` (of the whole network, or VGG16's
+            public one), or Keras' `.h5`.
 
     Raises:
-        InputError: no such file, one that cannot be read or carries code, or one that does not fit.
+        InputError: the file does not exist, cannot be read, contains code or does not fit.
     """
     if source == IMAGENET:
-        if not hasattr(network, "backbone"):  # before 528 MB are fetched for nothing
+        if not hasattr(network, "backbone"):  # check before 528 MB are downloaded
             raise InputError(
-                f"model.weights=imagenet: there are none for {type(network).__name__}; set "
-                "model=vgg, or model.weights=null"
+                f"model.weights=imagenet: there are no such weights for {type(network).__name__}; "
+                "set model=vgg, or model.weights=null"
             )
         from zoo.checkpoints.imagenet_weights import imagenet_file
 
@@ -56,23 +57,24 @@ def load_weights(network: nn.Module, source: str) -> str:
     if suffix in TORCH_SUFFIXES:
         return load_state(network, checked_state(load_plain(path), path), path)
     known = ", ".join((".ckpt", *TORCH_SUFFIXES, *KERAS_SUFFIXES))
-    raise InputError(f"{path}: is none of {known}; model.weights reads these")
+    raise InputError(f"{path}: model.weights cannot read this format; name a file of {known}")
 
 
 def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
-    """Load a state dict, the network's own or VGG16's public one: its `features.N`, without the
-    `classifier` that it may hold.
+    """Load a state dict of the network, or VGG16's public one.
+
+    Of the public one only `features.N` is loaded; a `classifier` in it is ignored.
 
     Raises:
-        InputError: names the first tensor that does not fit, see `check_fit`.
+        InputError: names the first tensor that does not fit; see `check_fit`.
     """
     own = network.state_dict()
     is_public_vgg = hasattr(network, "backbone") and not any(n.startswith("head.") for n in state)
     if is_public_vgg:
         own = {name: tensor for name, tensor in own.items() if name.startswith("features.")}
         state = {name: one for name, one in state.items() if not name.startswith("classifier.")}
-    fix = "set model and data.crop as it was trained"
+    fix = "set model and data.crop to those of the file's training"
     check_fit(own, state, type(network).__name__, path, fix)
     network.load_state_dict(state, strict=False)
-    what = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
-    return f"{what} from {path}"
+    loaded = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
+    return f"{loaded} from {path}"

@@ -1,6 +1,6 @@
-"""What an ONNX file of `python -m zoo.export` becomes for anyone who drives.
+"""A policy from an ONNX file that `python -m zoo.export` wrote.
 
-The frame goes through the same `View` as in training; only the network is run by onnxruntime.
+The frame passes through the same `View` as in training; onnxruntime runs only the network.
 """
 
 from pathlib import Path
@@ -16,33 +16,33 @@ if TYPE_CHECKING:
     import onnxruntime
 
 SUFFIX = ".onnx"
-MOST_BYTES = 2_000_000_000  # a file of ONNX without further files beside it holds no more
-CARD = "drivezoo"  # the key of the metadata; its value is JSON
+MOST_BYTES = 2_000_000_000  # ONNX's limit for a single file
+CARD = "drivezoo"  # key in the metadata; the value is JSON
 IMAGES, SPEED = "images", "speed"  # the graph's inputs
 INSTALL = "pip install 'drivezoo[onnx]'"
 
 
 def is_onnx(path: str | Path) -> bool:
-    """By its name: `model.onnx`."""
+    """Return whether a file's name ends in `.onnx`."""
     return Path(path).suffix.lower() == SUFFIX
 
 
 class OnnxPolicy:
-    """`policy(frame, speed)`, as `zoo.checkpoints.policy.Policy` is for a checkpoint.
+    """A policy of an ONNX file, called as `zoo.checkpoints.policy.Policy`.
 
     Args:
-        path: the file.
-        threads: of onnxruntime within a network; one is fastest for a single small picture.
+        path: ONNX file.
+        threads: number of onnxruntime's threads; one is fastest for a single small image.
 
     Attributes:
-        path: the file.
-        view: what the network must be fed.
+        path: ONNX file.
+        view: the network's input.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`.
-        name, parameters: the network's class, and how many numbers it has learnt.
-        takes_speed, outputs: as the networks of `zoo.models` have them.
+        name, parameters: the network's class, and its number of parameters.
+        takes_speed, outputs: as in the networks of `zoo.models`.
 
     Raises:
-        InputError: no such file, none of ONNX, another program's, one that steers by NaN, or
+        InputError: the file does not exist, is not an ONNX file of drivezoo or returns NaN; or
             onnxruntime is not installed.
     """
 
@@ -57,43 +57,57 @@ class OnnxPolicy:
         _check_finite(self)
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
-        """Frame uint8 [160, 320, 3] RGB and mph -> steering -1..1, and throttle -1..1 (negative
-        brakes) or None from a network that predicts none."""
+        """Return steering -1..1, and throttle -1..1 (negative brakes) or None without one.
+
+        Args:
+            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            speed_mph: the car's speed in mph.
+        """
         out = self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist()
         return out[0], out[1] if len(out) > 1 else None
 
-    def predict(self, pictures: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
-        """Pictures of the view, uint8 [N, H, W, C], and mph [N] -> float32 [N, outputs], -1..1."""
-        feed = {IMAGES: np.ascontiguousarray(pictures.transpose(0, 3, 1, 2))}
+    def predict(self, images: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
+        """Return the outputs for a batch, float32 [N, outputs] in -1..1.
+
+        Args:
+            images: images after the view, uint8 [N, H, W, C].
+            speed_mph: speeds in mph [N].
+        """
+        feed = {IMAGES: np.ascontiguousarray(images.transpose(0, 3, 1, 2))}
         if self.takes_speed:
             feed[SPEED] = speed_mph.astype(np.float32)
         return self.session.run(None, feed)[0].clip(-1, 1)
 
 
 def _check_finite(policy: OnnxPolicy) -> None:
-    """Check a frame of noise: weights that are NaN make every output NaN."""
+    """Check the output for an image of noise: NaN weights make every output NaN."""
     frame = np.random.default_rng(0).integers(0, 256, (1, *policy.view.shape), np.uint8)
     if not np.isfinite(policy.predict(frame, np.array([20.0]))).all():
         raise InputError(
-            f"{policy.path}: steers by NaN, its training diverged; train again with a smaller "
-            "optim.lr, and export that"
+            f"{policy.path}: returns NaN: the training diverged; train again with a smaller "
+            "optim.lr, and export the new checkpoint"
         )
 
 
 def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
-    """onnxruntime's session of a file, on the CPU.
+    """Open a file with onnxruntime on the CPU, and return the session.
 
     Raises:
-        InputError: no such file, a folder, damaged, or onnxruntime is not installed.
+        InputError: the file does not exist, is a folder or is damaged; or onnxruntime is not
+            installed.
     """
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file of python -m zoo.export")
+        raise InputError(f"{path}: is a folder; name a file that python -m zoo.export wrote")
     if not path.is_file():
-        raise InputError(f"{path}: no such file; python -m zoo.export CKPT out={path} makes it")
+        raise InputError(
+            f"{path}: no such file; write it with python -m zoo.export CKPT out={path}"
+        )
     try:
         import onnxruntime
     except ImportError:
-        raise InputError(f"{path}: driving it needs onnxruntime: {INSTALL}") from None
+        raise InputError(
+            f"{path}: onnxruntime, which runs it, is not installed; {INSTALL}"
+        ) from None
     try:
         model = read_regular(path, MOST_BYTES)
     except OSError as error:
@@ -102,31 +116,31 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
         raise InputError(f"{path}: is empty (0 bytes); export it again")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
-    options.log_severity_level = 4  # what is wrong is raised; it need not be on the terminal, too
-    # Weights in files of their own are looked for beside the model, and nowhere else.
+    options.log_severity_level = 4  # errors are raised; do not print them, too
+    # Read external weights only from the model's own folder.
     options.add_session_config_entry(
         "session.model_external_initializers_file_folder_path", str(path.absolute().parent)
     )
     try:
         return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # bytes of any kind make it fail in any way
+    except Exception as error:  # onnxruntime raises any error on damaged bytes
         reason = type(error).__name__
         raise InputError(
-            f"{path}: is no ONNX file that onnxruntime {onnxruntime.__version__} can run "
-            f"({reason}), or a damaged one; export it again"
+            f"{path}: is damaged, or onnxruntime {onnxruntime.__version__} cannot run it "
+            f"({reason}); export it again"
         ) from None
 
 
 def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
-    """What `zoo.export` wrote into the metadata, with the view as a `View`."""
+    """Return the metadata that `zoo.export` wrote, with the view as a `View`."""
     from zoo.checkpoints.checkpoint import FORMAT  # imports torch
     from zoo.runs.bounded_files import check_text, parse_json
 
     text = session.get_modelmeta().custom_metadata_map.get(CARD)
     if text is None:
         raise InputError(
-            f"{path}: is not of drivezoo: nothing in it says what to feed it; "
-            "use one that python -m zoo.export wrote"
+            f"{path}: is not a file of drivezoo: it has no {CARD} metadata; name a file that "
+            "python -m zoo.export wrote"
         )
     try:
         card = check_text(parse_json(text))
@@ -160,4 +174,4 @@ def _check_inputs(session: "onnxruntime.InferenceSession", view: View) -> None:
         or inputs
         or [shape[1:] for shape in outputs] not in ([[1]], [[2]])
     ):
-        raise InputError(f"its graph does not take the {width} x {height} {view.colour} it names")
+        raise InputError(f"its graph does not take its view, {width} x {height} {view.colour}")

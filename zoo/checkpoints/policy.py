@@ -1,4 +1,4 @@
-"""What a checkpoint, or the ONNX file made of one, becomes for anyone who drives."""
+"""The policy of a checkpoint, and the loader for checkpoints and ONNX files."""
 
 from pathlib import Path
 
@@ -11,15 +11,15 @@ from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 
 
 class Policy:
-    """`policy(frame, speed)` with the view and the network of a checkpoint.
+    """A policy with the view and the network of a checkpoint.
 
     >>> policy = load_policy("outputs/.../checkpoints/best.ckpt")  # doctest: +SKIP
     >>> steering, throttle = policy(frame, 9.0)  # doctest: +SKIP
 
     Attributes:
-        network: ready, in evaluation mode, on the CPU; not to be changed any more.
-        forward: what `network` does, sooner; these two `OnnxPolicy` has not.
-        view, config, data, name, parameters, takes_speed, outputs: as `OnnxPolicy` has them.
+        network: network in evaluation mode, on the CPU; must not be changed.
+        forward: faster function with the outputs of `network`. `OnnxPolicy` lacks these two.
+        view, config, data, name, parameters, takes_speed, outputs: as in `OnnxPolicy`.
     """
 
     def __init__(self, checkpoint: Checkpoint) -> None:
@@ -32,8 +32,12 @@ class Policy:
 
     @torch.inference_mode()
     def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
-        """Frame uint8 [160, 320, 3] RGB and mph -> steering -1..1, and throttle -1..1 (negative
-        brakes) or None from a network that predicts none."""
+        """Return steering -1..1, and throttle -1..1 (negative brakes) or None without one.
+
+        Args:
+            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            speed_mph: the car's speed in mph.
+        """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         out = self.forward(*inputs)[0].clamp(-1, 1).tolist()
         return out[0], out[1] if len(out) > 1 else None
@@ -43,10 +47,10 @@ def load_policy(path: str | Path, threads: int = 1) -> Policy | OnnxPolicy:
     """Return the policy of a checkpoint, or of a `.onnx` file of `python -m zoo.export`.
 
     Args:
-        path: file, run's folder, or `latest`: see `find_checkpoint`.
-        threads: number of onnxruntime's; torch's are set by `torch.set_num_threads`.
+        path: file, run's folder, or `latest`; see `find_checkpoint`.
+        threads: number of onnxruntime's threads; `torch.set_num_threads` sets torch's.
 
     Raises:
-        InputError: as `load_checkpoint` and `OnnxPolicy` do.
+        InputError: see `load_checkpoint` and `OnnxPolicy`.
     """
     return OnnxPolicy(path, threads) if is_onnx(path) else Policy(load_checkpoint(path))

@@ -1,7 +1,7 @@
-"""The zoo: one network a file, one YAML in `conf/model` each.
+"""The networks of the zoo: one file and one YAML in `conf/model` for each.
 
-A network is a plain `torch.nn.Module` whose constructor takes `shape`, the `(channels, height,
-width)` of the view it is fed, and the settings of its YAML. `forward` takes uint8 or float images
-`[N, C, H, W]` in 0..255 (and, where the class says `takes_speed = True`, the speed `[N]` in mph)
-and returns `[N, outputs]`, steering first, in -1..1.
+A network is a plain `torch.nn.Module`. Its constructor takes `shape`, the `(channels, height,
+width)` of its view, and the settings of its YAML. `forward` takes uint8 or float images
+`[N, C, H, W]` in 0..255, and the speed `[N]` in mph if the class sets `takes_speed = True`. It
+returns `[N, outputs]` in -1..1, steering first.
 """

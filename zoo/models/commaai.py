@@ -7,25 +7,28 @@ from zoo.models.layers import Dropout, Normalize, activation_layer, feature_shap
 
 
 class SameConv2d(nn.Conv2d):
-    """A convolution padded as TensorFlow's "same": where the padding is odd, the end gets more."""
+    """A convolution with TensorFlow's "same" padding: an odd padding adds more at the end."""
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the convolution of padded images."""
         padding: list[int] = []
         sizes = zip(images.shape[2:], self.kernel_size, self.stride, strict=True)
         for size, kernel, stride in sizes:
             total = max((-(-size // stride) - 1) * stride + kernel - size, 0)
-            padding = [total // 2, total - total // 2, *padding]  # F.pad wants the width first
+            padding = [total // 2, total - total // 2, *padding]  # F.pad takes the width first
         return super().forward(F.pad(images, padding))
 
 
 class CommaAi(nn.Module):
-    """6,621,809 parameters at 3 x 160 x 320, nearly all of them in the first dense layer.
+    """comma.ai's network: 6,621,809 parameters at 3 x 160 x 320.
+
+    The first dense layer holds nearly all of them.
 
     Args:
         shape: `(channels, height, width)` of the view.
         activation: `elu` or `relu`.
-        dropout: the rates before and after the first dense layer.
-        width: scales the number of channels and units of every hidden layer.
+        dropout: rates before and after the first dense layer.
+        width: factor on the channels and units of every hidden layer.
     """
 
     takes_speed = False
@@ -58,4 +61,5 @@ class CommaAi(nn.Module):
         )
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, C, H, W]."""
         return self.head(self.features(images).flatten(1))

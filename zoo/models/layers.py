@@ -1,7 +1,7 @@
-"""What several networks of the zoo share."""
+"""Layers and helpers that several networks of the zoo use."""
 
 import math
-from typing import Sequence  # noqa: UP035 torch 2.4 knows an operator's lists by no other
+from typing import Sequence  # noqa: UP035 torch 2.4 accepts no other
 
 import numpy as np
 import torch
@@ -11,66 +11,70 @@ ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
 
 
 def activation_layer(name: str) -> nn.Module:
-    """`nn.ELU` or `nn.ReLU` by its name; ValueError for another."""
+    """Return the activation layer of a name, `elu` or `relu`; raise ValueError for another."""
     if name not in ACTIVATIONS:
-        raise ValueError(f"activation={name!r} is not one of {', '.join(ACTIVATIONS)}")
+        raise ValueError(f"model.activation={name!r}: set one of {', '.join(ACTIVATIONS)}")
     return ACTIVATIONS[name]()
 
 
 class Normalize(nn.Module):
-    """Scale pixels 0..255 to -1..1, on the device, so that uint8 is what crosses to it."""
+    """A layer that scales pixels 0..255 to -1..1, so that only uint8 is copied to the device."""
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return float images in -1..1."""
         dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
         return images.to(dtype) / 127.5 - 1.0
 
 
 class Dropout(nn.Dropout):
-    """torch's dropout, whose draws cost next to nothing on a CPU.
+    """torch's dropout with far cheaper random numbers on a CPU.
 
-    torch draws one number after the other there, on one core where the processor is not Intel's: a
-    fifth of PilotNet's step on one core, more on several. Here two tables are drawn once, and a
-    value's 16 bits are those of the one exclusive-or those of the other, each read from a place
-    that torch draws. So within a call all are independent, and so are those of two calls unless
-    both places lie equally far apart: one pair in a million. The rate is kept to 1/65536.
+    On a CPU torch draws one number after the other, and on one core only unless the processor is
+    Intel's. This takes a fifth of PilotNet's training step on one core, and more on several.
+
+    Here two tables of random bits are drawn once per process. Each call draws an offset into each
+    table, and a value's 16 random bits are the exclusive-or of the tables' bits from there on. The
+    values of one call are independent. So are those of two calls, unless their offsets differ by
+    the same amount in both tables: one pair of calls in a million. The rate is exact to 1/65536.
     """
 
     def forward(self, values: Tensor) -> Tensor:
-        small = values.numel() < 4_000  # where torch's draws cost no more than these calls
+        """Return the values with a share of them set to 0, in training mode."""
+        small = values.numel() < 4_000  # torch is as fast here
         if not self.training or not 0 < self.p < 1 or values.device.type != "cpu" or small:
             return super().forward(values)
         last = values.ndim == 4 and values.is_contiguous(memory_format=torch.channels_last)
-        places = torch.randint(_PLACES, (2,))
+        offsets = torch.randint(_OFFSETS, (2,))
         if torch.compiler.is_compiling():
-            return values * kept_values(places, values.shape, self.p, last).to(values.dtype)
-        return values * _kept(places, values.shape, self.p, last, values.dtype)
+            return values * kept_values(offsets, values.shape, self.p, last).to(values.dtype)
+        return values * _kept(offsets, values.shape, self.p, last, values.dtype)
 
 
 @library.custom_op("drivezoo::kept_values", mutates_args=())
-def kept_values(places: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
-    """What a dropout multiplies with, float32, for a compiled step, which need not look within.
+def kept_values(offsets: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
+    """Return the factors of a dropout, float32, as one operator of a compiled step.
 
-    It takes no values, so that the compiler can make one loop of what comes before and after; and
-    places that are drawn anew, so that it does not take two of the same shape for one.
+    The operator does not take the values, so the compiler can fuse the operators before and after
+    it. It takes freshly drawn offsets, so the compiler does not merge two calls of the same shape.
     """
-    return _kept(places, shape, rate, channels_last, torch.float32)
+    return _kept(offsets, shape, rate, channels_last, torch.float32)
 
 
 @kept_values.register_fake
-def _(places: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
+def _(offsets: Tensor, shape: Sequence[int], rate: float, channels_last: bool) -> Tensor:
     layout = torch.channels_last if channels_last else torch.contiguous_format
     return torch.empty(shape, memory_format=layout)
 
 
 def _kept(
-    places: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
+    offsets: Tensor, shape: Sequence[int], rate: float, channels_last: bool, dtype: torch.dtype
 ) -> Tensor:
-    """0 with the chance `rate`, otherwise what keeps the mean."""
+    """Return factors: 0 with probability `rate`, else the number that keeps the mean."""
     count, dropped = math.prod(shape), round(rate * 2**16)
     words = -(-count // 4)
     one, other = (
-        table[place : place + words]
-        for table, place in zip(_tables(words), places.tolist(), strict=True)
+        table[offset : offset + words]
+        for table, offset in zip(_tables(words), offsets.tolist(), strict=True)
     )
     bits = torch.bitwise_xor(one, other).view(torch.int16)[:count]
     kept = torch.empty(count, dtype=dtype)
@@ -81,22 +85,30 @@ def _kept(
     return kept.view(shape)
 
 
-_PLACES = 2**20
+_OFFSETS = 2**20
 _drawn: list[Tensor] = []
 
 
 def _tables(words: int) -> list[Tensor]:
-    """Two of random words, int64, at least `words` from each place; a longer one begins alike."""
-    if not _drawn or len(_drawn[0]) < _PLACES + words:
+    """Return two tables of random int64, with `words` or more after each offset.
+
+    A longer table starts with the same numbers.
+    """
+    if not _drawn or len(_drawn[0]) < _OFFSETS + words:
         _drawn[:] = (
-            torch.from_numpy(np.random.SFC64(seed).random_raw(_PLACES + words)).view(torch.int64)
+            torch.from_numpy(np.random.SFC64(seed).random_raw(_OFFSETS + words)).view(torch.int64)
             for seed in (1, 2)
         )
     return _drawn
 
 
 def feature_shape(features: nn.Module, shape: tuple[int, int, int], name: str) -> torch.Size:
-    """The `[C, H, W]` that convolutional `features` make of a view of `shape`.
+    """Return the shape [C, H, W] of the features of a view.
+
+    Args:
+        features: convolutional layers.
+        shape: `(channels, height, width)` of the view.
+        name: network's class, for the message.
 
     Raises:
         ValueError: the view is too small for the layers.
@@ -111,7 +123,7 @@ def feature_shape(features: nn.Module, shape: tuple[int, int, int], name: str) -
     features.train(training)
     if out is None or out.numel() == 0:
         raise ValueError(
-            f"{name}: a view of {shape[1]} x {shape[2]} pixels is too small for its layers; "
-            "crop less or set a larger model.size"
+            f"{name}: a view of {shape[1]} x {shape[2]} pixels is too small for its layers; set a "
+            "larger model.size, or crop less (data.crop)"
         )
     return out.shape[1:]

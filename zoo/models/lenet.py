@@ -1,6 +1,6 @@
 """LeNet-5: LeCun et al., "Gradient-Based Learning Applied to Document Recognition", 1998.
 
-With max pooling and ReLU, as the course teaches it, and one output instead of ten.
+Max pooling and ReLU, as in the course, and one output instead of ten.
 """
 
 from torch import Tensor, nn
@@ -9,13 +9,13 @@ from zoo.models.layers import Normalize, activation_layer, feature_shape
 
 
 class LeNet(nn.Module):
-    """Two convolutions and three dense layers; 137,741 parameters at 1 x 32 x 64.
+    """LeNet-5 with one output: 137,741 parameters at 1 x 32 x 64.
 
     Args:
         shape: `(channels, height, width)` of the view.
         activation: `relu` or `elu`.
-        dropout: the rate before each of the last two layers.
-        width: scales the number of channels and units of every hidden layer.
+        dropout: rate before each of the last two layers.
+        width: factor on the channels and units of every hidden layer.
     """
 
     takes_speed = False
@@ -50,4 +50,5 @@ class LeNet(nn.Module):
         )
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, C, H, W]."""
         return self.head(self.features(images).flatten(1))

@@ -6,7 +6,7 @@ from zoo.models.layers import Normalize
 
 
 class Linear(nn.Module):
-    """15 parameters at 1 x 1 x 14: one dense layer, a linear regression on a strip of road.
+    """A linear regression on a strip of road: 15 parameters at 1 x 1 x 14.
 
     Args:
         shape: `(1, rows, columns)` of the view.
@@ -19,9 +19,12 @@ class Linear(nn.Module):
         super().__init__()
         colours, rows, columns = shape
         if colours != 1:
-            raise ValueError("Linear looks at one channel: set model.colour=hsv_s or gray")
+            raise ValueError(
+                f"Linear takes one channel, not {colours}: set model.colour=hsv_s or gray"
+            )
         self.normalize = Normalize()
         self.head = nn.Linear(rows * columns, 1)
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, 1, H, W]."""
         return self.head(self.normalize(images).flatten(1))

@@ -11,16 +11,16 @@ from datamodules.errors import InputError
 from datamodules.view import View
 from zoo.runs.saved_config import ALLOWED, own_class
 
-MOST_PARAMETERS = 1_000_000_000  # of a network; VGG16's have 138 million
+MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
 VIEW_KEYS = ("colour", "size")
-# Of a model's config, not for its constructor.
+# Keys of a model's config that its constructor does not take.
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
 
 def published_view(config: dict) -> View:
-    """Return the view for which a model's figures are given, of the config that names the model.
+    """Return the view at which a model is published, from a config that names the model.
 
-    A model without a size of its own (`size: null`) is published for the whole frame.
+    A model with `size: null` is published for the whole frame.
     """
     model = config["model"]
     crop = config["data"]["crop"] if model["size"] else [0, 0]
@@ -30,26 +30,28 @@ def published_view(config: dict) -> View:
 def make_network(model: dict, view: View) -> nn.Module:
     """Return the network that a model's config names, for a view.
 
-    Its `_target_` must be in `zoo.models`: a config can come from a stranger's checkpoint, and must
-    not name any callable there is.
+    A config can come from an untrusted checkpoint, so its `_target_` must be in `zoo.models`.
 
     Raises:
-        InputError: a target that is no network of the zoo, or settings that it refuses.
+        InputError: the target is no network of the zoo, or the network refuses a setting.
     """
     target = model.get("_target_")
     network_class = own_class(target, ALLOWED["model",].own)
     if network_class is None or not issubclass(network_class, nn.Module):
-        raise InputError(f"model._target_={target!s:.200} is no network of zoo.models")
+        raise InputError(
+            f"model._target_={target!s:.200}: is no network of zoo.models; "
+            "python -m zoo.models lists them"
+        )
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
     try:
-        with _FewParameters():
+        with _LimitedParameters():
             return network_class((channels, height, width), **settings)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(str(error)) from None
 
 
-class _FewParameters(TorchFunctionMode):
+class _LimitedParameters(TorchFunctionMode):
     """A context that refuses a network of more than `MOST_PARAMETERS` before it takes memory."""
 
     def __init__(self) -> None:
@@ -59,12 +61,12 @@ class _FewParameters(TorchFunctionMode):
     def __torch_function__(
         self, function: Callable, types: object, args: tuple = (), kwargs: dict | None = None
     ) -> object:
-        """Count what layers allocate for their parameters: each begins as `torch.empty(sizes)`."""
+        """Count the parameters that layers allocate: each starts as `torch.empty(sizes)`."""
         if function is torch.empty:
             self.count += math.prod(args[0] if isinstance(args[0], Sequence) else args)
             if self.count > MOST_PARAMETERS:
                 raise InputError(
-                    f"model: its settings make a network of {self.count:,} parameters or more, the "
-                    f"limit is {MOST_PARAMETERS:,}; set smaller ones"
+                    f"model: its settings need {self.count:,} parameters or more, the limit is "
+                    f"{MOST_PARAMETERS:,}; set a smaller size or width"
                 )
         return function(*args, **(kwargs or {}))

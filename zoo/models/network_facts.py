@@ -1,4 +1,4 @@
-"""What the zoo's table and a report print of a network."""
+"""Facts about a network: its multiply-adds and its source."""
 
 import inspect
 import sys
@@ -8,7 +8,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 
 def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
-    """Multiply-adds of one forward pass of convolutions and dense layers."""
+    """Return the multiply-adds of convolutions and dense layers in a forward pass on one image."""
     images, speed = torch.zeros(1, *shape), torch.zeros(1)
     network.eval()
     with torch.no_grad(), FlopCounterMode(display=False) as counter:
@@ -17,5 +17,5 @@ def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
 
 
 def paper(network: torch.nn.Module) -> str:
-    """The first line of the network's module, which names its source."""
+    """Return the first line of the docstring of a network's module, which names its source."""
     return inspect.getdoc(sys.modules[type(network).__module__]).splitlines()[0].rstrip(".")

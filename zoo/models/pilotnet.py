@@ -1,6 +1,6 @@
 """PilotNet: Bojarski et al., "End to End Learning for Self-Driving Cars", 2016, arXiv:1604.07316.
 
-With ELU and a dropout that rises from layer to layer, as in a well-known solution of the course.
+ELU, and a dropout that rises from layer to layer, as in a well-known solution of the course.
 """
 
 import torch
@@ -13,14 +13,14 @@ DENSE = [100, 50, 10]
 
 
 class PilotNet(nn.Module):
-    """252,219 parameters at 3 x 66 x 200.
+    """NVIDIA's PilotNet: 252,219 parameters at 3 x 66 x 200.
 
     Args:
         shape: `(channels, height, width)` of the view.
         activation: `elu` or `relu`.
-        dropout: the rates after the first and the last hidden layer; between them they rise evenly.
-        width: scales the number of channels and units of every hidden layer.
-        speed: take the speed beside the image, and give steering **and** throttle.
+        dropout: rates after the first and the last hidden layer; rates between rise evenly.
+        width: factor on the channels and units of every hidden layer.
+        speed: whether it takes the speed, too, and returns steering and throttle.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class PilotNet(nn.Module):
             channels = out
         self.takes_speed = speed
         self.outputs = 2 if speed else 1
-        self.features = nn.Sequential(*layers)  # 31x98, 14x47, 5x22, 3x20, 1x18 of 66x200
+        self.features = nn.Sequential(*layers)  # 66x200 -> 31x98, 14x47, 5x22, 3x20, 1x18
 
         units = feature_shape(self.features, shape, "PilotNet").numel() + speed
         layers = []
@@ -53,8 +53,9 @@ class PilotNet(nn.Module):
         self.head = nn.Sequential(*layers, nn.Linear(units, self.outputs))
 
     def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
+        """Return the steering, and the throttle if `takes_speed`; [N, outputs]."""
         features = self.features(images).flatten(1)
         if self.takes_speed:
-            # 30 mph is the simulator's top speed: the input stays within 0..1, as the features do.
+            # 30 mph is the simulator's top speed, so the input is in 0..1, in the features' range.
             features = torch.cat([features, speed.to(features.dtype)[:, None] / 30.0], dim=1)
         return self.head(features)

@@ -1,6 +1,6 @@
-"""Networks of a few dozen parameters that drive, from write-ups of the course's project.
+"""Networks of a few dozen parameters that drive, from reports on the course's project.
 
-Both look at the saturation channel alone, where the road's edge stands out.
+Both use only the saturation channel, which shows the road's edge clearly.
 """
 
 from torch import Tensor, nn
@@ -9,13 +9,13 @@ from zoo.models.layers import Normalize, activation_layer, feature_shape
 
 
 class Tiny(nn.Module):
-    """41 parameters at 1 x 11 x 32: the rows are the channels of a one-dimensional picture.
+    """A one-dimensional convolution with rows as channels: 41 parameters at 1 x 11 x 32.
 
     Args:
         shape: `(1, rows, columns)` of the view.
         activation: `relu` or `elu`.
-        dropout: the rate before the output.
-        width: scales the two channels.
+        dropout: rate before the output.
+        width: factor on the two channels.
     """
 
     takes_speed = False
@@ -31,9 +31,13 @@ class Tiny(nn.Module):
         super().__init__()
         colours, rows, columns = shape
         if colours != 1:
-            raise ValueError("Tiny looks at one channel: set model.colour=hsv_s or gray")
+            raise ValueError(
+                f"Tiny takes one channel, not {colours}: set model.colour=hsv_s or gray"
+            )
         if columns < 4:
-            raise ValueError("Tiny pools four columns: set model.size=[rows, 4 or more]")
+            raise ValueError(
+                f"Tiny needs 4 columns or more, not {columns}: set model.size=[rows, columns]"
+            )
         channels = max(1, round(2 * width))
         self.features = nn.Sequential(
             Normalize(),
@@ -46,17 +50,18 @@ class Tiny(nn.Module):
         self.head = nn.Linear(channels * (columns // 4), 1)
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, C, H, W]."""
         return self.head(self.features(images).flatten(1))
 
 
 class Tiny63(nn.Module):
-    """63 parameters at 1 x 16 x 32: one convolution, one pooling, one dense layer.
+    """A convolution, a pooling and a dense layer: 63 parameters at 1 x 16 x 32.
 
     Args:
         shape: `(channels, height, width)` of the view.
         activation: `relu` or `elu`.
-        dropout: the rate before the output.
-        width: scales the two channels.
+        dropout: rate before the output.
+        width: factor on the two channels.
     """
 
     takes_speed = False
@@ -80,4 +85,5 @@ class Tiny63(nn.Module):
         self.head = nn.Linear(feature_shape(self.features, shape, "Tiny63").numel(), 1)
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, C, H, W]."""
         return self.head(self.features(images).flatten(1))

@@ -1,7 +1,7 @@
 """VGG16 transfer: Simonyan and Zisserman, "Very Deep Convolutional Networks", 2014.
 
-arXiv:1409.1556. The convolutional blocks carry the names of the public PyTorch weights
-(`features.0.weight` ...), so that a downloaded state dict loads as it is.
+arXiv:1409.1556. The convolutions have the names of the public PyTorch weights
+(`features.0.weight` ...), so a downloaded state dict loads without changes.
 """
 
 from itertools import islice
@@ -15,7 +15,7 @@ BLOCKS = [[64, 64], [128, 128], [256, 256, 256], [512, 512, 512], [512, 512, 512
 
 
 class ImageNetNormalize(nn.Module):
-    """Pixels 0..255 to zero mean and unit deviation over ImageNet, as VGG16 was trained."""
+    """A layer that gives pixels 0..255 ImageNet's zero mean and unit deviation, as for VGG16."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -25,18 +25,19 @@ class ImageNetNormalize(nn.Module):
         self.register_buffer("std", std * 255, persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return normalized float images [N, 3, H, W]."""
         return (images.to(self.mean.dtype) - self.mean) / self.std
 
 
 class Vgg16(nn.Module):
-    """VGG16's convolutions under a regression head.
+    """VGG16's convolutions with a regression head.
 
     Args:
         shape: `(3, height, width)` of the view, RGB, 32 x 32 pixels or more.
-        trainable_blocks: how many of the five blocks learn, counted from the last.
-        activation: `elu` or `relu`, of the head.
-        dropout: the rate before the output.
-        units: the width of the head's hidden layer.
+        trainable_blocks: number of trained blocks, 0 to 5, counted from the last.
+        activation: `elu` or `relu`, in the head.
+        dropout: rate before the output.
+        units: number of units in the head's hidden layer.
     """
 
     takes_speed = False
@@ -52,9 +53,11 @@ class Vgg16(nn.Module):
     ) -> None:
         super().__init__()
         if shape[0] != 3:
-            raise ValueError("Vgg16 wants colour: set model.colour=rgb")
+            raise ValueError(f"Vgg16 takes 3 channels, not {shape[0]}: set model.colour=rgb")
         if trainable_blocks not in range(len(BLOCKS) + 1):
-            raise ValueError(f"trainable_blocks={trainable_blocks} is not 0 to {len(BLOCKS)}")
+            raise ValueError(
+                f"model.trainable_blocks={trainable_blocks}: set a number from 0 to {len(BLOCKS)}"
+            )
         layers: list[nn.Module] = []
         first_trainable = 0
         channels = 3
@@ -72,7 +75,7 @@ class Vgg16(nn.Module):
         self.features = nn.Sequential(*layers)
         for layer in self.features:
             if isinstance(layer, nn.Conv2d):
-                # PyTorch's usual weights let the signal die out over thirteen layers.
+                # With PyTorch's default weights the signal vanishes over thirteen layers.
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
                 nn.init.zeros_(layer.bias)
         for layer in self.features[:first_trainable]:
@@ -86,30 +89,30 @@ class Vgg16(nn.Module):
 
     @property
     def backbone(self) -> nn.Module:
-        """The part with weights of its own, which may learn at another rate (`optim`)."""
+        """The pretrained part, which can have its own learning rate (`optim.backbone_lr`)."""
         return self.features
 
     @property
     def frozen_front(self) -> nn.Module | None:
-        """The layers of `front`, where it has weights, all frozen: what it makes of a picture stays
-        the same."""
+        """The frozen layers, whose features of an image never change; None without any."""
         if not self._frozen_layers:
             return None
         return nn.Sequential(self.normalize, *self.features[: self._frozen_layers])
 
     def front(self, images: Tensor) -> Tensor:
-        """Features [N, c, h, w] by the blocks that are frozen, counted from the first."""
+        """Return the features [N, c, h, w] of the frozen layers."""
         features = self.normalize(images)
         for layer in islice(self.features, self._frozen_layers):
             features = layer(features)
         return features
 
     def rest(self, features: Tensor) -> Tensor:
-        """Steering [N, 1] by the other blocks and the head; `features` of any float type."""
+        """Return the steering [N, 1] for the frozen layers' features, of any float dtype."""
         features = features.to(self.head[-1].weight.dtype)
         for layer in islice(self.features, self._frozen_layers, None):
             features = layer(features)
         return self.head(features.flatten(1))
 
     def forward(self, images: Tensor) -> Tensor:
+        """Return the steering [N, 1] for images [N, 3, H, W]."""
         return self.rest(self.front(images))

@@ -1,1 +1,1 @@
-"""The write-up of a run: what it says, block by block, and how that becomes a page and Markdown."""
+"""The report of a run: sections of blocks, and their output as HTML and Markdown."""

@@ -1,4 +1,4 @@
-"""What a write-up is made of; `zoo.report.report_page` and `zoo.report.markdown` draw it."""
+"""The blocks of a report; `zoo.report.report_page` and `zoo.report.markdown` render them."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from rich.table import Table
 
 
 class MissingError(Exception):
-    """A part of the write-up cannot be made; the message says why, in a sentence."""
+    """A part of the report that cannot be created; the message is a sentence with the reason."""
 
 
 @dataclass(frozen=True)
@@ -21,21 +21,21 @@ class Text:
 
 @dataclass(frozen=True)
 class Missing:
-    """A line in the place of what could not be made."""
+    """A line in place of a part that cannot be created."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Bullets:
-    """Short lines, a point each."""
+    """A list of short points."""
 
     items: list[str]
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A figure of the headline."""
+    """One figure of the headline."""
 
     label: str
     value: str
@@ -54,9 +54,9 @@ class Rows:
     """A table.
 
     Attributes:
-        headers, rows: text as it is to be shown.
-        left: so many columns are words, set to the left; the rest are figures.
-        bold: numbers of rows that stand out.
+        headers, rows: texts of the cells.
+        left: number of first columns that hold words, aligned to the left; others hold figures.
+        bold: indices of bold rows.
     """
 
     headers: list[str]
@@ -66,21 +66,21 @@ class Rows:
 
     @classmethod
     def of(cls, table: Table, left: int = 1, bold: frozenset[int] = frozenset()) -> "Rows":
-        """What a table of the terminal says."""
+        """Return a terminal table's contents."""
         columns = [[_indented(str(cell)) for cell in column.cells] for column in table.columns]
         headers = [str(column.header) for column in table.columns]
         return cls(headers, [list(row) for row in zip(*columns, strict=True)], left, bold)
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A picture.
+class Image:
+    """An image with a caption.
 
     Attributes:
-        name: of its file, beside the Markdown.
-        data: a PNG or JPEG file's bytes.
-        caption: below it; also what stands for it where it is not seen.
-        plot: drawn on white, not photographed.
+        name: name of its file, in the Markdown's folder.
+        data: bytes of a PNG or JPEG file.
+        caption: text below the image, and its alternative text.
+        plot: whether it is a plot on white, not a photograph.
     """
 
     name: str
@@ -90,21 +90,21 @@ class Picture:
 
     @property
     def kind(self) -> str:
-        """The media type."""
+        """Return the media type."""
         return "image/png" if self.name.endswith(".png") else "image/jpeg"
 
 
 @dataclass(frozen=True)
-class Pictures:
-    """Pictures in rows of so many."""
+class Images:
+    """Images in rows of `columns`."""
 
-    pictures: list[Picture]
+    images: list[Image]
     columns: int = 1
 
 
 @dataclass(frozen=True)
 class Film:
-    """A film: in the page itself where `data` holds it, else beside."""
+    """A film: embedded in the page if `data` is set, else a link to its file."""
 
     path: Path
     caption: str
@@ -113,28 +113,28 @@ class Film:
 
 @dataclass(frozen=True)
 class Code:
-    """Lines to be typed or read as they stand."""
+    """A command or a text in a fixed-width font."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Heading:
-    """Begins a part of a section."""
+    """The heading of a part of a section."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Box:
-    """A coloured box on top of the page: what the reader came to know.
+    """A coloured box at the top of the page with the report's main result.
 
     Attributes:
-        kind: `good`, `warn` or `bad`, which decides the colour.
-        title: in a few words.
+        kind: `good`, `warn` or `bad`, which sets the colour.
+        title: result in a few words.
         lines: paragraphs.
-        items: short lines below them, a point each.
-        commands: what to type next, each with what it is for.
+        items: short points below the paragraphs.
+        commands: pairs of a purpose and the command to type for it.
     """
 
     kind: str
@@ -146,36 +146,36 @@ class Box:
 
 @dataclass(frozen=True)
 class Fold:
-    """What most readers pass over: shut until it is clicked."""
+    """Blocks that are hidden until the reader clicks the title."""
 
     title: str
     blocks: list["Block"]
 
 
-Block = Text | Missing | Bullets | Tiles | Rows | Pictures | Film | Code | Heading | Box | Fold
+Block = Text | Missing | Bullets | Tiles | Rows | Images | Film | Code | Heading | Box | Fold
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the write-up under a heading of its own."""
+    """A section of the report with its own heading."""
 
     title: str
     blocks: list[Block] = field(default_factory=list)
 
     @property
     def anchor(self) -> str:
-        """What a link to it names."""
+        """Return the target of links to the section."""
         return self.title.lower().replace(" ", "-")
 
 
 def _indented(text: str) -> str:
-    """Blanks in front, which neither HTML nor Markdown would show, as ones that they do."""
+    """Return a text with visible leading blanks: HTML and Markdown hide normal ones."""
     words = text.lstrip(" ")
     return "\N{NO-BREAK SPACE}" * (len(text) - len(words)) + words
 
 
 def walk(blocks: list[Block]) -> list[Block]:
-    """All blocks, those in folds too."""
+    """Return all blocks, with those inside folds."""
     found = []
     for block in blocks:
         found.append(block)
@@ -185,7 +185,10 @@ def walk(blocks: list[Block]) -> list[Block]:
 
 
 def gather(parts: Iterable[Callable[[Any], list[Block]]], run: Any) -> list[Block]:
-    """The blocks of several parts; a line, once, in the place of a part that cannot be made."""
+    """Return the blocks of several parts; a part that cannot be created becomes a line.
+
+    The same line appears only once.
+    """
     blocks: list[Block] = []
     for part in parts:
         try:

@@ -1,4 +1,4 @@
-"""The last sections: settings and the command to repeat a run, and the model card."""
+"""The sections on settings and the model card."""
 
 import numpy as np
 from omegaconf import OmegaConf
@@ -15,12 +15,12 @@ GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "c
 
 
 def settings_blocks(run: Run) -> list[Block]:
-    """The command, the choices, the versions, and the whole config."""
+    """Return the run's command, options, versions and config."""
     return gather((_command, _choices, _versions, _config), run)
 
 
 def card_blocks(run: Run) -> list[Block]:
-    """Intended use, data, metrics, limits and licence, as far as the run can tell."""
+    """Return intended use, data, metrics, limits and licence, as far as the run shows them."""
     return gather((_use, _learnt_from, _measured, _limits, _licence), run)
 
 
@@ -28,8 +28,8 @@ def _command(run: Run) -> list[Block]:
     command = training_command([str(one) for one in run.overrides], {})
     return [
         Text(
-            "From the folder that it was started in. With the same versions, on a CPU with the "
-            "same number of threads, it gives the same weights."
+            "Run this command in the folder where the run was started. With the same versions, on "
+            "a CPU with the same number of threads, it trains the same weights."
         ),
         Code(command),
     ]
@@ -37,9 +37,9 @@ def _command(run: Run) -> list[Block]:
 
 def _choices(run: Run) -> list[Block]:
     chosen = [[group, _text(run.choices[group])] for group in GROUPS if run.choices.get(group)]
-    if chosen and (root := run.config["data"].get("root")):  # data=lake does not say where it is
+    if chosen and (root := run.config["data"].get("root")):  # data=lake does not name its folder
         chosen.append(["data.root", _text(root)])
-    return [Rows(["group", "choice"], chosen, left=2)] if chosen else []
+    return [Rows(["group", "option"], chosen, left=2)] if chosen else []
 
 
 def _text(choice: object) -> str:
@@ -52,16 +52,17 @@ def _versions(run: Run) -> list[Block]:
 
 
 def _config(run: Run) -> list[Block]:
-    return [Fold("The whole config", [Code(OmegaConf.to_yaml(OmegaConf.create(run.config)))])]
+    return [Fold("Complete config", [Code(OmegaConf.to_yaml(OmegaConf.create(run.config)))])]
 
 
 def _use(run: Run) -> list[Block]:
     return [
         Heading("Intended use"),
         Text(
-            "To steer the car of a driving simulator (the course's of 2016, or the embedded one), "
-            "to study behavioural cloning, and to compare networks. Not for a vehicle on any road: "
-            "it knows no traffic, no signs, no people, and has no notion of what it does not know."
+            "Steer the car of a driving simulator (the course's simulator of 2016, or the embedded "
+            "one), study behavioural cloning, and compare networks. Do not use it for a vehicle on "
+            "a real road: it does not recognize traffic, signs or people, and cannot tell when it "
+            "is wrong."
         ),
     ]
 
@@ -73,97 +74,99 @@ def _learnt_from(run: Run) -> list[Block]:
     return [
         Heading("Data and training"),
         Text(
-            f"Supervised: a person's or an expert's steering, row by row. Cameras: {cameras}, side "
-            f"cameras offset by {data['offset']:g}. Augmentation: {augment}. Loss: "
-            f"{run.choices.get('loss') or 'as in the config'}; see Data and Settings."
+            f"Supervised learning from recorded steering. Cameras: {cameras} (offset of side "
+            f"cameras: {data['offset']:g}). Augmentation: {augment}. Loss: "
+            f"{run.choices.get('loss') or 'as in the config'}. See Data and Settings."
         ),
     ]
 
 
 def _measured(run: Run) -> list[Block]:
-    said = [
-        f"{track}: autonomy {_autonomy(figures)}, {figures['cte_mean_m'][0]:.2f} m off the "
-        f"centreline on average, {run.farthest_m(track):.2f} m at most"
+    points = [
+        f"{track}: autonomy {_autonomy(figures)}, cross-track error "
+        f"{figures['cte_mean_m'][0]:.2f} m on average, {run.farthest_m(track):.2f} m at most"
         for track, figures in run.tracks.items()
     ]
     for part, own in (run.metrics.get("open_loop") or {}).items():
         zero = run.metrics["baselines"][part]["always zero"]
-        said.append(f"{part} rows: MSE {own['mse']:.4f} (always zero: {zero['mse']:.4f})")
-    if not said:
+        points.append(f"{part} rows: MSE {own['mse']:.4f} (always zero: {zero['mse']:.4f})")
+    if not points:
         raise MissingError("Nothing was measured.")
-    return [Heading("Metrics"), Bullets(said)]
+    return [Heading("Metrics"), Bullets(points)]
 
 
 def _autonomy(figures: dict) -> str:
-    said = with_deviation(figures["autonomy"], "{:.1%}", figures.get("drives"))
+    text = with_deviation(figures["autonomy"], "{:.1%}", figures.get("drives"))
     if figures.get("drives_without_intervention") is None:
-        return said
+        return text
     kept = count_with_interval(figures["drives_without_intervention"], figures["drives"])
-    return f"{said}, drives without intervention {kept}"
+    return f"{text}, drives without intervention {kept}"
 
 
 def _limits(run: Run) -> list[Block]:
-    said = [*_limits_of_driving(run), *_limits_of_data(run)]
+    points = [*_limits_of_driving(run), *_limits_of_data(run)]
     worse = worse_than_nothing(run)
     if worse:
-        said.append(
-            f"On {' and '.join(worse)} rows its MSE is no better than that of always zero: there, "
-            "one that looks at nothing would do as well. Driving is another matter."
+        points.append(
+            f"On {' and '.join(worse)} rows its MSE is not below that of always zero, a predictor "
+            "that ignores the image. This does not show how it drives."
         )
     if run.config.get("quick"):
-        said.append("quick=true: a first try of few epochs, not the recipe.")
-    said.append(
-        "One training with one training seed: how much another would change is not known from this "
-        "run."
+        points.append("quick=true: a short training, not the full recipe.")
+    points.append(
+        "One training with one training seed: this run does not show how much another training "
+        "would differ."
     )
-    return [Heading("Limits"), Bullets(said)]
+    return [Heading("Limits"), Bullets(points)]
 
 
 def _limits_of_driving(run: Run) -> list[str]:
     if not run.tracks:
-        return ["It has not been driven: nothing here says that it stays on a road."]
-    said = [
-        f"On the {track} it needed {figures['interventions'][0]:.3g} interventions a drive."
+        return ["It has not been driven: nothing here shows that it stays on a road."]
+    points = [
+        f"Interventions per drive on the {track}: {figures['interventions'][0]:.3g}."
         for track, figures in run.tracks.items()
         if figures["interventions"][0]
     ]
     names = " and ".join(run.tracks)
-    said.append(
-        f"Driven on the {names} alone, in clear weather unless the settings say otherwise: other "
-        "tracks, speeds, light and delays are untried. python -m zoo.evaluate CKPT "
-        "track=lake,mountain perturb=all tries them."
+    points.append(
+        f"Driven only on the {names}, in clear weather unless the settings name another. Other "
+        "tracks, speeds, weather and delays are not tested; test them with python -m zoo.evaluate "
+        "CKPT track=lake,mountain perturb=all."
     )
     counts = {name: figures.get("drives") for name, figures in run.tracks.items()}
     if 1 in counts.values():
-        said.append("One drive on a track: a figure without a spread.")
-    return said
+        points.append("One drive on a track: its figures have no spread.")
+    return points
 
 
 def _limits_of_data(run: Run) -> list[str]:
-    said = []
+    points = []
     try:
         zeros = float(np.mean(run.recording.steering == 0))
         if zeros > KEYBOARD_SHARE:
-            said.append(
-                f"{zeros:.0%} of the recorded steering is exactly 0, as a keyboard leaves it: "
-                "labels say less than a mouse's or a wheel's."
+            points.append(
+                f"{zeros:.0%} of the recorded steering is exactly 0, as from a keyboard: such "
+                "labels are less exact than those of a mouse or a wheel."
             )
     except MissingError:
         pass
     if run.config["data"]["split"] == "random":
-        said.append("A random split: held-out rows are neighbours of training rows.")
+        points.append("Random split: held-out rows are neighbours of training rows.")
     cameras = run.config["data"]["cameras"]
     if list(cameras) == ["center"]:
-        said.append("Trained on the centre camera alone: it has hardly seen how to come back.")
-    return said
+        points.append("Trained on the centre camera only: it has seen hardly any recoveries.")
+    return points
 
 
 def _licence(run: Run) -> list[Block]:
-    said = (
-        "The code, drivezoo, is under the MIT licence. The weights carry no licence of their own: "
-        "whoever passes them on decides, within what the recording they were made of allows. One "
-        "of the embedded simulator is free to use."
+    licence = (
+        "The code (drivezoo) has the MIT licence. The weights have no licence of their own: the "
+        "person who publishes them chooses one that the recording's terms allow. Recordings of the "
+        "embedded simulator are free to use."
     )
     if run.config["model"].get("weights"):
-        said += " They began as other weights (model.weights), whose terms go with them."
-    return [Heading("Licence"), Text(said)]
+        licence += (
+            " The training started from other weights (model.weights); their terms apply, too."
+        )
+    return [Heading("Licence"), Text(licence)]

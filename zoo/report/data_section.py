@@ -1,4 +1,4 @@
-"""The section on what a network learnt from."""
+"""The section on the training data."""
 
 import math
 
@@ -7,16 +7,16 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.recording_report import report_recordings
 from datamodules.samples import make_samples
-from zoo.report.blocks import Block, Heading, MissingError, Pictures, Rows, Text, gather
+from zoo.report.blocks import Block, Heading, Images, MissingError, Rows, Text, gather
 from zoo.report.recovery_stretch import find_recovery
 from zoo.report.report_images import labelled_frame, read_frame, smaller
 from zoo.report.reported_run import Run
 
-SHOWN = 6  # frames of the recovery
+SHOWN = 6  # number of frames of the recovery
 
 
 def data_blocks(run: Run) -> list[Block]:
-    """Rows, split, leak, histogram and pictures; each with a line why where it is missing."""
+    """Return rows, split, similarity, histogram and images, or a line for each missing part."""
     return gather((_recordings, _split, _balance, _cameras, _flipped, _recovery, _fed), run)
 
 
@@ -43,9 +43,9 @@ def _recordings(run: Run) -> list[Block]:
     if trained_on and trained_on != recording.fingerprint():
         blocks.append(
             Text(
-                f"What stands there now is not what was trained on: {len(recording):,} rows, "
-                f"fingerprint {recording.fingerprint()}. Rows with damaged pictures that were "
-                "skipped, or a change since, can be why."
+                f"The recording is not the one of the training: it now has {len(recording):,} rows "
+                f"with fingerprint {recording.fingerprint()}. It was changed after the training, "
+                "or rows with damaged images were skipped."
             )
         )
     return blocks
@@ -58,9 +58,9 @@ def _split(run: Run) -> list[Block]:
     blocks: list[Block] = [
         Text(
             f"{data['rows']:,} rows with fingerprint {data['fingerprint']}, split by "
-            f"{settings['split']}: {sizes}; {left_out:,} rows between parts are in none. "
-            "Validation and test rows are the centre camera with the recorded steering: never "
-            "flipped, augmented, balanced or offset."
+            f"{settings['split']}: {sizes}; {left_out:,} rows between the parts are not used. "
+            "Validation and test use only the centre camera and the recorded steering, without "
+            "flipping, augmentation, balancing or offset."
         )
     ]
     leaks = run.metrics.get("leak") or {}
@@ -75,12 +75,12 @@ def _split(run: Run) -> list[Block]:
         ]
         blocks += [
             Text(
-                "How much the split leaks (medians): the time from a held-out frame to the nearest "
-                "training frame, and how much it differs from the most alike training frame, as a "
-                "share of how much any two differ. Near 0 s and 0 %, held-out rows are near copies "
-                "of training rows, and their figures say little."
+                "Similarity of held-out and training frames (medians): the time to the nearest "
+                "training frame, and the difference to the most similar training frame, as a share "
+                "of the difference between any two frames. Near 0 s and 0 %, held-out rows are "
+                "almost copies of training rows, and their figures mean little."
             ),
-            Rows(["rows", "seconds to training", "difference to the most alike"], rows),
+            Rows(["rows", "seconds to the nearest", "difference to the most similar"], rows),
         ]
     return blocks
 
@@ -88,17 +88,17 @@ def _split(run: Run) -> list[Block]:
 def _balance(run: Run) -> list[Block]:
     data = run.config["data"]
     cap, threshold = data.get("straight_cap"), data["straight_threshold"]
-    said = "no cap on straight driving"
+    limit = "no limit on straight driving"
     if cap is not None:
-        said = f"at most {cap:.0%} of a batch is steered less than {threshold:g}"
+        limit = f"at most {cap:.0%} of a batch has a |steering| below {threshold:g}"
     both = data["flip"] == "both"
-    flipped = "every sample both ways" if both else f"flipped with probability {data['flip']}"
-    picture = run.plot(
+    flipped = "each sample also flipped" if both else f"flipped with probability {data['flip']}"
+    image = run.plot(
         "steering_histogram",
-        f"Steering before and after balancing: {said}; {flipped}.",
-        "The run drew no histogram of its steering (callbacks.steering_histogram).",
+        f"Steering before and after balancing: {limit}; {flipped}.",
+        "The run has no steering histogram (callbacks.steering_histogram).",
     )
-    return [Heading("Balance"), Pictures([picture])]
+    return [Heading("Balance"), Images([image])]
 
 
 def _cameras(run: Run) -> list[Block]:
@@ -107,11 +107,11 @@ def _cameras(run: Run) -> list[Block]:
     used = [camera for camera in CAMERAS if camera in data["cameras"]]
     count = np.bincount(samples.row, minlength=len(recording))
     rows = np.flatnonzero(count == count.max())
-    # Neither straight ahead nor the sharpest bend there is.
+    # Not straight ahead, and not the sharpest bend.
     bends = rows[np.abs(recording.steering[rows]) >= data["straight_threshold"]]
     rows = bends if len(bends) else rows
     row = rows[np.argsort(np.abs(recording.steering[rows]), kind="stable")[len(rows) // 2]]
-    pictures = []
+    images = []
     for camera in ("left", "center", "right"):
         sample = _samples(run, np.array([row]))
         own = np.flatnonzero(sample.camera == CAMERAS.index(camera))
@@ -119,18 +119,18 @@ def _cameras(run: Run) -> list[Block]:
             continue
         steering = float(sample.steering[own[0]])
         frame = read_frame(recording.images[row, CAMERAS.index(camera)])
-        caption = f"{camera}: fed with steering {_signed(steering)}"
-        pictures.append(labelled_frame(f"camera_{camera}", frame, steering, caption))
+        caption = f"{camera}: label {_signed(steering)}"
+        images.append(labelled_frame(f"camera_{camera}", frame, steering, caption))
     how = f"offset by {data['offset']:g}"
     if data.get("recover_s") is not None:
-        how = f"corrected to be back in the middle in {data['recover_s']:g} s"
+        how = f"changed to return to the centreline in {data['recover_s']:g} s"
     return [
         Heading("One frame of each camera"),
         Text(
-            f"{recording.place(int(row))}, the bend of the median steering: recorded "
-            f"{_signed(recording.steering[row])}, side cameras {how}."
+            f"{recording.place(int(row))}, chosen for its median steering. Recorded steering: "
+            f"{_signed(recording.steering[row])}. Steering of the side cameras: {how}."
         ),
-        Pictures(pictures, columns=3),
+        Images(images, columns=3),
     ]
 
 
@@ -138,15 +138,15 @@ def _flipped(run: Run) -> list[Block]:
     recording, data = run.recording, run.config["data"]
     flip = data["flip"]
     if not flip:
-        return [Text("Nothing was flipped (data.flip=0).")]
+        return [Text("No sample was flipped (data.flip=0).")]
     steering = np.abs(recording.steering)
     row = int(np.argsort(steering, kind="stable")[int(0.9 * (len(steering) - 1))])
     frame, label = read_frame(recording.images[row, 0]), float(recording.steering[row])
-    how = "every sample comes both ways" if flip == "both" else f"with probability {flip:g}"
+    how = "a copy of each sample" if flip == "both" else f"samples with probability {flip:g}"
     return [
-        Heading("Flipped"),
-        Text(f"A sample is mirrored, and its steering negated, {how}."),
-        Pictures(
+        Heading("A flipped sample"),
+        Text(f"The training mirrors {how}, and negates the steering."),
+        Images(
             [
                 labelled_frame("flip_before", frame, label, f"recorded: {_signed(label)}"),
                 labelled_frame(
@@ -163,37 +163,37 @@ def _recovery(run: Run) -> list[Block]:
     found = find_recovery(recording)
     rows = found.rows[np.linspace(0, len(found.rows) - 1, SHOWN).round().astype(int)]
     began = recording.time_s[rows[0]]
-    pictures = []
+    images = []
     for number, row in enumerate(rows, 1):
         steering = float(recording.steering[row])
         time = recording.time_s[row] - began
         when = f"{time:.1f} s" if math.isfinite(time) else f"row {recording.line[row]}"
         caption = f"{when}: {_signed(steering)}"
         frame = read_frame(recording.images[row, 0])
-        pictures.append(labelled_frame(f"recovery_{number}", frame, steering, caption))
+        images.append(labelled_frame(f"recovery_{number}", frame, steering, caption))
     return [
         Heading("A recovery"),
-        Text(f"{found.why} It begins at {recording.place(int(rows[0]))}."),
-        Pictures(pictures, columns=3),
+        Text(f"{found.why} The stretch begins at {recording.place(int(rows[0]))}."),
+        Images(images, columns=3),
     ]
 
 
 def _fed(run: Run) -> list[Block]:
     names = ", ".join(run.config["data"].get("augment") or {}) or "none"
-    picture = run.plot(
+    image = run.plot(
         "fed_batch",
-        f"The first batches as the network was fed them, each with its label. Augmentation: {names}"
-        ". The arrow points where the label steers; full lock is 45 degrees.",
-        "The run drew no batch as fed (callbacks.fed_batch).",
+        f"Images of the first batches, as input to the network, with their labels. Augmentation: "
+        f"{names}. The line points in the label's direction; full lock is 45 degrees.",
+        "The run has no plot of the network's input (callbacks.fed_batch).",
     )
-    return [Heading("As fed"), Pictures([smaller(picture)])]
+    return [Heading("Network input"), Images([smaller(image)])]
 
 
 def _samples(run: Run, rows: np.ndarray):
     data = run.config["data"]
     cameras = [one for one in CAMERAS if one in data["cameras"]]
     if not cameras:
-        raise MissingError("The run was trained on no camera that is known.")
+        raise MissingError("data.cameras does not name a known camera.")
     return make_samples(run.recording, rows, cameras, data["offset"], data.get("recover_s"))
 
 

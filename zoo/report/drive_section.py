@@ -1,4 +1,4 @@
-"""The section on how it drives: figures, film, where it went, its worst moments."""
+"""The section on driving: figures, film, path and worst moments."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,10 +11,10 @@ from zoo.report.blocks import (
     Film,
     Fold,
     Heading,
+    Image,
+    Images,
     Missing,
     MissingError,
-    Picture,
-    Pictures,
     Rows,
     Text,
     gather,
@@ -25,13 +25,13 @@ from zoo.report.reported_run import Run
 if TYPE_CHECKING:
     from zoo.drives.drive_record import Drive
 
-FILMS_BYTES = 10_000_000  # of all that are put into the page: a third more as text
-SLOW_MACS = 1_000_000_000  # multiply-adds above which a saliency takes half a second
-FEW = 3  # worst moments of a network that slow
+FILMS_BYTES = 10_000_000  # total of films embedded in the page; base64 adds a third
+SLOW_MACS = 1_000_000_000  # multiply-adds above which a saliency map takes half a second
+FEW = 3  # number of worst moments of such a slow network
 
 
 def drive_blocks(run: Run) -> list[Block]:
-    """Figures of all drives, then each track's film, plots and worst moments."""
+    """Return the figures of all drives, then each track's film, plots and worst moments."""
     return gather((_scores, _tracks, _in_training), run)
 
 
@@ -40,12 +40,14 @@ def _scores(run: Run) -> list[Block]:
 
     if not run.tracks:
         if "score" in run.choices and run.choices["score"] == "none":
-            raise MissingError("The run was not driven (score=none): its figures are open-loop.")
+            raise MissingError(
+                "The run was not driven (score=none): it has only open-loop figures."
+            )
         raise MissingError(
-            "Nothing was driven. python -m zoo.evaluate scores the checkpoint by driving."
+            "The run was not driven. Drive its checkpoint with python -m zoo.evaluate."
         )
     scored = run.metrics.get("drive") or {}
-    how = "In the embedded simulator, in simulated time"
+    how = "Driven in the embedded simulator, in simulated time"
     if scored.get("speed_mph"):
         laps, seeds = scored["laps"], scored["seeds"]
         how += (
@@ -54,12 +56,12 @@ def _scores(run: Run) -> list[Block]:
         )
     return [
         Text(
-            f"{how}. Autonomy is NVIDIA's: 1 - 6 s x interventions / time driven; an intervention "
-            "is a car that leaves its lane or stands still, and puts it back on the centre. "
-            "A start seed draws the start and a random weather. ± is the sample standard deviation "
-            "over the drives' start seeds: it says nothing on how much another training would "
-            "change. In brackets, Wilson's 95 % interval. The same start seed gives the same "
-            "figures to the digit, latency apart."
+            f"{how}. Autonomy is NVIDIA's measure: 1 - 6 s x interventions / driving time. An "
+            "intervention puts a car that left its lane or stands still back on the centreline. "
+            "A start seed sets the start and any random weather. ± is the sample standard "
+            "deviation over start seeds; it does not show how much another training would differ. "
+            "Brackets hold Wilson's 95 % interval. The same start seed gives the same figures to "
+            "the digit, except the latency."
         ),
         Rows.of(drives_table(run.tracks), bold=frozenset({0})),
     ]
@@ -68,13 +70,13 @@ def _scores(run: Run) -> list[Block]:
 def _tracks(run: Run) -> list[Block]:
     blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
     if run.tracks and not run.drives:
-        missing = Missing("The drives themselves are not in the run's folder any more.")
+        missing = Missing("The run's folder no longer holds the drives.")
         return blocks or [missing]
     left = FILMS_BYTES
     for track in dict.fromkeys(drive.summary["track"] for drive in run.drives):
         drives = [drive for drive in run.drives if drive.summary["track"] == track]
         first = drives[0]
-        blocks.append(Heading(f"The drive on the {track}"))
+        blocks.append(Heading(f"Drive on the {track}"))
         film = _film(run, first.folder / FILM_NAME, left)
         left -= len(film.data or b"") if isinstance(film, Film) else 0
         blocks.append(film)
@@ -83,7 +85,7 @@ def _tracks(run: Run) -> list[Block]:
             others: list[Block] = []
             for drive in drives[1:]:
                 others += _plots(drive)
-            blocks.append(Fold(f"The other start seeds: {len(drives) - 1}", others))
+            blocks.append(Fold(f"Drives with other start seeds: {len(drives) - 1}", others))
         try:
             blocks += _worst(run, track, drives)
         except MissingError as missing:
@@ -93,46 +95,47 @@ def _tracks(run: Run) -> list[Block]:
 
 def _film(run: Run, path: Path, budget: int) -> Block:
     if not path.is_file():
-        return Missing("The drive was not filmed (score.film=false, or film=true was not given).")
+        return Missing(
+            "The drive was not filmed (score.film; film=true in python -m zoo.evaluate)."
+        )
     speed = (run.config.get("score") or {}).get("film_speed") or 1
-    said = "The drive, filmed while it was scored"
-    if speed > 1:
-        said += f"; it plays {speed:g} times as fast as it was driven"
+    faster = f", at {speed:g} times its speed" if speed > 1 else ""
+    caption = f"Film of the scored drive{faster}."
     size = path.stat().st_size
     if size > budget:
-        return Film(path, f"{said}. With {size / 1e6:.0f} MB it is kept beside this page.")
-    return Film(path, f"{said}.", path.read_bytes())
+        return Film(path, f"{caption} It has {size / 1e6:.0f} MB, so it is a separate file.")
+    return Film(path, caption, path.read_bytes())
 
 
 def _plots(drive: "Drive") -> list[Block]:
     captions = {
-        "track": "Where it drove, coloured by how far off the centreline; crosses: interventions.",
-        "error": "How far off the centreline, metre by metre; the lane is shaded.",
+        "track": "The car's path, coloured by cross-track error. Crosses mark interventions.",
+        "error": "Cross-track error along the track. The lane is shaded.",
     }
-    pictures = []
+    images = []
     for plot, caption in captions.items():
         path = drive.folder / f"{plot}.png"
         if path.is_file():
-            # Turned over for a dark page, large errors would be the darkest colours on the track.
+            # Inverted for a dark page, large errors would have the darkest colours.
             name = _name(drive, path.name)
-            pictures.append(Picture(name, path.read_bytes(), caption, plot=plot != "track"))
-    return [Pictures([one]) for one in pictures]
+            images.append(Image(name, path.read_bytes(), caption, plot=plot != "track"))
+    return [Images([one]) for one in images]
 
 
 def _name(drive: "Drive", file: str) -> str:
-    """A file of a drive, beside those of others: a track's own name may hold anything."""
+    """Return a unique name for a file of a drive; a track's name may contain any character."""
     return f"{drive.folder.name}_{file}"
 
 
 def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
-    """The worst moments of a track's drives, each beside what the network looks at."""
+    """Return the worst moments of a track's drives, each with its saliency map."""
     from zoo.checkpoints.policy import Policy
     from zoo.models.network_facts import multiply_adds
     from zoo.saliency.visual_backprop import Saliency, overlay
 
     found = [(drive, row) for drive in drives for row in worst_rows(drive)]
     if not found:
-        raise MissingError("The drive kept no picture of its worst moments.")
+        raise MissingError("The drive saved no images of its worst moments.")
     found.sort(key=lambda one: _badness(*one), reverse=True)
     checkpoint = run.checkpoint
     height, width, channels = checkpoint.view.shape
@@ -140,25 +143,25 @@ def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
     if multiply_adds(checkpoint.network, (channels, height, width)) > SLOW_MACS:
         count = FEW
     saliency = Saliency(Policy(checkpoint))
-    pictures = []
+    images = []
     for number, (drive, row) in enumerate(found[:count], 1):
         frame = read_frame(drive.folder / str(drive.frame[row]))
         where = saliency(frame, float(drive.speed_mph[row]))
         pair = np.hstack([frame, overlay(frame, where)])
         name = _name(drives[0], f"worst_{number}.jpg")
-        pictures.append(jpeg(name, pair, _moment(drive, row, len(drives))))
+        images.append(jpeg(name, pair, _moment(drive, row, len(drives))))
     return [
-        Heading(f"The worst moments on the {track}"),
+        Heading(f"Worst moments on the {track}"),
         Text(
-            "Interventions first, then what was furthest from the centreline, "
-            f"{APART_S:g} s apart or more. At the right, in green, what the steering depends on."
+            "Interventions come first, then the largest cross-track errors, at least "
+            f"{APART_S:g} s apart. The right half shows in green what the steering depends on."
         ),
-        Pictures(pictures, columns=2),
+        Images(images, columns=2),
     ]
 
 
 def worst_rows(drive: "Drive") -> list[int]:
-    """Rows of a `Drive` whose picture was kept, the worst first, `APART_S` apart or more."""
+    """Return rows with a saved image, the worst first, at least `APART_S` apart."""
     rows = [int(row) for row in np.flatnonzero(drive.frame != "")]
     rows = [row for row in rows if np.isfinite(drive.cross_track_m[row])]
     chosen: list[int] = []
@@ -174,14 +177,14 @@ def _badness(drive: "Drive", row: int) -> tuple[bool, float]:
 
 def _moment(drive: "Drive", row: int, drives: int) -> str:
     error = float(drive.cross_track_m[row])
-    said = [
+    parts = [
         f"{drive.time_s[row]:.1f} s"
         + (f", start seed {drive.summary['seed']}" if drives > 1 else ""),
-        f"{abs(error):.2f} m {'right' if error > 0 else 'left'}",
+        f"{abs(error):.2f} m to the {'right' if error > 0 else 'left'}",
         f"steering {drive.steering[row] + 0.0:+.2f}",
         f"{drive.speed_mph[row]:.0f} mph",
     ]
-    return ("Intervention. " if drive.intervention[row] else "") + ", ".join(said)
+    return ("Intervention. " if drive.intervention[row] else "") + ", ".join(parts)
 
 
 def _in_training(run: Run) -> list[Block]:
@@ -189,10 +192,10 @@ def _in_training(run: Run) -> list[Block]:
     if not found:
         return []
     return [
-        Heading("While training"),
+        Heading("Drives during the training"),
         Text(
             f"The closed-loop callback drove {found['metres']:g} m of the {found['track']} with "
             f"the best weights: autonomy {found['autonomy']:.1%}, {found['interventions']} "
-            f"interventions, {found['cte_mean']:.2f} m off the centreline on average."
+            f"interventions, mean cross-track error {found['cte_mean']:.2f} m."
         ),
     ]

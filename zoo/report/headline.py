@@ -1,4 +1,4 @@
-"""The first words of a write-up: what this is, and how well it drives."""
+"""The top of a report: the verdict, a summary and the main figures."""
 
 from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import with_deviation
@@ -11,13 +11,13 @@ KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
 
 
 def title(run: Run) -> str:
-    """The experiment's name, or the model's."""
+    """Return the report's title: the experiment's name, or the model's."""
     name = run.choices.get("experiment") or run.config["model"]["name"]
     return f"{name}, quick" if run.config.get("quick") else str(name)
 
 
 def headline_blocks(run: Run) -> list[Block]:
-    """What it is in a sentence, and the figures: autonomy, cross-track error, open-loop."""
+    """Return the verdict, a summary, and the figures of driving and of the open loop."""
     blocks: list[Block] = [*_verdict(run), Text(_what(run))]
     if run.ended_early:
         blocks.append(Missing(run.ended_early))
@@ -26,7 +26,7 @@ def headline_blocks(run: Run) -> list[Block]:
 
 
 def _verdict(run: Run) -> list[Block]:
-    """The verdict as a box; nothing for a run that has not finished."""
+    """Return a box with the verdict; nothing for a run that has not finished."""
     if not run.metrics or run.ended_early:
         return []
     evidence = evidence_of_run(run.folder, run.config, run.metrics)
@@ -46,21 +46,18 @@ def _verdict(run: Run) -> list[Block]:
 
 def _what(run: Run) -> str:
     metrics, root = run.metrics, run.config["data"].get("root")
-    size = f" of {metrics['parameters']:,} parameters" if metrics else ""
-    said = (
-        f"A network that steers a car from a camera's picture: {run.config['model']['name']}{size}"
-    )
+    size = f" with {metrics['parameters']:,} parameters" if metrics else ""
+    summary = f"A network that steers a car from camera images: {run.config['model']['name']}{size}"
     try:
         root = root or list(run.recording.names)
     except MissingError:
-        root = "a recording that is not known"
-    said += ", trained on " if metrics else ", to be trained on "
-    said += f"{root if isinstance(root, str) else ', '.join(root)}"
+        root = "an unknown recording"
+    summary += ", trained on " if metrics else ", to be trained on "
+    summary += f"{root if isinstance(root, str) else ', '.join(root)}"
     if metrics:
-        said += (
-            f" ({metrics['data']['split']['train']:,} training rows, {metrics['epochs']} epochs)"
-        )
-    return f"{said}."
+        rows, epochs = metrics["data"]["split"]["train"], metrics["epochs"]
+        summary += f" ({rows:,} training rows, {epochs} epoch{'' if epochs == 1 else 's'})"
+    return f"{summary}."
 
 
 def _driving(run: Run) -> list[Tile]:
@@ -70,8 +67,8 @@ def _driving(run: Run) -> list[Tile]:
     for track, figures in run.tracks.items():
         count = figures.get("drives")
         lost, laps = figures["interventions"][0], figures["laps"][0]
-        note = f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
-        note += ", on average" if (count or 1) > 1 else ""
+        note = "per drive: " if (count or 1) > 1 else ""
+        note += f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
         if figures.get("drives_without_intervention") is not None:
             kept = count_with_interval(figures["drives_without_intervention"], count)
             note += f"; drives without intervention: {kept}"
@@ -79,7 +76,7 @@ def _driving(run: Run) -> list[Tile]:
         first.append(Tile(f"Autonomy, {track}", autonomy, note))
         second.append(
             Tile(
-                f"Off centre, {track}",
+                f"Cross-track error, {track}",
                 f"{figures['cte_mean_m'][0]:.2f} m",
                 f"on average; {run.farthest_m(track):.2f} m at most",
             )

@@ -1,4 +1,4 @@
-"""A write-up as Markdown, with its pictures as files beside it."""
+"""Render a report as Markdown, with its images as files in the same folder."""
 
 import os
 from pathlib import Path
@@ -11,9 +11,9 @@ from zoo.report.blocks import (
     Film,
     Fold,
     Heading,
+    Image,
+    Images,
     Missing,
-    Picture,
-    Pictures,
     Rows,
     Section,
     Text,
@@ -22,10 +22,16 @@ from zoo.report.blocks import (
 
 
 def to_markdown(title: str, sections: list[Section], folder: Path) -> str:
-    """The text of `report.md`; pictures and films are named relative to `folder`."""
+    """Return the text of `report.md`.
+
+    Args:
+        title: title of the report.
+        sections: sections; the first has no heading.
+        folder: folder of `report.md`; paths of films are relative to it.
+    """
     parts = [f"# {_plain(title)}"]
     for number, section in enumerate(sections):
-        if number:  # the headline stands under the title
+        if number:  # the headline follows the title
             parts.append(f"## {section.title}")
         parts += [_block(block, folder) for block in section.blocks]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -43,11 +49,11 @@ def _block(block: Block, folder: Path) -> str:
             return "\n".join(f"- {_plain(item)}" for item in items)
         case Tiles(tiles):
             rows = [[tile.label, tile.value, tile.note] for tile in tiles]
-            return _table(Rows(["", "", ""], rows, left=3))
+            return _table(Rows(["figure", "value", "details"], rows, left=3))
         case Rows():
             return _table(block)
-        case Pictures(pictures, columns):
-            return _pictures(pictures, columns)
+        case Images(images, columns):
+            return _images(images, columns)
         case Film(path, caption):
             return f"[{_plain(caption)}](<{Path(os.path.relpath(path, folder)).as_posix()}>)"
         case Code(text):
@@ -61,7 +67,7 @@ def _block(block: Block, folder: Path) -> str:
         case Fold(title, blocks):
             inner = "\n\n".join(_block(one, folder) for one in blocks)
             return f"<details><summary>{_plain(title)}</summary>\n\n{inner}\n\n</details>"
-    raise TypeError(f"{type(block).__name__} is no block")
+    raise TypeError(f"{type(block).__name__} is not a block")
 
 
 def _table(rows: Rows) -> str:
@@ -73,25 +79,25 @@ def _table(rows: Rows) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _pictures(pictures: list[Picture], columns: int) -> str:
-    """One below another, or side by side in a table, whose first row stands for its head."""
+def _images(images: list[Image], columns: int) -> str:
+    """Return images one below another, or side by side in a table with a header row of images."""
     if columns == 1:
-        return "\n\n".join(f"{_image(one)}\n\n{_plain(one.caption)}" for one in pictures)
-    cells = [f"{_image(one)}<br>{_cell(one.caption)}" for one in pictures]
+        return "\n\n".join(f"{_image(one)}\n\n{_plain(one.caption)}" for one in images)
+    cells = [f"{_image(one)}<br>{_cell(one.caption)}" for one in images]
     cells += [""] * (-len(cells) % columns)
     rows = [cells[start : start + columns] for start in range(0, len(cells), columns)]
     lines = [rows[0], ["---"] * columns, *rows[1:]]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _image(picture: Picture) -> str:
-    return f"![{Path(picture.name).stem}](<{picture.name}>)"
+def _image(image: Image) -> str:
+    return f"![{Path(image.name).stem}](<{image.name}>)"
 
 
 def _plain(text: str) -> str:
-    """Text whose signs mean nothing to Markdown."""
-    for sign in "\\`*_[]<>#":
-        text = text.replace(sign, f"\\{sign}")
+    """Return a text with Markdown's special characters escaped."""
+    for character in "\\`*_[]<>#":
+        text = text.replace(character, f"\\{character}")
     return text
 
 

@@ -1,4 +1,4 @@
-"""The section on the network: layer by layer, with shapes and parameters."""
+"""The section on the network: its layers with output shapes and parameters."""
 
 import re
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from zoo.report.reported_run import Run
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer as it was called.
+    """A call of a layer.
 
     Attributes:
-        name: within the network; empty for what belongs to no layer.
-        kind: its class, and how it was made.
-        shape: what came out, without the batch.
-        parameters: its own.
+        name: name in the network; empty for parameters outside layers.
+        kind: class and settings.
+        shape: shape of the output, without the batch.
+        parameters: number of parameters that no earlier call has counted.
     """
 
     name: str
@@ -29,10 +29,14 @@ class Layer:
 
 
 def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Layer]:
-    """The layers in the order of a forward pass over a view of `(height, width, channels)`.
+    """Return the layers in the order of a forward pass.
 
-    The parameters add up to the network's: one that is used twice counts once, one that no layer
-    owns gets a line of its own.
+    The parameters add up to the network's: a layer that is used twice counts once, and parameters
+    outside layers get their own entry.
+
+    Args:
+        network: network of the zoo.
+        shape: `(height, width, channels)` of the view.
     """
     layers: list[Layer] = []
     counted: set[int] = set()
@@ -57,12 +61,12 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
             hook.remove()
     rest = [p for p in network.parameters() if id(p) not in counted]
     if rest:
-        layers.append(Layer("", "parameters of no layer", (), sum(p.numel() for p in rest)))
+        layers.append(Layer("", "parameters outside layers", (), sum(p.numel() for p in rest)))
     return layers
 
 
 def network_blocks(run: Run) -> list[Block]:
-    """What the network is, and its table."""
+    """Return a summary of the network and the table of its layers."""
     return gather((_table,), run)
 
 
@@ -78,24 +82,25 @@ def _table(run: Run) -> list[Block]:
     rows = [
         [layer.name, layer.kind, _size(layer.shape), f"{layer.parameters:,}"] for layer in layers
     ]
-    rows.append(["in all", "", "", f"{total:,}"])
-    takes = "It takes the speed beside the picture. " if network.takes_speed else ""
-    gives = "steering and throttle" if network.outputs == 2 else "the steering"
+    rows.append(["total", "", "", f"{total:,}"])
+    inputs = "image and speed" if network.takes_speed else "image"
+    outputs = "steering and throttle" if network.outputs == 2 else "steering"
     frozen = "" if trained == total else f" ({total - trained:,} of them frozen)"
     top, bottom = view.crop
     return [
         Text(
-            f"{run.config['model']['name']}: {paper(network)}. {takes}It gives {gives}: "
+            f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}. "
             f"{total:,} parameters{frozen}, "
-            f"{multiply_adds(network, (channels, height, width)):,} multiply-adds for a frame."
+            f"{multiply_adds(network, (channels, height, width)):,} multiply-adds per frame."
         ),
         Text(
-            f"The view: of 160 x 320 pixels, {top} rows at the top and {bottom} at the bottom are "
-            f"cropped, the colour is {view.colour}, the size {height} x {width}. It is stored in "
-            "the checkpoint, and whoever drives uses the same. Pixels are scaled in the network."
+            f"The view crops {top} rows at the top and {bottom} at the bottom of a frame of "
+            f"160 x 320 pixels. Its colour is {view.colour}, its size {height} x {width}. The "
+            "checkpoint stores the view, so driving uses the same. The network itself scales the "
+            "pixels."
         ),
         Rows(
-            ["layer", "kind", "output", "parameters"],
+            ["layer", "type", "output", "parameters"],
             rows,
             left=2,
             bold=frozenset({len(rows) - 1}),
@@ -104,9 +109,9 @@ def _table(run: Run) -> list[Block]:
 
 
 def _details(module: nn.Module) -> str:
-    """How PyTorch describes it, without what goes without saying."""
-    said = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", module.extra_repr())
-    return said.replace(", inplace=False", "").replace(", bias=True", "")
+    """Return PyTorch's text on a layer's settings, without common defaults."""
+    text = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", module.extra_repr())
+    return text.replace(", inplace=False", "").replace(", bias=True", "")
 
 
 def _size(shape: tuple[int, ...]) -> str:

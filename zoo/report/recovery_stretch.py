@@ -1,4 +1,4 @@
-"""A stretch of a recording in which whoever drove comes back to the middle."""
+"""Find a stretch of a recording in which the car returns to the centreline."""
 
 from dataclasses import dataclass
 
@@ -11,41 +11,41 @@ from zoo.report.blocks import MissingError
 
 @dataclass(frozen=True)
 class Recovery:
-    """Rows of a recording (int64 [n], one after another), and how they were chosen."""
+    """Consecutive rows of a recording (int64 [n]), and a text on how they were chosen."""
 
     rows: np.ndarray
     why: str
 
 
 def find_recovery(recording: Recording) -> Recovery:
-    """The likeliest recovery of a recording, which does not say how far off the middle the car was.
+    """Return the most likely recovery of a recording, which holds no cross-track error.
 
-    Who records recoveries stops recording on the way out, and begins when the car is to come back:
-    so first the stretches right after a pause are looked at, then all. The one counts whose
-    steering comes back the furthest: the largest |steering| in its first half, less the mean of its
-    last quarter.
+    A driver who records recoveries pauses the recording on the way to the lane's edge, and resumes
+    it for the way back. So search the stretches right after a pause first, then all stretches. The
+    chosen stretch has the largest recovery response: the largest |steering| in its first half minus
+    the mean of its last quarter.
 
     Raises:
-        MissingError: nothing is long enough, or the steering hardly changes anywhere.
+        MissingError: no stretch is long enough, or the steering hardly changes in all of them.
     """
     stretches = find_stretches(recording)
     starts, length = stretches.first, stretches.length
     if not len(starts):
         raise MissingError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
-    for chosen, of in (
-        (starts[stretches.after_pause], "the stretches that follow a pause in the recording"),
-        (starts, "all its stretches"),
+    for chosen, which in (
+        (starts[stretches.after_pause], " that follow a pause in the recording"),
+        (starts, " of the recording"),
     ):
         best, change = _best(recording, chosen, length)
         if best is None or change < LEAST_CHANGE:
             continue
         why = (
-            "The log does not say how far off the middle the car was. Of "
-            f"{of} ({len(chosen):,} of {STRETCH_S:g} s), this is the one whose steering comes back "
-            f"the furthest, by {change:.2f}."
+            f"This is the largest recovery response in the stretches of {STRETCH_S:g} s{which} "
+            f"(number: {len(chosen):,}): the steering returns by {change:.2f}. The log does not "
+            "contain the cross-track error."
         )
         if chosen is starts:
-            why += " No pause came before a recovery, so it may be a sharp bend."
+            why += " No recovery follows a pause, so this may be a sharp bend."
         return Recovery(np.arange(best, best + length), why)
     raise MissingError("The steering hardly changes anywhere in the recording.")
 

@@ -1,4 +1,4 @@
-"""A write-up as one HTML page that fetches nothing: pictures and film are within."""
+"""Render a report as one HTML page with embedded images and films."""
 
 import base64
 import hashlib
@@ -14,7 +14,10 @@ def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> s
     """Return the text of `index.html`.
 
     Args:
-        folder: a film that is too large for the page is named relative to it.
+        title: title of the report.
+        sections: sections; the first has no heading.
+        footer: text at the end of the page.
+        folder: folder of the page; links to films that are too large for it are relative to it.
     """
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "static"),
@@ -24,7 +27,7 @@ def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> s
         lstrip_blocks=True,
     )
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
-    environment.filters["beside"] = lambda path: Path(os.path.relpath(path, folder)).as_posix()
+    environment.filters["relative"] = lambda path: Path(os.path.relpath(path, folder)).as_posix()
     environment.tests["a"] = lambda block, name: type(block).__name__ == name
     style = (Path(__file__).parent / "static" / "style.css").read_text()
     template = environment.get_template("page.html")
@@ -34,5 +37,5 @@ def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> s
 
 
 def hash_source(text: str) -> str:
-    """Return the source by which a Content-Security-Policy allows this text alone, inline."""
+    """Return the source with which a Content-Security-Policy allows only this inline text."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"

@@ -1,4 +1,4 @@
-"""A run's folder, as its write-up reads it."""
+"""Read a run's folder for its report."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
-from zoo.report.blocks import MissingError, Picture
+from zoo.report.blocks import Image, MissingError
 from zoo.runs.status import is_alive
 
 if TYPE_CHECKING:
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left.
+    """The files of a run.
 
     Attributes:
-        folder: the run's.
-        hydra_config: its config as it was composed.
-        choices: by config group, what was chosen.
-        overrides: what was typed after `python -m zoo`.
-        started_in: the folder that relative paths count from; None where that was not kept.
-        status: what `status.json` holds.
-        metrics: what `metrics.json` holds; empty before the run has finished.
+        folder: run's folder.
+        hydra_config: config as Hydra composed it.
+        choices: option of each config group.
+        overrides: arguments of `python -m zoo`.
+        started_in: folder to which relative paths are relative; None if it was not saved.
+        status: contents of `status.json`.
+        metrics: contents of `metrics.json`; empty before the run has finished.
     """
 
     folder: Path
@@ -41,16 +41,18 @@ class Run:
 
     @cached_property
     def checkpoint_path(self) -> Path:
-        """The best checkpoint, or the last; MissingError without one."""
+        """Return the path of the best or the last checkpoint; raise MissingError without one."""
         for name in ("best", "last"):
             path = self.folder / "checkpoints" / f"{name}.ckpt"
             if path.is_file():
                 return path
-        raise MissingError("The run left no checkpoint: it ended before its first epoch did.")
+        raise MissingError(
+            "The run has no checkpoint: it stopped before the end of its first epoch."
+        )
 
     @cached_property
     def checkpoint(self) -> "Checkpoint":
-        """Loaded; MissingError where there is none or it cannot be read."""
+        """Load the checkpoint; raise MissingError if it is missing or damaged."""
         from zoo.checkpoints.checkpoint import load_checkpoint
 
         try:
@@ -60,7 +62,7 @@ class Run:
 
     @cached_property
     def config(self) -> dict:
-        """The checkpoint's config, where `data.root` is what was trained on; else Hydra's."""
+        """Return the checkpoint's config, which names the recording in `data.root`, or Hydra's."""
         try:
             return self.checkpoint.config
         except MissingError:
@@ -68,26 +70,26 @@ class Run:
 
     @cached_property
     def recording(self) -> "Recording":
-        """Read again; MissingError where it is no longer to be found."""
+        """Read the recording again; raise MissingError if it cannot be read."""
         from datamodules.recording import read_recordings
 
         root, images = self.config["data"]["root"], self.config["data"].get("images")
         if root is None:
-            raise MissingError("The run ended before it knew its recording.")
+            raise MissingError("The run stopped before it opened its recording.")
         roots = [self._found(one) for one in ([root] if isinstance(root, str) else root)]
         try:
             return read_recordings(roots, self._found(images) if images else None, "skip")
         except (InputError, OSError) as error:
-            raise MissingError(f"The recording cannot be read any more: {error}.") from None
+            raise MissingError(f"The recording cannot be read: {error}.") from None
 
     @cached_property
     def drives(self) -> list["Drive"]:
-        """The scored drives, by track and start seed; one that is damaged is left out."""
+        """Return the scored drives by track and start seed, without damaged ones."""
         return self._read_drives[0]
 
     @property
     def damaged_drives(self) -> list[str]:
-        """What is wrong with those drives that cannot be read, a line each."""
+        """Return a line for each damaged drive."""
         return self._read_drives[1]
 
     @cached_property
@@ -112,7 +114,7 @@ class Run:
 
     @cached_property
     def tracks(self) -> dict[str, dict]:
-        """Every track's figures, see `mean_and_spread`; empty where nothing drove."""
+        """Return every track's figures (see `mean_and_spread`); empty without drives."""
         from zoo.evaluate.drives_table import mean_and_spread
 
         scored = self.metrics.get("drive") or {}
@@ -125,41 +127,41 @@ class Run:
         }
 
     def farthest_m(self, track: str) -> float:
-        """How far off a track's centreline any of its drives came, in metres."""
+        """Return the largest cross-track error of a track's drives, in metres."""
         own = [one.summary["cte_max_m"] for one in self.drives if one.summary["track"] == track]
         return max(own, default=self.tracks[track]["cte_max_m"][0])
 
     @cached_property
     def ended_early(self) -> str | None:
-        """Why there are no figures, as a sentence; None for a run that has finished."""
+        """Return a sentence on why there are no figures; None for a finished run."""
         state = self.status.get("status")
-        reason = self.status.get("reason") or "the reason was not kept"
+        reason = self.status.get("reason") or "the reason was not saved"
         if state in ("failed", "pruned"):
-            what = "failed" if state == "failed" else "was given up by a search"
-            return f"The run {what}: {reason}."
-        if self.metrics:  # this may be written while the run's last lines are
+            end = "failed" if state == "failed" else "was pruned by a search"
+            return f"The run {end}: {reason}."
+        if self.metrics:  # the run itself may write this report before it ends
             return None
         if state == "running" and is_alive(self.folder):
-            return "The run is still going on."
-        return "The run did not finish: its process was ended from outside."
+            return "The run is still running."
+        return "The run did not finish: its process was killed."
 
     def figures(self, key: str) -> Any:
-        """Of `metrics.json`; MissingError before the run has finished, or without such figures."""
+        """Return a value of `metrics.json`; raise MissingError if it is not there."""
         if not self.metrics:
-            raise MissingError("There is no metrics.json: only a finished run has figures.")
+            raise MissingError("metrics.json is missing: only a finished run has figures.")
         if self.metrics.get(key) is None:
-            raise MissingError(f"metrics.json holds no {key}.")
+            raise MissingError(f"metrics.json does not contain {key}.")
         return self.metrics[key]
 
-    def plot(self, name: str, caption: str, why_not: str) -> Picture:
-        """A plot that the run drew; MissingError, with the reason, where it did not."""
+    def plot(self, name: str, caption: str, why_not: str) -> Image:
+        """Return a plot of the run; raise MissingError with `why_not` if it is missing."""
         path = self.folder / "plots" / f"{name}.png"
         if not path.is_file():
             raise MissingError(why_not)
-        return Picture(path.name, path.read_bytes(), caption, plot=True)
+        return Image(path.name, path.read_bytes(), caption, plot=True)
 
     def _found(self, place: str) -> str:
-        """A path as the run meant it."""
+        """Return a path of the run's config, relative to the folder where the run was started."""
         path = Path(place).expanduser()
         if not path.exists() and self.started_in and (self.started_in / path).exists():
             return str(self.started_in / path)
@@ -167,20 +169,23 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """Read what is small of a run; the rest when it is asked for.
+    """Read the small files of a run; the other files are read on first use.
 
     Raises:
-        InputError: there is no such folder, it is no run's, or a file in it is damaged.
+        InputError: the folder does not exist or is not a run's, or a file in it is damaged.
     """
     if not folder.is_dir():
-        what = "is no folder" if folder.exists() else "no such folder"
-        raise InputError(f"{folder}: {what}; name a run's, such as outputs/DATE/TIME")
+        found = "is not a folder" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: {found}; name a run's folder, such as outputs/DATE/TIME")
     if (folder / "multirun.yaml").is_file():
         jobs = sorted(path.parent.parent for path in folder.glob("*/.hydra/config.yaml"))
-        hint = f"; name one of its runs, such as {jobs[0]}" if jobs else ", without any run"
-        raise InputError(f"{folder}: is a sweep's folder{hint}")
+        hint = f"name one of its runs, such as {jobs[0]}" if jobs else "it has no runs to report"
+        raise InputError(f"{folder}: is a sweep's folder; {hint}")
     if not (folder / ".hydra" / "config.yaml").is_file():
-        raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
+        raise InputError(
+            f"{folder}: is not a run's folder (no .hydra/config.yaml); name one, such as "
+            "outputs/DATE/TIME"
+        )
     from zoo.runs.config_files import Runtime, load_config, read_hydra_file, read_overrides_file
     from zoo.runs.metrics_file import read_metrics_file
     from zoo.runs.status_file import read_status_file
@@ -188,7 +193,10 @@ def read_run(folder: Path) -> Run:
     runtime = read_hydra_file(folder) if _has(folder, ".hydra/hydra.yaml") else Runtime()
     config = OmegaConf.to_container(load_config(folder), resolve=False)
     if not isinstance(config.get("data"), dict) or not isinstance(config.get("model"), dict):
-        raise InputError(f"{folder}: is no run of python -m zoo (its config has no data and model)")
+        raise InputError(
+            f"{folder}: is not a run of python -m zoo (its config has no data or no model); name "
+            "another run"
+        )
     return Run(
         folder=folder,
         hydra_config=config,

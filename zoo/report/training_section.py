@@ -1,50 +1,46 @@
-"""The section on the training, and on what came out of it open-loop."""
+"""The sections on the training and on the open-loop figures."""
 
-from zoo.report.blocks import Block, Heading, Missing, Pictures, Rows, Text, gather
+from zoo.report.blocks import Block, Heading, Images, Missing, Rows, Text, gather
 from zoo.report.reported_run import Run
 
-SAYS_LITTLE = (
-    "Open-loop figures say how near the predicted steering is to the recorded one, row by row. "
-    "They do not say whether the car stays on the road."
+OPEN_LOOP = (
+    "Open-loop figures compare the predicted steering with the recorded steering, row by row. "
+    "They do not show whether the car stays on the road."
 )
 
 
 def training_blocks(run: Run) -> list[Block]:
-    """Curves, and how long it took."""
+    """Return the training's duration and curves."""
     return gather((_took, _curves), run)
 
 
 def open_loop_blocks(run: Run) -> list[Block]:
-    """Predicted against true, and the figures beside those of two that look at nothing."""
+    """Return the open-loop figures with two baselines, and plots of predicted against true."""
     return gather((_figures, _scatter), run)
 
 
 def _took(run: Run) -> list[Block]:
     epochs, metrics = run.figures("epochs"), run.metrics
-    best = f"the best after epoch {metrics['best_epoch']}" if metrics.get("best_epoch") else ""
-    rate = metrics.get("samples_per_second")
+    best, rate = metrics.get("best_epoch"), metrics.get("samples_per_second")
+    threads = metrics["threads"]
     parts = [
-        f"{epochs} epoch{_s(epochs)}" + (f", {best}" if best else ""),
-        f"{rate:,.0f} samples/s" if rate else "",
-        f"{metrics['wall_s']:,.0f} s in all",
-        f"on {metrics['device']} with {metrics['threads']} thread{_s(metrics['threads'])}",
-        f"training seed {metrics['seed']}",
+        f"Epochs: {epochs}" + (f" (best: {best})" if best else ""),
+        f"Speed: {rate:,.0f} samples/s" if rate else "",
+        f"Total time: {metrics['wall_s']:,.0f} s on {metrics['device']} with {threads} "
+        + ("thread" if threads == 1 else "threads"),
+        f"Training seed: {metrics['seed']}.",
     ]
-    return [Text("; ".join(part for part in parts if part) + ".")]
-
-
-def _s(count: int) -> str:
-    return "" if count == 1 else "s"
+    return [Text(". ".join(part for part in parts if part))]
 
 
 def _curves(run: Run) -> list[Block]:
-    picture = run.plot(
+    image = run.plot(
         "training_curves",
-        "Training loss and validation MSE by epoch. The training loss is over balanced, flipped "
-        "and augmented samples with dropout on: as a rule it is above the validation's.",
+        "Training loss and validation MSE by epoch. The training loss is computed on balanced, "
+        "flipped and augmented samples with dropout, so it is usually above the validation MSE.",
         "There are no training curves: no epoch was trained, or the run did not finish.",
     )
-    return [Pictures([picture])]
+    return [Images([image])]
 
 
 def _figures(run: Run) -> list[Block]:
@@ -55,9 +51,9 @@ def _figures(run: Run) -> list[Block]:
     own = frozenset(range(0, 3 * len(figures), 3))
     return [
         Text(
-            f"{SAYS_LITTLE} Beside each stands what two would get that look at nothing: one that "
-            "always says zero, one that always says the training rows' mean. Balanced MAE is the "
-            "mean of the MAE in each of 21 steering bins; the bias is positive to the right."
+            f"{OPEN_LOOP} The table also has two predictors that ignore the image: one always "
+            "predicts zero, the other the mean of the training rows. Balanced MAE is the mean of "
+            "the MAEs in 21 steering bins. A positive bias is to the right."
         ),
         Rows.of(table, left=2, bold=own),
         *_verdict(run),
@@ -68,11 +64,11 @@ def _verdict(run: Run) -> list[Block]:
     worse = worse_than_nothing(run)
     if not worse:
         return []
-    return [Text(f"On {' and '.join(worse)} rows the MSE is no better than that of always zero.")]
+    return [Text(f"On {' and '.join(worse)} rows the MSE is not below that of always zero.")]
 
 
 def worse_than_nothing(run: Run) -> list[str]:
-    """Of `val` and `test`, those on which the MSE is not below that of always zero."""
+    """Return the held-out parts whose MSE is not below that of always zero."""
     figures, baselines = run.metrics.get("open_loop") or {}, run.metrics.get("baselines") or {}
     return [
         {"val": "validation", "test": "test"}[part]
@@ -82,12 +78,14 @@ def worse_than_nothing(run: Run) -> list[str]:
 
 
 def _scatter(run: Run) -> list[Block]:
-    pictures, figures = [], run.figures("open_loop")
+    images, figures = [], run.figures("open_loop")
     for part in ("val", "test"):
         if part in figures:
-            caption = f"{part}: predicted against recorded steering, with the line of equality."
-            why_not = f"The run drew no predicted against true for its {part} rows."
-            pictures.append(run.plot(f"predicted_against_true_{part}", caption, why_not))
-    if not pictures:
-        return [Missing("There are neither validation nor test rows to predict.")]
-    return [Heading("Predicted against true"), Pictures(pictures, columns=2)]
+            caption = (
+                f"{part} rows: predicted against recorded steering, with the line of equality."
+            )
+            why_not = f"The run has no plot of predicted against recorded steering for {part} rows."
+            images.append(run.plot(f"predicted_against_true_{part}", caption, why_not))
+    if not images:
+        return [Missing("The split has neither validation nor test rows.")]
+    return [Heading("Predicted against recorded steering"), Images(images, columns=2)]

@@ -1,4 +1,4 @@
-"""The pages of a report: which sections it has, and where it is written."""
+"""Write a run's report as HTML and Markdown from the same sections."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,17 +11,17 @@ if TYPE_CHECKING:
     from zoo.report.reported_run import Run
 
 FOLDER, PAGE, MARKDOWN = "report", "index.html", "report.md"
-# What a section needs takes seconds to import; --help and a typo need none of it.
+# The sections' imports take seconds, so functions import them: --help and a typo stay quick.
 
 
 def write_report(folder: Path) -> Path:
-    """Write the report of a run, finished or not, in its folder; returns the page's path.
+    """Write the report of a finished or unfinished run in its folder, and return the page's path.
 
-    What is missing leaves a line that says why.
+    A missing part is replaced by a line with the reason.
 
     Raises:
-        InputError: the folder is no run's, a link in it leads out of it, or the report cannot be
-            written.
+        InputError: the folder is not a run's, a link in it leads out of it, or the report cannot
+            be written.
     """
     from zoo.report.reported_run import read_run
 
@@ -36,7 +36,7 @@ def write_report(folder: Path) -> Path:
 
 
 def _write(run: "Run", folder: Path) -> Path:
-    from zoo.report.blocks import Pictures, walk
+    from zoo.report.blocks import Images, walk
     from zoo.report.headline import title
     from zoo.report.markdown import to_markdown
     from zoo.report.report_page import to_html
@@ -45,8 +45,8 @@ def _write(run: "Run", folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     for section in sections:
         for block in walk(section.blocks):
-            for picture in block.pictures if isinstance(block, Pictures) else ():
-                write_whole(folder / picture.name, picture.data)
+            for image in block.images if isinstance(block, Images) else ():
+                write_whole(folder / image.name, image.data)
     name = title(run)
     write_whole(folder / MARKDOWN, to_markdown(name, sections, folder))
     page = to_html(name, sections, _footer(run), folder)
@@ -54,7 +54,7 @@ def _write(run: "Run", folder: Path) -> Path:
 
 
 def report_sections(run: "Run") -> "list[Section]":
-    """All sections in their order; one that fails says so in a line, and the others stand."""
+    """Return all sections in order; a section that fails becomes a line with the error."""
     from zoo.report.blocks import Missing, Section
     from zoo.report.card_section import card_blocks, settings_blocks
     from zoo.report.data_section import data_blocks
@@ -69,7 +69,7 @@ def report_sections(run: "Run") -> "list[Section]":
         "Network": network_blocks,
         "Training": training_blocks,
         "Open loop": open_loop_blocks,
-        "The drive": drive_blocks,
+        "Driving": drive_blocks,
         "Settings": settings_blocks,
         "Model card": card_blocks,
     }
@@ -77,10 +77,10 @@ def report_sections(run: "Run") -> "list[Section]":
     for name, make in makers.items():
         try:
             blocks = make(run)
-        # A run of another version may hold anything, and a report is worth no training.
+        # A run of another version may hold anything; a report must not stop a training.
         except Exception as error:
-            said = str(error).splitlines()[0] if str(error) else ""
-            blocks = [Missing(f"This section cannot be made: {type(error).__name__}: {said}")]
+            reason = " ".join([f"{type(error).__name__}:", *str(error).splitlines()[:1]])
+            blocks = [Missing(f"This section could not be written ({reason}).")]
         sections.append(Section(name, blocks))
     return sections
 

@@ -1,5 +1,5 @@
-"""What a run leaves on disk, and the typed readers of what is read back.
+"""The files of a run, with typed readers and writers.
 
-Readers limit size and depth, check field by field, and report what is wrong in one line. pydantic
-is imported by these modules alone, and these where a file is read.
+Readers limit size and depth, check each field, and report an error in one line. Only these modules
+import pydantic, which is slow; other code imports them in the functions that read a file.
 """

@@ -1,4 +1,4 @@
-"""JSON and YAML of anybody's making as plain containers, within limits on size and depth."""
+"""Read untrusted JSON and YAML as plain containers, with limits on size and depth."""
 
 import json
 import re
@@ -13,30 +13,30 @@ from datamodules.regular_file import read_regular
 MOST_JSON_BYTES = 16_000_000
 MOST_YAML_BYTES = 1_000_000
 MOST_LEVELS = 64
-MOST_DIGITS = 4300  # of a number; Python's own limit on decimal ones
+MOST_DIGITS = 4300  # of a number; Python's own limit
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _STARTS = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 _ENDS = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 _NUMBER = re.compile(r"[\s_]*[-+0-9.]")
-_NO_TEXT = re.compile("[\0\ud800-\udfff]")
+_UNUSABLE = re.compile("[\0\ud800-\udfff]")
 
 
 def read_json(path: Path) -> object:
-    """Return what a JSON file holds.
+    """Return a JSON file's contents.
 
     Raises:
-        InputError: it cannot be read, is too large or too deep, or is no JSON.
+        InputError: the file cannot be read, is too large or too deep, or is not JSON.
     """
     text = read_text(path, MOST_JSON_BYTES)
     try:
         return check_text(parse_json(text))
     except ValueError as error:
-        raise InputError(f"{path}: is no JSON that can be read ({_reason(error)})") from None
+        raise InputError(f"{path}: is not valid JSON ({_reason(error)})") from None
 
 
 def parse_json(text: str) -> object:
-    """Return what a JSON text holds; raises ValueError in all that can be wrong with it."""
+    """Return a JSON text's contents; raise ValueError for any error in it."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -44,31 +44,31 @@ def parse_json(text: str) -> object:
 
 
 def read_yaml(path: Path) -> object:
-    """Return what a YAML file holds; see `read_json`. Aliases are refused."""
+    """Return a YAML file's contents; raise as `read_json`, and for aliases."""
     text = read_yaml_text(path)
     try:
         return check_text(yaml.load(text, _LOADER))
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{path}: is no YAML that can be read ({_reason(error)})") from None
+        raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
 
 
 def read_yaml_text(path: Path) -> str:
-    """Return a YAML file's text, which a parser can read without harm; raises as `read_yaml`."""
+    """Return a YAML file's text after `check_yaml`; raise as `read_yaml`."""
     text = read_text(path, MOST_YAML_BYTES)
     try:
         check_yaml(text)
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{path}: is no YAML that can be read ({_reason(error)})") from None
+        raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
     return text
 
 
 def check_yaml(text: str) -> None:
-    """Raise ValueError for YAML that takes a parser out of bounds, without building it."""
+    """Raise ValueError for YAML that would take too much time or memory to load."""
     depth = 0
     for event in yaml.parse(text, _LOADER):
         line = event.start_mark.line + 1
-        if isinstance(event, yaml.AliasEvent):  # few of them stand for millions of values
-            raise ValueError(f"line {line}: *{event.anchor} is an alias; write its value there")
+        if isinstance(event, yaml.AliasEvent):  # a few aliases can expand to millions of values
+            raise ValueError(f"line {line}: *{event.anchor} is an alias; write its value instead")
         depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
         if depth > MOST_LEVELS:
             raise ValueError(f"line {line}: nested deeper than {MOST_LEVELS} levels")
@@ -79,24 +79,24 @@ def check_yaml(text: str) -> None:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """Return a file's text; InputError where it cannot be read, is too large or no UTF-8."""
+    """Return a file's text; raise InputError if it cannot be read, is too large or not UTF-8."""
     try:
         return read_regular(path, most_bytes).decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start + 1:,} is no UTF-8") from None
+        raise InputError(f"{path}: byte {error.start + 1:,} is not UTF-8") from None
 
 
 def check_text(found: object) -> Any:
-    """Return what was parsed; ValueError where it is too deep or holds text that no path can be."""
+    """Return parsed contents; raise ValueError if they are too deep or hold unusable text."""
     level = [found]
     for _ in range(MOST_LEVELS + 1):
         if not level:
             return found
         for one in level:
-            if isinstance(one, str) and _NO_TEXT.search(one):
-                raise ValueError(f"{one[:40]!a} holds a NUL or half a character")
+            if isinstance(one, str) and _UNUSABLE.search(one):
+                raise ValueError(f"{one[:40]!a} contains a NUL or half a character")
         dicts = [one for one in level if isinstance(one, dict)]
         inner = [one for one in level if isinstance(one, list)]
         level = [child for one in inner for child in one]

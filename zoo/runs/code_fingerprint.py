@@ -1,4 +1,4 @@
-"""Which code a run was trained with, so that a repeat can tell that it is another now."""
+"""Identify the code that trained a run, so that a repeat can report changed code."""
 
 import functools
 import hashlib
@@ -12,23 +12,24 @@ PACKAGES = ("zoo", "datamodules", "simulator", "hydra_plugins")
 
 @functools.cache
 def code_fingerprint() -> dict[str, str | None]:
-    """For `metrics.json`: `hash`, of every `.py` of our packages and every YAML of `conf`, by name
-    and content; and `commit`, where they are a git checkout, with `-dirty` where some file differs
-    from it.
+    """Return the code's `hash` and git `commit`, for `metrics.json`.
 
-    Of the first call in this process: what is imported then stays, whatever is edited later.
+    The hash is of the names and contents of drivezoo's `.py` files and of `conf`'s YAML files. The
+    commit is None outside a git checkout, and ends in `-dirty` if files differ from it. The first
+    call's result is kept: later edits do not change the code that this process has imported.
     """
     root = Path(__file__).resolve().parents[2]
     return {"hash": hash_of_code(root, conf_folder()), "commit": commit_of(root)}
 
 
 def hash_of_code(root: Path, conf: Path) -> str:
-    """Sixteen hexadecimal digits; the same for a checkout and for what is installed from it."""
+    """Return sixteen hexadecimal digits, the same for a checkout and its installed package."""
     files = {
         path.relative_to(root).as_posix(): path
         for package in PACKAGES
         for path in (root / package).rglob("*.py")
-        if package != "hydra_plugins" or path.parent.name == "drivezoo"  # others share that name
+        if package != "hydra_plugins"
+        or path.parent.name == "drivezoo"  # other packages share the name hydra_plugins
     }
     files |= {f"conf/{path.relative_to(conf).as_posix()}": path for path in conf.rglob("*.yaml")}
     digest = hashlib.sha256()
@@ -38,8 +39,8 @@ def hash_of_code(root: Path, conf: Path) -> str:
 
 
 def commit_of(root: Path) -> str | None:
-    """None where `root` is no checkout of its own, or there is no git."""
-    if not (root / ".git").exists():  # a folder above may be a checkout of something else
+    """Return the commit of the checkout `root`; None if it is not one, or without git."""
+    if not (root / ".git").exists():  # a parent folder may be another project's checkout
         return None
     command = [
         "git",

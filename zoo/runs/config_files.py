@@ -1,4 +1,4 @@
-"""`.hydra/*.yaml`: the config that a run was started with, what was typed, and Hydra's own."""
+"""Read `.hydra/*.yaml`: a run's config, the overrides that the user typed, Hydra's settings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ FOLDER = ".hydra"
 
 
 class Recorded(Fields):
-    """Where `data=lake` records."""
+    """The folder of the recording that `data=lake` makes."""
 
     out: str | None = None
 
@@ -29,20 +29,20 @@ class Data(Fields):
 
 
 class Config(Fields):
-    """A run's config; networks and trainers check what is theirs."""
+    """A run's config; networks and trainers check their own keys."""
 
     seed: Whole | None = None
     data: Data | None = None
 
 
 class Choices(Fields):
-    """By config group, what was chosen."""
+    """The option of each config group."""
 
     experiment: str | None = None
 
 
 class Runtime(Fields):
-    """What Hydra kept of the command."""
+    """The command, as Hydra saved it."""
 
     choices: Choices = Choices()
     cwd: str | None = None
@@ -55,26 +55,26 @@ class Hydra(Fields):
 
 
 class HydraFile(Fields):
-    """What `hydra.yaml` holds."""
+    """The contents of `hydra.yaml`."""
 
     hydra: Hydra
 
 
 def read_config_file(folder: Path) -> dict:
-    """Return a run's config as plain containers; raises InputError."""
+    """Return a run's config as plain containers; raise InputError for a damaged file."""
     path = folder / FOLDER / "config.yaml"
     config: dict = with_current_targets(plain(check_fields(Config, read_yaml(path), path)))
     return config
 
 
 def read_hydra_file(folder: Path) -> Runtime:
-    """Return what Hydra kept of a run's command; raises InputError."""
+    """Return a run's command, as Hydra saved it; raise InputError for a damaged file."""
     path = folder / FOLDER / "hydra.yaml"
     return check_fields(HydraFile, read_yaml(path), path).hydra.runtime
 
 
 def read_overrides_file(folder: Path) -> list[str]:
-    """Return what was typed after `python -m zoo`; raises InputError."""
+    """Return the arguments of `python -m zoo`; raise InputError for a damaged file."""
     path = folder / FOLDER / "overrides.yaml"
     found = read_yaml(path)
     if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
@@ -83,10 +83,10 @@ def read_overrides_file(folder: Path) -> list[str]:
 
 
 def load_config(folder: Path) -> "DictConfig":
-    """Return a run's config as OmegaConf reads it, whose numbers are not quite YAML's.
+    """Return a run's config as OmegaConf reads it: its syntax of numbers differs from YAML's.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the config cannot be read.
     """
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
@@ -95,11 +95,11 @@ def load_config(folder: Path) -> "DictConfig":
     path = folder / FOLDER / "config.yaml"
     try:
         config = OmegaConf.create(read_yaml_text(path))
-        # What interpolates Hydra's own settings can't be resolved outside of it, and need not be.
+        # Interpolations of Hydra's settings cannot be resolved outside Hydra.
         found = check_text(OmegaConf.to_container(config, resolve=False))
     except (OmegaConfBaseException, YAMLError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: is no config that can be read ({reason})") from None
+        raise InputError(f"{path}: cannot be read as a config ({reason})") from None
     check_fields(Config, found, path)
     current: DictConfig = OmegaConf.create(with_current_targets(found))
     return current

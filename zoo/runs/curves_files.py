@@ -1,4 +1,4 @@
-"""`metrics*.csv`: a run's losses and driving by epoch."""
+"""Read `metrics*.csv`: a run's losses and driving figures by epoch."""
 
 import csv
 import itertools
@@ -12,9 +12,9 @@ MOST_BYTES = 64_000_000
 
 
 def read_curves(folder: Path, names: Iterable[str]) -> dict[str, dict[int, float]]:
-    """Return the named columns by epoch (1 is the first), of all a run's `metrics*.csv`.
+    """Return the named columns of a run's `metrics*.csv` by epoch; 1 is the first epoch.
 
-    A resumed run repeats an epoch that was cut off: the later figure counts.
+    A resumed run repeats an interrupted epoch; the later figure counts.
 
     Raises:
         InputError: a file cannot be read, or a row is damaged.

@@ -1,4 +1,4 @@
-"""`metrics.json`: the figures of a run, an evaluation or a replay, written and read here alone."""
+"""The only writer and reader of `metrics.json`, of a run, an evaluation or a replay."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from zoo.runs.track_figures import read_figures
 from zoo.runs.whole_file import json_text, write_whole
 
 NAME = "metrics.json"
-VERSION = 1  # files of before have none
+VERSION = 1  # older files have none
 
 
 class Scores(Fields):
-    """Open-loop figures of a part's rows."""
+    """Open-loop figures of one part of the split."""
 
     mse: Number | None = None
     mae: Number | None = None
@@ -21,7 +21,7 @@ class Scores(Fields):
 
 
 class Driving(Fields):
-    """How a run drove; the earliest versions scored one track, without `tracks`."""
+    """Figures of driving; the earliest versions scored one track, without `tracks`."""
 
     tracks: dict[str, Figures | None] | None = None
     seeds: Whole | None = None
@@ -46,7 +46,7 @@ class Code(Fields):
 
 
 class Metrics(Fields):
-    """What `metrics.json` holds; all may be missing in a file of another version.
+    """The contents of `metrics.json`; files of other versions may lack any field.
 
     An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
     `checkpoint`, `recording`, `margin_m` and `replay`.
@@ -86,17 +86,17 @@ class Metrics(Fields):
 
 
 def write_metrics_file(folder: Path, metrics: dict) -> Path:
-    """Write `metrics.json` of this version; NaN becomes null, which JSON has instead."""
+    """Write `metrics.json` in this version's format, with null for NaN; return its path."""
     return write_whole(folder / NAME, json_text({"version": VERSION, **metrics}))
 
 
 def read_metrics_file(folder: Path) -> dict:
-    """Return the figures as plain containers, each of the type that `Metrics` names.
+    """Return the figures as plain containers, with the types of `Metrics`.
 
-    A file of an earlier version is upgraded: it returns what this version would have written.
+    A file of an earlier version is upgraded to this version's format.
 
     Raises:
-        InputError: there is no `metrics.json`, or one that cannot be read.
+        InputError: `metrics.json` is missing or cannot be read.
     """
     path = folder / NAME
     found = plain(check_fields(Metrics, read_json(path), path))

@@ -1,8 +1,8 @@
-"""Names of classes that moved since a run or checkpoint was written."""
+"""New names of classes that moved after a run or checkpoint was written."""
 
 from typing import Any
 
-# The module of earlier versions: the module of today.
+# Old module: new module.
 MOVED_MODULES = {
     "zoo.callbacks.pictures": "zoo.callbacks.training_images",
     "zoo.driving.speed_controller": "zoo.drives.speed_controller",
@@ -11,12 +11,12 @@ MOST_LEVELS = 64
 
 
 def with_current_targets(node: object, levels: int = MOST_LEVELS) -> Any:
-    """Return plain containers in which every `_target_` has its name of today.
+    """Return plain containers in which every `_target_` has its present name.
 
     >>> with_current_targets({"a": [{"_target_": "zoo.callbacks.pictures.FedBatch"}]})
     {'a': [{'_target_': 'zoo.callbacks.training_images.FedBatch'}]}
     """
-    if levels == 0:  # what is nested deeper is no config, and is refused where it is used
+    if levels == 0:  # configs are never so deep; later code refuses this one
         return node
     if isinstance(node, list):
         return [with_current_targets(one, levels - 1) for one in node]

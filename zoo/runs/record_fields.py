@@ -1,4 +1,4 @@
-"""The kinds of fields that the records are made of, and one line for a field that is wrong."""
+"""Types of fields for the records, and a one-line message for a wrong field."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,16 +25,16 @@ WORDS = {
 
 
 class Fields(BaseModel):
-    """Fields of a file: a type that is right is not converted, and an unknown key is kept."""
+    """A file's fields, with strict types and with unknown keys kept."""
 
     model_config = ConfigDict(strict=True, extra="allow", frozen=True, protected_namespaces=())
 
 
 def finite(value: object) -> object:
-    """Return a value, unless it is NaN or infinite, which raises ValueError."""
+    """Return a value; raise ValueError for a NaN or infinite number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
-    if not abs(value) < LARGEST:  # NaN is not below, either
+    if not abs(value) < LARGEST:  # also false for NaN
         raise ValueError("should be a finite number")
     return value
 
@@ -57,7 +57,7 @@ def _texts(value: object) -> object:
 Number = Annotated[float, BeforeValidator(finite)]
 Whole = Annotated[int, BeforeValidator(finite)]
 Count = Annotated[int, BeforeValidator(finite), Field(ge=0)]
-Pair = Annotated[list, BeforeValidator(_pair)]  # a mean over drives and its deviation, or null
+Pair = Annotated[list, BeforeValidator(_pair)]  # mean over drives, and deviation or null
 
 Texts = Annotated[object, BeforeValidator(_texts)]
 
@@ -71,7 +71,7 @@ class Figures(Fields):
 
 
 def check_fields(kind: type[Record], found: object, place: Path | str) -> Record:
-    """Return a record of plain containers; InputError names the first field that is wrong."""
+    """Return a record of plain containers; raise InputError that names the first wrong field."""
     if not isinstance(found, Mapping):
         raise InputError(f"{place}: should be keys and values")
     try:
@@ -79,10 +79,10 @@ def check_fields(kind: type[Record], found: object, place: Path | str) -> Record
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
     names = [str(one) for one in first["loc"]]
-    said = WORDS.get(first["type"]) or first["msg"].removeprefix("Value error, ")
-    raise InputError(f"{place}: {'.'.join(names)}: {said}")
+    found_wrong = WORDS.get(first["type"]) or first["msg"].removeprefix("Value error, ")
+    raise InputError(f"{place}: {'.'.join(names)}: {found_wrong}")
 
 
 def plain(record: Fields) -> dict:
-    """Return a record's keys that the file has, as plain containers."""
+    """Return the fields that the file has, as plain containers."""
     return record.model_dump(exclude_unset=True)

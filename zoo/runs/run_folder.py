@@ -1,4 +1,4 @@
-"""The folder of a new run that the user names: claimed before Hydra writes into it."""
+"""Claim the folder that the user names for a new run, before Hydra writes there."""
 
 import shutil
 from collections.abc import Iterator
@@ -11,20 +11,20 @@ from zoo.cli.process_ranks import is_first_process, needs_processes
 from zoo.runs.status import claim_run
 
 KEY = "hydra.run.dir="
-# What a run leaves that another would replace.
+# Files of a run that a second run would overwrite.
 TRACES = (".hydra", "status.json", "checkpoints")
 
 
 @contextmanager
 def claimed_folder(arguments: list[str]) -> Iterator[list[str]]:
-    """Claim the folder that `hydra.run.dir=` names, if it does, for a run that starts within.
+    """Claim the folder that `hydra.run.dir=` names, for a run inside this context.
 
-    Yields the arguments, which name the folder as it was claimed. A folder in which Hydra has
-    written nothing is left as it was.
+    Yield the arguments with the claimed folder's name. If Hydra has written nothing there, the
+    folder is left as it was before. Without `hydra.run.dir=` nothing is claimed.
 
     Raises:
         InputError: the folder holds a run, or another process trains there.
-        OSError: it cannot be created.
+        OSError: the folder cannot be created.
     """
     named = [one for one in arguments if is_folder_named(one)]
     folder = _composed_folder(arguments) if named else None
@@ -46,23 +46,25 @@ def claimed_folder(arguments: list[str]) -> Iterator[list[str]]:
 
 
 def is_folder_named(argument: str) -> bool:
-    """Whether an argument names the run's folder."""
+    """Return whether an argument names the run's folder."""
     return argument.lstrip("+").startswith(KEY)
 
 
 def check_name(folder: Path) -> None:
-    """Raise InputError for a folder that Hydra would take for an interpolation and fail to write
-    its config into."""
+    """Raise InputError for a folder's name that Hydra reads as an interpolation."""
     if "${" in str(folder.absolute()):
         raise InputError(
-            f"{folder.absolute()}: Hydra cannot write a run where a folder's name has ${{ in it; "
-            f"name another: {KEY}FOLDER"
+            f"{folder.absolute()}: Hydra cannot write a run into a path that contains ${{; name "
+            f"another folder: {KEY}FOLDER"
         )
 
 
 def _composed_folder(arguments: list[str]) -> Path | None:
-    """Return the named folder; None in a process that only helps the one that claims it, and where
-    Hydra only prints the config, or reads another than ours."""
+    """Return the run's folder as Hydra composes it.
+
+    Return None in processes that must not claim it: every rank but the first, and commands in which
+    Hydra only prints the config, or reads another config than drivezoo's.
+    """
     from hydra import compose, initialize_config_dir
     from hydra._internal.utils import get_args_parser
 
@@ -81,7 +83,7 @@ def _refuse_a_run(folder: Path) -> None:
     found = next((name for name in TRACES if (folder / name).exists()), None)
     if found:
         raise InputError(
-            f"{folder}: holds a run ({found}), which is kept; resume it with resume={folder}, or "
+            f"{folder}: already holds a run ({found}); resume it with resume={folder}, or "
             "name another folder: hydra.run.dir=FOLDER"
         )
 

@@ -1,10 +1,11 @@
-"""Configs that were read from a file: what they may name, and what only a person may.
+"""Check configs that were read from a file, which may come from an untrusted person.
 
-Hydra calls whatever a `_target_` names. A config that a person typed, or that the package ships,
-may name anything. One that was read from a run's folder or a checkpoint may be a stranger's: each
-of its sections names classes of a fixed list, and nothing else is imported. (Hydra's own blocklist
-is no boundary, as its source says.) It still decides which recording and weights are read, where
-decoded views are cached (`data.cache`), and how much time, memory and how many processes it takes.
+Hydra calls any function that a `_target_` names. A config that the user typed, or that the package
+contains, may name any. A config from a run's folder or a checkpoint may name only classes of a
+fixed list for each section, and no other module is imported. (Hydra's own blocklist is not a
+security boundary, as its source says.) A saved config still decides which recording and weights are
+read, where decoded views are cached (`data.cache`), and how much time, memory and how many
+processes a run takes.
 """
 
 import importlib
@@ -22,19 +23,19 @@ from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
 
-TRUST = "trust"  # the key by which a person allows more
-RECIPE = "recipe.json"  # of a recording that the embedded simulator made for a config
-MAX_BYTES = 1_000_000  # of a config's file; a run's own has some 4,000
+TRUST = "trust"  # key with which the user allows more
+RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a config
+MAX_BYTES = 1_000_000  # of a config's file; a run's has about 4,000
 
 Keys = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """The classes that a section may name.
+    """The classes that a config's section may name.
 
     Attributes:
-        own: modules of ours; a class counts where it is defined.
+        own: drivezoo's modules; the class must be defined there, not imported.
         names: full names of other packages' classes.
     """
 
@@ -46,7 +47,7 @@ def _of(module: str, names: str) -> frozenset[str]:
     return frozenset(f"{module}.{name}" for name in names.split())
 
 
-# By the place of a `_target_`; * stands for any name.
+# By the keys above a `_target_`; * stands for any name.
 ALLOWED = {
     ("model",): Allowed(own=("zoo.models.*",)),
     ("loss",): Allowed(
@@ -64,7 +65,7 @@ ALLOWED = {
     ),
     ("trainer",): Allowed(names=_of("lightning", "Trainer pytorch.Trainer")),
     ("data",): Allowed(own=("datamodules.driving",)),
-    # Transforms of an image that read no file and call no function.
+    # Image transforms that read no file and call no function of the config.
     ("data", "augment", "*"): Allowed(
         own=("datamodules.augment", "datamodules.bend"),
         names=_of(
@@ -85,17 +86,17 @@ ALLOWED = {
             "RichModelSummary RichProgressBar StochasticWeightAveraging Timer TQDMProgressBar",
         ),
     ),
-    # Not those of MLflow and Weights & Biases: they send figures to a server that they name.
+    # MLflow and Weights & Biases are not here: they send figures to a server of the config.
     ("logger", "*"): Allowed(names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")),
 }
-# They write files, whose names stay within the run's folder.
+# Sections whose classes write files; the files must lie in the run's folder.
 WRITERS = ("callbacks", "logger")
-READ_KEYS = ("track",)  # of theirs: files that are only read
-FOLDER_KEYS = ("save_dir", "root_dir")  # of loggers; a run's go into its own folder
-# Of the trainer: they write elsewhere, or replace what a run sets.
+READ_KEYS = ("track",)  # keys of these sections that name files to read
+FOLDER_KEYS = ("save_dir", "root_dir")  # of loggers; a run sets them to its own folder
+# Keys of the trainer that write elsewhere, or replace what a run sets.
 TRAINER_KEYS = ("callbacks", "default_root_dir", "logger", "plugins", "profiler")
 STRATEGIES = re.compile(r"auto|single_device|ddp\w*|fsdp\w*")
-# Of numbers that take processes or memory before anything can be seen of a training.
+# Limits of numbers that take processes or memory before the training shows any progress.
 MOST: dict[Keys, int] = {
     ("trainer", "devices"): 64,
     ("trainer", "num_nodes"): 64,
@@ -104,7 +105,7 @@ MOST: dict[Keys, int] = {
     ("data", "samples_per_epoch"): 1_000_000_000,
     ("model", "size"): 4096,  # height and width of the view
 }
-RECORDINGS = "outputs"  # a saved config's data.record.out is a new folder below it
+RECORDINGS = "outputs"  # a saved config's data.record.out must lie below it
 _INTERPOLATION = re.compile(r"(?<!\\)(?:\\\\)*(\$\{)")
 _PLAIN = re.compile(r"\$\{[\w.\[\]]+\}")
 
@@ -114,10 +115,10 @@ class Refusal:
     """A value that a saved config must not have.
 
     Attributes:
-        key: where it stands, with dots.
-        value: what was found.
-        reason: why it is refused.
-        trust: what a person adds to `trust=` to allow it.
+        key: its key, with dots.
+        value: refused value.
+        reason: text on why it is refused.
+        trust: name that the user adds to `trust=` to allow it.
     """
 
     key: str
@@ -127,7 +128,7 @@ class Refusal:
 
 
 def split_trust(arguments: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
-    """Return the arguments without `trust=...`, and what it names.
+    """Return the arguments without `trust=...`, and the names in it.
 
     >>> split_trust(["seed=2", "trust=my.Loss,trainer.profiler"])
     (['seed=2'], ('my.Loss', 'trainer.profiler'))
@@ -143,21 +144,22 @@ def check_saved_config(
     trusted: Collection[str] = (),
     typed: Collection[Keys] = (),
 ) -> None:
-    """Refuse a config that could run or write what no run of ours would.
+    """Refuse a config that could run other code or write elsewhere than a normal run.
 
     Args:
-        config: the whole config, as it will be used.
-        source: where it was read, for the message.
-        trusted: names of classes and keys that the person allows.
-        typed: keys whose values the person typed; they may be anything.
+        config: whole config, as it will be used.
+        source: file of the config, for the message.
+        trusted: names of classes and keys that the user allows.
+        typed: keys whose values the user typed; these may have any value.
 
     Raises:
-        InputError: see `find_refusals`; or an interpolation that leads nowhere.
+        InputError: a value is refused (see `find_refusals`), or an interpolation cannot be
+            resolved.
     """
     for one in find_refusals(config, source, trusted, typed):
         raise InputError(
-            f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; if you know "
-            f"it and trust it, add {TRUST}={one.trust:.200}"
+            f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; if you "
+            f"trust it, add {TRUST}={one.trust:.200}"
         )
 
 
@@ -167,11 +169,11 @@ def find_refusals(
     trusted: Collection[str] = (),
     typed: Collection[Keys] = (),
 ) -> Iterator[Refusal]:
-    """Yield what a saved config must not have, see `ALLOWED` and the constants after it.
+    """Yield the values that a saved config must not have; see `ALLOWED` and the next constants.
 
-    A `_target_` is written out, of a section's list; an interpolation names another key; paths of
-    callbacks and loggers stay in the run's folder; the trainer writes nowhere else; what is
-    recorded on first use goes below `outputs`.
+    The rules: a `_target_` contains no interpolation and names a class of its section's list; an
+    interpolation names another key; callbacks, loggers and the trainer write only in the run's
+    folder; a recording that is made on first use lies below `outputs`.
     """
     if not isinstance(config, DictConfig):
         config = OmegaConf.create(dict(config))
@@ -182,16 +184,18 @@ def find_refusals(
             continue
         if keys[-1:] == ("_target_",) and _INTERPOLATION.search(value):
             refused = True
-            yield Refusal(key, value, "is not written out", key)
+            yield Refusal(key, value, "contains an interpolation", key)
         elif _calls_resolver(value):
             refused = True
-            yield Refusal(key, value, "reads or computes something when it is resolved", key)
-    if refused:  # resolving would do it
+            yield Refusal(key, value, "runs a function when it is resolved", key)
+    if refused:  # resolving would run it
         return
     try:
         plain: Any = OmegaConf.to_container(config, resolve=True)
     except (OmegaConfBaseException, RecursionError) as error:
-        raise InputError(f"{source}: cannot be resolved ({_line(error)}); restore it") from None
+        raise InputError(
+            f"{source}: an interpolation cannot be resolved ({_line(error)}); correct it"
+        ) from None
     for keys, value in _walk(plain):
         reason, name = _refused(keys, value, plain)
         if reason and keys not in typed and not {name, ".".join(keys)} & set(trusted):
@@ -206,9 +210,10 @@ def leaf_keys(value: object, keys: Keys = ()) -> set[Keys]:
 
 
 def own_class(target: object, modules: Sequence[str]) -> type | None:
-    """Return the class that a name names, if one of our modules defines it.
+    """Return the class with a full name, if one of the given modules defines it.
 
     Args:
+        target: value of a `_target_`.
         modules: full names; `zoo.models.*` stands for every module of the package.
     """
     if not isinstance(target, str):
@@ -221,30 +226,30 @@ def own_class(target: object, modules: Sequence[str]) -> type | None:
         found = getattr(importlib.import_module(module), name, None)
     except (ImportError, ValueError):
         return None
-    # `zoo.models.layers.nn.Sequential` would be torch's: a class counts where it is defined.
+    # Refuse torch's `zoo.models.layers.nn.Sequential`: the module must define the class.
     return found if inspect.isclass(found) and found.__module__ == module else None
 
 
 def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
-    """Return why a value is refused, None if it is not; and what `trust=` would name."""
+    """Return why a value is refused, or None; and the name for `trust=`."""
     key, section = ".".join(keys), keys[0] if keys else ""
     if keys[-1:] == ("_target_",):
         is_known = _is_allowed(keys[:-1], value) or _is_shipped(keys[:-1], config)
-        return None if is_known else "is no class that a saved config may name here", str(value)
+        return None if is_known else "is not a class that a saved config may name here", str(value)
     if section in WRITERS and not _is_shipped(keys[:2], config):
         if section == "logger" and keys[-1] in FOLDER_KEYS and value is not None:
-            return "lets a logger write outside of the run's folder", key
+            return "lets a logger write outside the run's folder", key
         is_text = isinstance(value, str | bytes | os.PathLike) and keys[-1] not in READ_KEYS
         if is_text and _leads_out(os.fsdecode(value)):
             return "leads out of the run's folder", key
-    place = keys[:-1] if keys[:-1] in MOST else keys  # a list's items stand below its key
+    place = keys[:-1] if keys[:-1] in MOST else keys  # a list's items have its limit
     if (most := MOST.get(place)) and _exceeds(value, most):
-        return f"is above {most:,}, which a saved config may ask for", key
+        return f"is above {most:,}, the limit of a saved config", key
     if section == "trainer":
         if len(keys) > 1 and keys[1] in TRAINER_KEYS and value not in (None, False):
-            return "lets the trainer write elsewhere than a run does", key
+            return "is a trainer's key that a saved config may not set", key
         if keys == ("trainer", "strategy") and not STRATEGIES.fullmatch(str(value)):
-            return "is no strategy that a saved config may name", key
+            return "is not a strategy that a saved config may name", key
     if keys == ("data", "record", "out") and config["data"].get("root") is None:
         path = PurePath(str(value))
         below = not _leads_out(str(value)) and path.parts[:1] == (RECORDINGS,)
@@ -254,7 +259,7 @@ def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
 
 
 def _exceeds(value: Any, most: int) -> bool:
-    """Return whether a number, or a text that Lightning takes for one, is above a limit.
+    """Return whether a number, or a text that Lightning reads as one, is above a limit.
 
     >>> [_exceeds(one, 64) for one in (64, 65, "65", 1e300, True, "auto", -1, "0,1", None)]
     [False, True, True, True, False, False, False, False, False]
@@ -268,7 +273,7 @@ def _exceeds(value: Any, most: int) -> bool:
 
 
 def _walk(node: object, keys: Keys = ()) -> Iterator[tuple[Keys, object]]:
-    """Yield every value of plain containers that holds no others, with its keys."""
+    """Yield every leaf of plain containers, with its keys."""
     if isinstance(node, Mapping):
         pairs: Iterable[tuple[object, object]] = node.items()
     elif isinstance(node, list | tuple):
@@ -290,7 +295,7 @@ def _is_allowed(place: Keys, target: object) -> bool:
 
 
 def _is_shipped(place: Keys, config: Mapping) -> bool:
-    """Whether a logger's section is word for word one of the package's YAML files."""
+    """Return whether a logger's section is equal to one of the package's YAML files."""
     if len(place) != 2 or place[0] != "logger":
         return False
     from zoo.cli.compose import choices, conf_folder
@@ -303,9 +308,9 @@ def _is_shipped(place: Keys, config: Mapping) -> bool:
 
 
 def _calls_resolver(text: str) -> bool:
-    """Return whether a text has an interpolation that is more than the name of another key.
+    r"""Return whether a text has an interpolation that is more than another key's name.
 
-    >>> [_calls_resolver(one) for one in ("${trainer.max_epochs}", "${oc.env:HOME}", r"\\${a:b}")]
+    >>> [_calls_resolver(one) for one in ("${trainer.max_epochs}", "${oc.env:HOME}", r"\${a:b}")]
     [False, True, False]
     """
     return any(not _PLAIN.match(text, one.start(1)) for one in _INTERPOLATION.finditer(text))

@@ -1,4 +1,4 @@
-"""`status.json`: whether a run is going on, has finished, was pruned, or failed and why."""
+"""Write `status.json`: whether a run is running, finished, pruned or failed, and why."""
 
 import json
 import os
@@ -18,15 +18,17 @@ from zoo.cli.stop_errors import PrunedError
 from zoo.runs.whole_file import remove_parts, write_whole
 
 NAME = "status.json"
-# A run on another machine shows that it lives by touching its file, which its clock dates.
+# Every BEAT_S a run touches its file; after GONE_S without it, other machines count it as dead.
 BEAT_S, GONE_S = 20.0, 180.0
 
 
 @contextmanager
 def run_status(folder: Path, first: bool = True) -> Iterator[None]:
-    """`running` within, then `finished`, `pruned`, or `failed` with the reason, whatever it is.
+    """Write `running` at the start, and `finished`, `pruned` or `failed` at the end.
 
-    Of processes that train together the `first` alone writes it.
+    Args:
+        folder: run's folder.
+        first: whether this process is the first rank; the other ranks write nothing.
 
     Raises:
         InputError: see `claim_run`.
@@ -43,15 +45,15 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        said = str(error) or type(error).__name__
+        message = str(error) or type(error).__name__
         status = "pruned" if isinstance(error, PrunedError) else "failed"
-        reason = {"reason": said.splitlines()[0]}
+        reason = {"reason": message.splitlines()[0]}
         raise
     finally:
         over.set()
         try:
             write_status(folder, status, **reason)
-        except OSError:  # of a full disk, or a folder that was removed
+        except OSError:  # a full disk, or the folder was removed
             if status == "finished":
                 raise
 
@@ -59,13 +61,14 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
 def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> None:
     """Write `running`, unless another process runs in the folder.
 
-    A sweep's job claims its folder before the process that it starts for the training does.
+    A sweep's job claims its folder, and then the training process that it starts claims it again.
 
     Args:
-        check: raises where the folder must not be claimed; no process claims it meanwhile.
+        folder: run's folder.
+        check: function that raises if the folder must not be claimed; it runs under the lock.
 
     Raises:
-        InputError: another process, which lives, has claimed it.
+        InputError: another process that is still alive has claimed the folder.
     """
     with FileLock(folder / "status.lock"):
         before = read_status(folder)
@@ -83,7 +86,7 @@ def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> N
 
 
 def read_metrics(folder: Path) -> dict:
-    """Return what `metrics.json` holds; an empty dict where there is none to read."""
+    """Return the contents of `metrics.json`; an empty dict if it is missing or damaged."""
     from zoo.runs.metrics_file import read_metrics_file
 
     try:
@@ -93,10 +96,10 @@ def read_metrics(folder: Path) -> dict:
 
 
 def write_status(folder: Path, status: str, **more: object) -> None:
-    """Replace the file at once, so that a reader never sees half of it.
+    """Replace `status.json` in one step, so that a reader never sees half of it.
 
-    A finished run that was resumed keeps `finished_epochs`, of which `metrics.json` holds the
-    figures, until it has finished again.
+    A finished run that was resumed keeps `finished_epochs` until it has finished again: until then
+    `metrics.json` holds the figures of that number of epochs.
     """
     earlier = read_status(folder).get("finished_epochs")
     if earlier is not None and status != "finished":
@@ -105,7 +108,7 @@ def write_status(folder: Path, status: str, **more: object) -> None:
         "status": status,
         "pid": os.getpid(),
         "host": socket.gethostname(),
-        # A process's number is given out again; with the time of its start it is one of its kind.
+        # The system reuses process ids; the start time makes the process unique.
         "process_started": psutil.Process().create_time(),
         "time": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         **more,
@@ -114,7 +117,7 @@ def write_status(folder: Path, status: str, **more: object) -> None:
 
 
 def read_status(folder: Path) -> dict:
-    """Return what `write_status` wrote last; an empty dict where there is none that can be read."""
+    """Return the contents of `status.json`; an empty dict if it is missing or damaged."""
     from zoo.runs.status_file import read_status_file
 
     try:
@@ -128,10 +131,10 @@ def _is_here(status: dict) -> bool:
 
 
 def is_alive(folder: Path) -> bool:
-    """Whether the process that runs in `folder` is there; False where none does.
+    """Return whether the run in `folder` is running and its process exists.
 
-    On this machine the process itself is asked for. Another machine's must have touched its
-    `status.json` within three minutes, by our clock.
+    A process on another machine must have touched `status.json` in the last three minutes, by the
+    clock of this machine.
     """
     status = read_status(folder)
     if status.get("status") != "running":
@@ -148,8 +151,11 @@ def is_alive(folder: Path) -> bool:
 
 
 def is_beating(folder: Path) -> bool:
-    """`is_alive`, and where another machine's process might be: whether it gives a sign of life
-    within three of its beats. One that was stopped a moment ago looks alive for minutes."""
+    """Return whether a run is alive, and for another machine's process wait for a sign of life.
+
+    A process that was just stopped looks alive to `is_alive` for minutes, so wait for up to three
+    beats until the process touches `status.json`.
+    """
     if not is_alive(folder) or read_status(folder).get("host") == socket.gethostname():
         return is_alive(folder)
     before, until = (folder / NAME).stat().st_mtime, time.monotonic() + 3 * BEAT_S
@@ -164,5 +170,5 @@ def _beat(path: Path, over: threading.Event) -> None:
     while not over.wait(BEAT_S):
         try:
             os.utime(path)
-        except OSError:  # the folder was removed, or its disk is away for a moment
+        except OSError:  # the folder was removed, or its disk is not available now
             continue

@@ -1,4 +1,4 @@
-"""`status.json`: where a run stands."""
+"""Read `status.json`, a run's status."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ NAME = "status.json"
 
 
 class Status(Fields):
-    """What `zoo.runs.status.write_status` wrote."""
+    """The contents of `status.json`, as `zoo.runs.status.write_status` writes it."""
 
     status: str | None = None
     reason: str | None = None
@@ -21,7 +21,7 @@ class Status(Fields):
 
 
 def read_status_file(folder: Path) -> dict:
-    """Return a run's status as plain containers; empty where it has no file.
+    """Return a run's status as plain containers; an empty dict without a file.
 
     Raises:
         InputError: the file cannot be read.

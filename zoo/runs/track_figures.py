@@ -1,22 +1,23 @@
-"""A track's figures in `metrics.json`: mean and spread over its drives, of any version."""
+"""Read a track's figures (mean and spread over drives) from a file of any version."""
 
 import math
 from collections.abc import Mapping
 
 Spread = tuple[float, float | None]  # mean; sample standard deviation, None without one
-# Earlier versions wrote a deviation of what is one figure for all drives, or of some drives only.
+# Figures that are one number for all drives, or of some drives only: earlier versions wrote a wrong
+# deviation for them.
 ONE_FIGURE = ("m_per_intervention", "expert_steering_per_s", "lap_s")
 
 
 def read_figures(figures: Mapping, drives: int | None) -> dict[str, Spread | int | None]:
     """Return a track's figures from a file of this or an earlier version.
 
-    Earlier versions wrote no `drives` and the population deviation: it is converted where the
-    number of drives is known, and left out where it is not.
+    Earlier versions did not write `drives`, and wrote the population deviation. It is converted if
+    the number of drives is known, and left out otherwise.
 
     Args:
-        figures: as `mean_and_spread` returns them, or `[mean, population deviation]` by key.
-        drives: number of start seeds that an earlier version drove with; None if not known.
+        figures: result of `mean_and_spread`, or `[mean, population deviation]` by key.
+        drives: number of start seeds in an earlier version's run; None if not known.
 
     >>> read_figures({"autonomy": [0.9, 0.1], "interventions": [1, 1]}, 2)
     {'autonomy': (0.9, 0.14142135623730953), 'interventions': (1, 1.4142135623730951), 'drives': 2}

@@ -1,4 +1,4 @@
-"""Which recordings runs were trained on, and how to name them where they differ."""
+"""Find the recordings of runs, and give each a short unique name."""
 
 import os
 from collections.abc import Collection, Sequence
@@ -8,11 +8,11 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class TrainedOn:
-    """What a run was trained on.
+    """The recordings that a run was trained on.
 
     Attributes:
-        roots: the recordings' folders, absolute.
-        fingerprint: of the rows; empty in runs of earlier versions.
+        roots: folders of the recordings, absolute.
+        fingerprint: fingerprint of the rows; empty in runs of earlier versions.
     """
 
     roots: tuple[str, ...] = ()
@@ -20,9 +20,9 @@ class TrainedOn:
 
 
 def read_trained_on(config: dict, started_in: str | None, metrics: dict) -> TrainedOn:
-    """Return the recordings of a run, from its config and its figures."""
+    """Return the recordings of a run from its config and metrics."""
     data = config.get("data") or {}
-    # data=lake names no root: the run records it where data.record.out says.
+    # data=lake names no root: the run records into data.record.out.
     root = data.get("root") or (data.get("record") or {}).get("out") or []
     cwd = Path(started_in or "")
     roots = [root] if isinstance(root, str) else root
@@ -31,9 +31,9 @@ def read_trained_on(config: dict, started_in: str | None, metrics: dict) -> Trai
 
 
 def recording_names(recordings: Sequence[TrainedOn]) -> dict[TrainedOn, str]:
-    """Return a name for each: folder names, with as much of the path as tells them apart.
+    """Return a name for each: its folders, with the shortest end of the path that is unique.
 
-    Where the folders are the same, the first digits of the fingerprint follow.
+    If the folders are equal, the first digits of the fingerprint follow.
 
     >>> old, new = TrainedOn(("/a/lake",), "0123456789"), TrainedOn(("/a/lake",), "abcdef0123")
     >>> list(recording_names([old, new, TrainedOn(("/b/lake",))]).values())
@@ -50,7 +50,7 @@ def recording_names(recordings: Sequence[TrainedOn]) -> dict[TrainedOn, str]:
 
 
 def _end_of_path(root: str, roots: Collection[str]) -> str:
-    """Return the last parts of a path, so many that no other path ends in them."""
+    """Return the shortest end of a path that no other path has."""
     parts = Path(root).parts
     for count in range(1, len(parts)):
         end = parts[-count:]

@@ -1,4 +1,4 @@
-"""Files that are replaced at once: a reader, and a kill at any moment, finds a whole one."""
+"""Replace files in one step, so that they are complete even if the process is killed."""
 
 import json
 import math
@@ -12,12 +12,12 @@ import numpy as np
 from datamodules.errors import InputError
 
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
-# What versions before this module wrote next to their files.
+# Temporary files of earlier versions.
 _EARLIER = re.compile(r".+\.ckpt\.part|\.(index\.html|report\.md|.+\.png)\.part")
 
 
 def json_text(value: object) -> str:
-    r"""Return JSON; what is not finite becomes null, which JSON has instead.
+    r"""Return JSON, with null for NaN and infinity.
 
     >>> json_text({"a": [float("nan"), 1]})
     '{\n  "a": [\n    null,\n    1\n  ]\n}\n'
@@ -36,19 +36,19 @@ def _without_nan(value: object) -> object:
 
 
 def write_whole(path: Path, data: str | bytes | memoryview) -> Path:
-    """Write a file's new contents next to it, then give them its name.
+    """Write a new file next to a file, then rename it to the file; return the path.
 
-    The name next to it cannot be guessed, and must be new: a link that somebody has put there, or
-    in the file's place, is not followed.
+    The new file's name is random and must not exist. So no link is followed that another person has
+    put there, or in place of the file.
 
     Raises:
-        OSError: cannot write it; names the file, and keeps what it was.
+        OSError: the file cannot be written; names the file, and keeps its old contents.
     """
     contents = data.encode(errors="backslashreplace") if isinstance(data, str) else data
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     try:
         try:
-            # Not of `tempfile`, whose files nobody else may read.
+            # Not from `tempfile`: other users could not read its files.
             with part.open("xb") as file:
                 file.write(contents)
                 file.flush()
@@ -63,17 +63,17 @@ def write_whole(path: Path, data: str | bytes | memoryview) -> Path:
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove what processes that were killed have left of `write_whole` in a folder."""
+    """Remove the temporary files that killed processes have left in a folder."""
     try:
         found = [one for one in folder.iterdir() if _is_part(one.name)]
         for one in found:
             one.unlink(missing_ok=True)
-    except OSError:  # no such folder; another's file
+    except OSError:  # no such folder, or another user's file
         return
 
 
 def refuse_links_out(folder: Path) -> None:
-    """Refuse a folder that somebody else may have packed, if a link in it leads out of it.
+    """Refuse a folder, which may come from another person, with a link that leads out of it.
 
     Raises:
         InputError: names the link.
@@ -87,8 +87,8 @@ def refuse_links_out(folder: Path) -> None:
             target = os.path.realpath(path)
             if target != own and not target.startswith(own + os.sep):
                 raise InputError(
-                    f"{path}: is a link that leads out of {folder}, to {target}, which would be "
-                    "written; remove the link, or put what it leads to in its place"
+                    f"{path}: is a link out of {folder} to {target}, which would be overwritten; "
+                    "remove the link, or replace it by a copy"
                 )
 
 

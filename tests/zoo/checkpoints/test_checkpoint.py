@@ -90,7 +90,7 @@ def test_training_and_driving_see_the_same_bits(
 def test_pickled_code_is_refused_and_never_run(tmp_path: Path) -> None:
     evil = tmp_path / "evil.ckpt"
     torch.save({"drivezoo": {"format": 1}, "state_dict": {}, "x": Bomb(tmp_path / "ran")}, evil)
-    with pytest.raises(InputError, match=r"evil.ckpt: refused.*none of it was run"):
+    with pytest.raises(InputError, match=r"evil.ckpt: .*code.*not run"):
         load_checkpoint(evil)
     evil.write_bytes(pickle.dumps(Bomb(tmp_path / "ran")))
     with pytest.raises(InputError, match=r"evil.ckpt"):
@@ -102,7 +102,7 @@ def test_a_config_that_names_another_callable_is_not_called(best: Path, tmp_path
     contents = torch.load(best, weights_only=True)
     contents["drivezoo"]["config"]["model"]["_target_"] = "os.getcwd"
     torch.save(contents, tmp_path / "x.ckpt")
-    with pytest.raises(InputError, match=r"os\.getcwd is no network of zoo\.models"):
+    with pytest.raises(InputError, match=r"os\.getcwd: is no network of zoo"):
         load_checkpoint(tmp_path / "x.ckpt")
 
 
@@ -118,7 +118,7 @@ def test_what_is_no_checkpoint_is_named(best: Path, tmp_path: Path) -> None:
 
 
 def changed(best: Path, path: Path, change: Callable[[dict], object]) -> Path:
-    """A copy of a checkpoint with other contents."""
+    """Write a copy of a checkpoint with other contents."""
     contents = torch.load(best, weights_only=True)
     change(contents)
     torch.save(contents, path)
@@ -156,7 +156,7 @@ def test_weights_that_are_not_finite_are_refused_with_their_tensor(
         (lambda path, _: None, "cannot be read.*[Nn]o such file"),
         (lambda path, _: path.touch(), "is empty"),
         (lambda path, whole: path.write_bytes(whole[:20_000]), "is truncated"),
-        (lambda path, _: path.write_text("steering"), "is no file of torch"),
+        (lambda path, _: path.write_text("steering"), "is not a torch file"),
         (lambda path, whole: path.write_bytes(whole[:99] + whole[150:]), "is damaged"),
     ],
 )

@@ -18,7 +18,7 @@ ODD = "a=b [ï] c"  # what shells, globs and Hydra read otherwise
 
 
 def make_run(folder: Path, started: float, *names: str) -> Path:
-    """A run's folder with checkpoints that hold nothing."""
+    """Create a run's folder with empty checkpoints."""
     (folder / "checkpoints").mkdir(parents=True)
     for name in names:
         (folder / "checkpoints" / name).write_bytes(b"weights")
@@ -31,7 +31,7 @@ def make_run(folder: Path, started: float, *names: str) -> Path:
 
 @pytest.fixture
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to work in, with three runs: the newest has no checkpoint."""
+    """Create a working folder with three runs, the newest without a checkpoint."""
     monkeypatch.chdir(tmp_path)
     make_run(tmp_path / "outputs" / "late", 2_000, "best.ckpt", "last.ckpt")
     make_run(tmp_path / "outputs" / "day" / "early", 1_000, "last.ckpt")
@@ -128,7 +128,7 @@ def test_a_folder_that_may_not_be_entered_is_one_line(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def odd(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder to work in whose newest run has every odd character in its name."""
+    """Create a working folder whose newest run has every odd character in its name."""
     folder = tmp_path_factory.mktemp("odd")
     shutil.copytree(run_folder, folder / "outputs" / ODD)
     return folder

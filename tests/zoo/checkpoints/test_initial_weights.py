@@ -16,7 +16,7 @@ from zoo.checkpoints.initial_weights import load_weights
 
 @pytest.fixture(scope="module")
 def public_vgg(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
-    """A file laid out as the public one: its convolutions, and a classifier that is left out."""
+    """Write a file with the public one's convolutions and a classifier, which is ignored."""
     network, _ = build("vgg")
     state = {
         name: torch.full_like(tensor, 0.01)
@@ -57,7 +57,7 @@ def test_imagenet_weights_for_another_network_are_refused_before_the_download(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TORCH_HOME", str(tmp_path))
-    with pytest.raises(InputError, match=r"there are none for LeNet; set model=vgg"):
+    with pytest.raises(InputError, match=r"LeNet; set model=vgg"):
         load_weights(build("lenet")[0], "imagenet")
     assert list(tmp_path.iterdir()) == []
 
@@ -72,7 +72,7 @@ def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda state: state.pop("head.0.bias"), "holds no head.0.bias, which LeNet needs"),
+        (lambda state: state.pop("head.0.bias"), "lacks head.0.bias, which LeNet needs"),
         (lambda state: state.update(extra=torch.zeros(1)), "holds extra, which LeNet lacks"),
         (
             lambda state: state.update({"head.0.bias": torch.zeros(7)}),
@@ -80,10 +80,10 @@ def test_a_state_dict_of_the_network_loads(tmp_path: Path) -> None:
         ),
         (
             lambda state: state.update({"head.0.bias": torch.zeros(120).to_sparse()}),
-            r"head.0.bias holds no plain floats",
+            r"head.0.bias .*plain floats",
         ),
-        (lambda state: state.update({3: torch.zeros(1)}), "is no state dict"),
-        (lambda state: state.update(epoch=3), "is no state dict"),
+        (lambda state: state.update({3: torch.zeros(1)}), "is not a state dict"),
+        (lambda state: state.update(epoch=3), "is not a state dict"),
     ],
 )
 def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path: Path) -> None:
@@ -97,13 +97,13 @@ def test_a_state_dict_that_does_not_fit_names_the_tensor(change, words, tmp_path
 
 def test_a_checkpoint_without_a_state_dict_is_named(tmp_path: Path) -> None:
     torch.save({"drivezoo": {"format": FORMAT}, "state_dict": 3}, tmp_path / "x.ckpt")
-    with pytest.raises(InputError, match=r"x\.ckpt: is no state dict"):
+    with pytest.raises(InputError, match=r"x\.ckpt: .*state dict"):
         load_weights(build("lenet")[0], str(tmp_path / "x.ckpt"))
 
 
 def test_pickled_code_in_a_state_dict_is_refused_and_never_run(tmp_path: Path) -> None:
     torch.save({"w": Bomb(tmp_path / "ran")}, tmp_path / "x.pth")
-    with pytest.raises(InputError, match="refused"):
+    with pytest.raises(InputError, match=r"x\.pth: .*code"):
         load_weights(build("lenet")[0], str(tmp_path / "x.pth"))
     assert not (tmp_path / "ran").exists()
 

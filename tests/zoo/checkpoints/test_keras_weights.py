@@ -48,7 +48,7 @@ def write_keras(
     pieces: bool = False,
     backend: bytes = b"tensorflow",
 ) -> Path:
-    """A file as Keras 1 or 2 lays it out, with a layer without weights in between."""
+    """Write a file in the layout of Keras 1 or 2, with a layer without weights in between."""
     with h5py.File(path, "w") as file:
         group = file.create_group("model_weights") if whole_model else file
         group.attrs["keras_version"] = {1: b"1.2.2", 2: b"2.0.6"}[version]
@@ -100,7 +100,7 @@ def relu(x: np.ndarray) -> np.ndarray:
 
 
 def keras_predict(name: str, pictures: np.ndarray, layers: list) -> np.ndarray:
-    """What the Keras model makes of uint8 [N, H, W, C], without a line of ours."""
+    """Return a Keras model's outputs for uint8 [N, H, W, C], computed without our code."""
     x = pictures.astype(np.float64) / 127.5 - 1
     activation = relu if name in ("lenet", "tiny", "tiny63") else elu
     layers = list(layers)
@@ -163,7 +163,7 @@ def turned(layers: list) -> list:
 
 @pytest.mark.parametrize("whole_model", [True, False])
 def test_channels_first_models_of_keras_1_load(whole_model: bool, tmp_path: Path) -> None:
-    """A file of weights alone says so by the shapes of its kernels only."""
+    """A file of weights alone shows the order only by its kernels' shapes."""
     layers = random_layers(KERNELS["lenet"])
     config = {"config": [{"config": {"dim_ordering": "th"}}]} if whole_model else None
     stored = channels_first(layers)
@@ -172,7 +172,7 @@ def test_channels_first_models_of_keras_1_load(whole_model: bool, tmp_path: Path
 
 
 def test_a_flatten_that_puts_the_channels_last_is_followed(tmp_path: Path) -> None:
-    """From 2.2 on, Keras' Flatten does so in channels-first models, to keep the weights' order."""
+    """Keras' Flatten does so from 2.2 on in channels-first models, for the weights' order."""
     layers = random_layers(KERNELS["lenet"])
     own = {"config": {"data_format": "channels_first"}}
     config = {"config": {"layers": [{"class_name": name, **own} for name in ("Conv2D", "Flatten")]}}
@@ -181,7 +181,7 @@ def test_a_flatten_that_puts_the_channels_last_is_followed(tmp_path: Path) -> No
 
 
 def test_channels_first_models_of_keras_2_before_that_flatten_load(tmp_path: Path) -> None:
-    """Kernels (h, w, in, out), and yet a flatten order that is torch's already."""
+    """Kernels are (h, w, in, out), but the flatten order is torch's."""
     layers = random_layers(KERNELS["lenet"])
     config = {"config": [{"class_name": "Conv2D", "config": {"data_format": "channels_first"}}]}
     stored = [*layers[:2], channels_first(layers)[2], *layers[3:]]
@@ -199,14 +199,12 @@ def test_theanos_kernels_are_turned_around(version: int, tmp_path: Path) -> None
 def test_a_file_that_does_not_name_its_backend_is_taken_for_tensorflows(tmp_path: Path) -> None:
     stored = channels_first(random_layers(KERNELS["lenet"]))
     path = write_keras(tmp_path / "model.h5", stored, version=1, backend=b"")
-    assert "(Keras 1, of TensorFlow or Theano: taken for Tens" in load_weights(
-        build("lenet")[0], str(path)
-    )
+    assert "no backend in the file" in load_weights(build("lenet")[0], str(path))
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 11, 2), (2, 11, 1, 1)], ids=["2-D or 1.2", "1.0"])
 def test_other_layouts_of_a_1_x_1_convolution_fit_tiny(shape: tuple, tmp_path: Path) -> None:
-    """In two dimensions, and as Keras 1.2 and 1.0 kept one dimension."""
+    """The kernel of a Conv2D or of Keras 1.2, and of Keras 1.0."""
     layers = random_layers(KERNELS["tiny"])
     kernel, bias = layers[0]
     stored = (kernel.transpose(2, 1, 0) if shape[0] == 2 else kernel).reshape(shape)
@@ -225,11 +223,10 @@ def test_the_layer_that_differs_is_named_with_what_to_set(tmp_path: Path) -> Non
     before = [parameter.clone() for parameter in network.parameters()]
     with pytest.raises(InputError) as caught:
         load_weights(network, str(path))
-    assert str(caught.value) == (
-        f"{path}: layer 6 of 9, dense_6: kernel 8448 x 100 in the file, 1152 x 100 in PilotNet: "
-        "the view differs; set data.crop=[50,20] model.size=null: it was fed 160 x 320 x 3 and "
-        "crops 50 rows above, 20 below"
-    )
+    message = str(caught.value)
+    assert f"{path}: layer 6 of 9, dense_6: kernel 8448 x 100" in message
+    assert "1152 x 100 in PilotNet" in message
+    assert "set data.crop=[50,20] model.size=null: its input is 160 x 320 x 3" in message
     assert all(torch.equal(a, b) for a, b in zip(before, network.parameters(), strict=True))
     model = compose_config(["model=nvidia", "model.size=null"])["model"]
     load_weights(make_network(model, View([50, 20], model["colour"], None)), str(path))
@@ -278,7 +275,7 @@ def test_a_damaged_model_config_is_one_line(text: str, tmp_path: Path) -> None:
     path = write_keras(tmp_path / "model.h5", random_layers(KERNELS["lenet"]))
     with h5py.File(path, "a") as file:
         file.attrs["model_config"] = text
-    with pytest.raises(InputError, match=r"^.*model\.h5: is no whole HDF5 file of Keras .*$"):
+    with pytest.raises(InputError, match=r"^.*model\.h5: .*HDF5 file of Keras .*$"):
         load_weights(build("lenet")[0], str(path))
 
 
@@ -293,7 +290,7 @@ def test_floats_of_any_kind_load(dtype: str, tmp_path: Path) -> None:
 def test_arrays_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     layers = random_layers(KERNELS["lenet"])
     path = write_keras(tmp_path / "model.h5", [(layers[0][0].astype("S8"), layers[0][1])])
-    with pytest.raises(InputError, match="is no whole HDF5 file of Keras"):
+    with pytest.raises(InputError, match="HDF5 file of Keras"):
         load_weights(build("lenet")[0], str(path))
 
 

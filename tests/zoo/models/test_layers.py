@@ -1,4 +1,4 @@
-"""Dropout that draws quickly: still dropout."""
+"""The quick dropout behaves as torch's."""
 
 import pytest
 import torch
@@ -25,11 +25,11 @@ def test_drops_at_its_rate_and_scales_the_rest(rate: float, layout: torch.memory
     torch.testing.assert_close(kept, torch.full_like(kept, 1 / (1 - rate)), rtol=1e-3, atol=0)
     assert out.is_contiguous(memory_format=layout)
     out.sum().backward()
-    assert torch.equal(ones.grad, out.detach()), "what is dropped learns nothing"
+    assert torch.equal(ones.grad, out.detach()), "a dropped value has no gradient"
 
 
-def test_places_are_drawn_independently() -> None:
-    """Neighbours in memory come from one word: they are dropped together by chance alone."""
+def test_values_are_dropped_independently() -> None:
+    """Neighbours in memory share a random word, but are dropped independently."""
     dropped = (Dropout(0.3).train()(torch.ones(4, 100_000)) == 0).float().flatten()
     for apart in (1, 2, 3, 4, 5):
         both = (dropped[:-apart] * dropped[apart:]).mean().item()
@@ -37,7 +37,7 @@ def test_places_are_drawn_independently() -> None:
 
 
 def test_calls_are_drawn_independently() -> None:
-    """All read the same tables, from other places."""
+    """Calls read the same tables from different places."""
     layer, ones = Dropout(0.3).train(), torch.ones(4, 100_000)
     first, *others = [(layer(ones) == 0).float().flatten() for _ in range(20)]
     for other in others:
@@ -45,7 +45,7 @@ def test_calls_are_drawn_independently() -> None:
 
 
 def test_a_larger_layer_changes_nothing_for_the_others() -> None:
-    """The tables grow to what the largest needs, whichever comes first."""
+    """The tables grow for the largest layer; their first numbers stay."""
     layer, ones = Dropout(0.5).train(), torch.ones(SHAPE)
     layers._drawn.clear()
     torch.manual_seed(5)
@@ -65,11 +65,11 @@ def test_repeats_with_the_seed_and_not_otherwise() -> None:
 
 
 @pytest.mark.parametrize(("rate", "value"), [(0.0, 1.0), (1.0, 0.0)])
-def test_none_and_all(rate: float, value: float) -> None:
+def test_a_rate_of_0_and_of_1(rate: float, value: float) -> None:
     assert (Dropout(rate).train()(torch.ones(SHAPE)) == value).all()
 
 
-def test_leaves_an_evaluation_alone() -> None:
+def test_changes_nothing_in_evaluation_mode() -> None:
     ones = torch.ones(SHAPE)
     assert Dropout(0.5).eval()(ones) is ones
 
@@ -82,8 +82,8 @@ def test_in_half_precision() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not find_compiler(), reason="no C++ compiler")
-def test_compiled_it_draws_as_the_plain_one_does() -> None:
-    """Two alike, one after the other, drop other values; a seed repeats them."""
+def test_compiled_dropout_draws_from_the_seed() -> None:
+    """Two equal layers drop different values; a seed repeats them."""
     pair = torch.nn.ModuleList([Dropout(0.5), Dropout(0.5)]).train()
 
     def both(values: torch.Tensor) -> list[torch.Tensor]:

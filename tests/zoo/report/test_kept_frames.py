@@ -1,4 +1,4 @@
-"""What a scored drive leaves to look at: its worst moments, and a film."""
+"""The images of a scored drive: its worst moments, and a film."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ FRAME = np.zeros((160, 320, 3), np.uint8)
     st.lists(st.tuples(st.floats(-4, 4), st.booleans()), min_size=1, max_size=200),
     st.integers(1, 5),
 )
-def test_the_worst_of_all_is_kept_and_no_two_are_near(
+def test_the_worst_moment_is_kept_and_no_two_are_near(
     drive: list[tuple[float, bool]], count: int
 ) -> None:
     rows = [
@@ -69,11 +69,11 @@ def test_a_scored_drive_is_filmed_on_request(
     worst = int(np.abs(plain.cross_track_m).argmax())
     assert plain.intervention.any() or plain.frame[worst]
     for name in names:
-        with Image.open(plain.folder / name) as picture:
-            assert picture.size == (320, 160)
+        with Image.open(plain.folder / name) as image:
+            assert image.size == (320, 160)
 
 
-def test_ten_moments_are_no_film(tmp_path: Path, console: Console) -> None:
+def test_ten_moments_are_not_a_film(tmp_path: Path, console: Console) -> None:
     from zoo.drives.drive_log import DriveWriter
 
     writer = DriveWriter(tmp_path)
@@ -84,7 +84,7 @@ def test_ten_moments_are_no_film(tmp_path: Path, console: Console) -> None:
 
 
 @pytest.mark.parametrize("speed", ["0.5", "101"])
-def test_a_film_speed_that_cannot_be_is_said_first(
+def test_a_wrong_film_speed_is_refused_before_driving(
     speed: str, run_folder: Path, tmp_path: Path
 ) -> None:
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")

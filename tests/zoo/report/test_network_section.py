@@ -34,7 +34,7 @@ def test_the_published_table_of_pilotnet() -> None:
 
 
 class Odd(nn.Module):
-    """A layer used twice, and a parameter of its own."""
+    """A network with a layer that is used twice, and a parameter outside layers."""
 
     takes_speed, outputs = False, 1
 

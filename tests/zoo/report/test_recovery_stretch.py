@@ -1,4 +1,4 @@
-"""Which stretch of a recording is shown as a recovery."""
+"""The stretch of a recording that is shown as a recovery."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ BEND, BACK = 60, 200  # rows where a sharp bend and a recovery begin
 
 
 def driven(pause: bool) -> Recording:
-    """A sharp bend, and a softer way back to the middle, which a pause may come before."""
+    """Return a recording with a sharp bend, then a recovery, with or without a pause before it."""
     steering = np.zeros(300)
     steering[BEND : BEND + 20] = 0.8
     steering[BACK : BACK + 15] = np.linspace(-0.4, 0, 15)
@@ -26,14 +26,14 @@ def driven(pause: bool) -> Recording:
     return replace(recording, time_s=time)
 
 
-def test_what_follows_a_pause_goes_before_a_sharper_bend() -> None:
+def test_a_recovery_after_a_pause_goes_before_a_sharper_bend() -> None:
     found = find_recovery(driven(pause=True))
     assert found.rows.tolist() == list(range(BACK, BACK + LENGTH))
     assert "follow a pause" in found.why
     assert "0.40" in found.why
 
 
-def test_without_a_pause_the_largest_return_is_shown_and_called_in_doubt() -> None:
+def test_without_a_pause_the_largest_return_is_shown_with_a_warning() -> None:
     found = find_recovery(driven(pause=False))
     assert BEND in found.rows
     assert BACK not in found.rows
@@ -49,11 +49,11 @@ def test_a_stretch_never_crosses_a_pause_or_another_recording() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "steering", "said"),
+    ("rows", "steering", "words"),
     [(20, 0.5, "No stretch of the recording lasts"), (200, 0.3, "hardly changes")],
 )
-def test_where_there_is_none_it_says_why(rows: int, steering: float, said: str) -> None:
-    with pytest.raises(MissingError, match=said):
+def test_a_missing_recovery_has_a_reason(rows: int, steering: float, words: str) -> None:
+    with pytest.raises(MissingError, match=words):
         find_recovery(recording_in_memory(np.full(rows, steering)))
 
 

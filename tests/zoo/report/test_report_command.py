@@ -1,4 +1,4 @@
-"""`python -m zoo.report`: what the page and the Markdown hold, and what they say is missing."""
+"""`python -m zoo.report`: the contents of the page and the Markdown, and missing parts."""
 
 import base64
 import io
@@ -9,15 +9,15 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
+import PIL.Image
 import pytest
 import torch
-from PIL import Image
 
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.evaluate.many_drives import Setup, drive_once
-from zoo.report.blocks import Picture, Pictures, Rows, Section, Text
+from zoo.report.blocks import Image, Images, Rows, Section, Text
 from zoo.report.markdown import to_markdown
 from zoo.report.report_page import to_html
 from zoo.report.write_up import write_report
@@ -26,7 +26,7 @@ MISSING = re.compile(r'<p class="missing">(.*?)</p>')
 
 
 class Page(HTMLParser):
-    """What a page names, and its words."""
+    """A page's links and words."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -41,14 +41,14 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         self.words += data.split()
 
-    def handled(self, kind: str) -> list[bytes]:
+    def embedded(self, kind: str) -> list[bytes]:
         head = f"data:{kind};base64,"
         return [base64.b64decode(one[len(head) :]) for one in self.places if one.startswith(head)]
 
 
 @pytest.fixture(scope="module")
 def driven(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished run with a drive that was filmed, and its report."""
+    """Write the report of a finished run with a filmed drive."""
     folder = tmp_path_factory.mktemp("report") / "run"
     shutil.copytree(run_folder, folder)
     forget_drives(folder)
@@ -60,7 +60,7 @@ def driven(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def undriven(run_folder: Path, tmp_path: Path) -> Path:
-    """A copy of a finished run that was not driven, to do harm to."""
+    """Copy a finished run that was not driven, for tests that damage it."""
     folder = Path(shutil.copytree(run_folder, tmp_path / "run"))
     forget_drives(folder)
     return folder
@@ -77,7 +77,7 @@ def missing_in(folder: Path) -> list[str]:
     return MISSING.findall(write_report(folder).read_text())
 
 
-def test_the_page_holds_all_it_shows(driven: Path) -> None:
+def test_the_page_embeds_all_images_and_films(driven: Path) -> None:
     path = driven / "report" / "index.html"
     page = Page(path)
     assert all(place.startswith(("data:", "#")) for place in page.places)
@@ -86,18 +86,18 @@ def test_the_page_holds_all_it_shows(driven: Path) -> None:
     for name in page.places:
         if name.startswith("#"):
             assert f'id="{name[1:]}"' in page.text
-    pictures = page.handled("image/png") + page.handled("image/jpeg")
-    for picture in pictures:
-        Image.open(io.BytesIO(picture)).verify()
+    images = page.embedded("image/png") + page.embedded("image/jpeg")
+    for image in images:
+        PIL.Image.open(io.BytesIO(image)).verify()
     # Histogram, batch, curves, two scatter plots, track and error; cameras, recovery, flip, worst.
-    assert len(pictures) >= 7 + 3 + 6 + 2 + 1
-    (film,) = page.handled("video/mp4")
+    assert len(images) >= 7 + 3 + 6 + 2 + 1
+    (film,) = page.embedded("video/mp4")
     assert film[4:8] == b"ftyp"
     assert path.stat().st_size < 15_000_000
     assert not MISSING.findall(page.text)
 
 
-def test_the_markdown_names_each_picture_that_lies_beside_it(driven: Path) -> None:
+def test_the_markdown_links_each_image_file(driven: Path) -> None:
     folder = driven / "report"
     text = (folder / "report.md").read_text()
     named = set(re.findall(r"!\[[^\]]*\]\(<([^>]+)>\)", text))
@@ -134,13 +134,13 @@ def test_the_report_counts_drives_of_an_earlier_version_too(
     assert f"| cross-track error, mean, m | 0.50{spread} |" in text
 
 
-def test_driving_stands_before_what_is_open_loop(driven: Path) -> None:
+def test_driving_figures_stand_before_open_loop_figures(driven: Path) -> None:
     text = (driven / "report" / "report.md").read_text()
     drive = json.loads((driven / "drives" / "lake-0" / "drive.json").read_text())
     metrics = json.loads((driven / "metrics.json").read_text())
     wanted = [
         f"| Autonomy, lake | {drive['autonomy']:.1%} |",
-        f"| Off centre, lake | {drive['cte_mean_m']:.2f} m |",
+        f"| Cross-track error, lake | {drive['cte_mean_m']:.2f} m |",
         f"| Test MSE | {metrics['open_loop']['test']['mse']:.4f} |",
     ]
     places = [text.index(one) for one in wanted]
@@ -166,22 +166,22 @@ def test_the_settings_name_the_recording(driven: Path, recorded: Written) -> Non
     assert Path(recorded.folder).name in settings[: settings.index("<details>")]
 
 
-def test_side_cameras_are_shown_with_the_label_they_were_fed(driven: Path) -> None:
+def test_side_cameras_are_shown_with_their_labels(driven: Path) -> None:
     text = (driven / "report" / "report.md").read_text()
-    fed = dict(re.findall(r"(left|center|right): fed with steering ([+-][\d.]+)", text))
-    assert float(fed["left"]) == pytest.approx(float(fed["center"]) + 0.275, abs=0.0011)
-    assert float(fed["right"]) == pytest.approx(float(fed["center"]) - 0.275, abs=0.0011)
+    labels = dict(re.findall(r"(left|center|right): label ([+-][\d.]+)", text))
+    assert float(labels["left"]) == pytest.approx(float(labels["center"]) + 0.275, abs=0.0011)
+    assert float(labels["right"]) == pytest.approx(float(labels["center"]) - 0.275, abs=0.0011)
 
 
 def test_a_run_that_was_not_driven_says_so(undriven: Path) -> None:
-    said = missing_in(undriven)
-    assert [one.split(".")[0] for one in said] == ["Nothing was driven"]
+    (line,) = missing_in(undriven)
+    assert "python -m zoo.evaluate" in line
     page = (undriven / "report" / "index.html").read_text()
     assert "Not known whether it drives." in page
     assert "<video" not in page
 
 
-def test_a_recording_that_was_moved_costs_its_pictures_alone(undriven: Path) -> None:
+def test_a_moved_recording_removes_only_its_images(undriven: Path) -> None:
     path = undriven / "checkpoints" / "best.ckpt"
     checkpoint = torch.load(path, weights_only=True)
     checkpoint["drivezoo"]["config"]["data"]["root"] = "/moved/away"
@@ -193,11 +193,11 @@ def test_a_recording_that_was_moved_costs_its_pictures_alone(undriven: Path) -> 
     assert "camera_left.jpg" not in names
 
 
-def test_a_recording_that_changed_is_told_from_the_one_trained_on(undriven: Path) -> None:
+def test_a_changed_recording_is_reported(undriven: Path) -> None:
     metrics = json.loads((undriven / "metrics.json").read_text())
     metrics["data"]["fingerprint"] = "0123456789abcdef"
     (undriven / "metrics.json").write_text(json.dumps(metrics))
-    assert "not what was trained on" in write_report(undriven).read_text()
+    assert "not the one of the training" in write_report(undriven).read_text()
 
 
 def test_a_failed_run_says_why(undriven: Path) -> None:
@@ -207,16 +207,16 @@ def test_a_failed_run_says_why(undriven: Path) -> None:
     (undriven / "status.json").write_text('{"status": "failed", "reason": "the <disk> is full"}')
     said = missing_in(undriven)
     assert said[0] == "The run failed: the &lt;disk&gt; is full."
-    assert any("left no checkpoint" in line for line in said)
+    assert any("no checkpoint" in line for line in said)
     assert (undriven / "report" / "camera_left.jpg").is_file()
 
 
-def test_one_section_that_fails_leaves_the_others(undriven: Path) -> None:
+def test_a_section_that_fails_leaves_the_others(undriven: Path) -> None:
     metrics = json.loads((undriven / "metrics.json").read_text())
     metrics["leak"] = {"val": 3}
     (undriven / "metrics.json").write_text(json.dumps(metrics))
     said = missing_in(undriven)
-    assert any("This section cannot be made: TypeError" in line for line in said)
+    assert any("This section could not be written (TypeError" in line for line in said)
     assert (undriven / "report" / "training_curves.png").is_file()
 
 
@@ -239,8 +239,8 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
     (tmp_path / "file").touch()
     for name, said in {
         "sweep": f"is a sweep's folder; name one of its runs, such as {sweep / '0'}",
-        "empty": "is no run's folder",
-        "file": "is no folder",
+        "empty": "is not a run's folder",
+        "file": "is not a folder",
     }.items():
         with pytest.raises(InputError, match=re.escape(said)):
             write_report(tmp_path / name)
@@ -248,7 +248,7 @@ def test_bad_input_is_one_line(tmp_path: Path, run_folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file", "said"),
-    [("metrics.json", "metrics.json: is no JSON"), (".hydra/config.yaml", "config.yaml")],
+    [("metrics.json", "metrics.json: is not valid JSON"), (".hydra/config.yaml", "config.yaml")],
 )
 def test_a_damaged_file_is_named(file: str, said: str, undriven: Path) -> None:
     (undriven / file).write_text("{half")
@@ -269,13 +269,13 @@ def test_help_needs_no_torch(tmp_path: Path) -> None:
     assert "RUN_FOLDER" in result.stdout
 
 
-def test_what_a_run_is_called_cannot_become_markup(tmp_path: Path) -> None:
+def test_a_runs_name_cannot_become_markup(tmp_path: Path) -> None:
     evil = '<script>alert("1")</script>|`*_'
-    picture = Picture("a.png", b"", evil, plot=True)
-    sections = [Section("Data", [Text(evil), Rows([evil], [[evil]]), Pictures([picture])])]
+    image = Image("a.png", b"", evil, plot=True)
+    sections = [Section("Data", [Text(evil), Rows([evil], [[evil]]), Images([image])])]
     page = to_html(evil, sections, evil, tmp_path)
     assert "<script" not in page
     assert 'alt="&lt;script' in page
     text = to_markdown(evil, sections, tmp_path)
     assert not re.search(r"(?<!\\)<script", text)
-    assert text.count("\n| ") == 3, "a sign in a cell has ended it"
+    assert text.count("\n| ") == 3, "a character in a cell has ended it"
