@@ -103,9 +103,9 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
         (["CKPT", "drive.speed.setmph=1"], "did you mean drive.speed.set_mph"),
         (["CKPT", "drive.speed=p"], "there are bends, constant, network, pi, proportional"),
         (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "drive.speed.kp: no such key"),
-        (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1 is not a number, 0 or more"),
-        (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast is not a number, 0 or more"),
-        (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0 is not a number above 0"),
+        (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1: must be a number, 0 or more"),
+        (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast: must be a number, 0 or more"),
+        (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0: must be a number above 0"),
         (["CKPT", "drive.port=99999"], "drive.port=99999 is not a port"),
         (["CKPT", "drive.margin=0"], "drive.margin=0 is not metres, 0.2 or more, or null"),
         (["CKPT", "drive.put_back=1"], "drive.put_back=1 is not true or false"),
@@ -148,7 +148,7 @@ def test_other_machines_are_let_in_only_with_a_warning_and_a_drive_without_any_l
         assert OldClient(driver.port).status == 101
         assert driver.stop() == 0
     assert any(line.startswith("warning: every machine") for line in driver.lines)
-    assert "no simulator has driven" in driver.lines
+    assert any("no simulator" in line for line in driver.lines)
     assert list(tmp_path.iterdir()) == []
 
 

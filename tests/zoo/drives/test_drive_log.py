@@ -1,4 +1,4 @@
-"""The Drive: what is written can be read, whatever cut it off."""
+"""Drives are readable after writing, also when a kill or a full disk cut them off."""
 
 import json
 import math

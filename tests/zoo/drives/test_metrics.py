@@ -74,7 +74,9 @@ def test_a_new_metric_is_measured_averaged_and_shown() -> None:
         figures = [measure(one) for one in drives]
         assert mean_and_spread(figures)["hardest_turn"][0] == 0.375
         assert table_rows()["hardest_turn"] == ("hardest turn, 1", "{:.2f}")
-        assert "| `hardest_turn` | hardest turn | 1 | lower is better | Greatest" in metrics_page()
+        page = metrics_page()
+        assert "hardest turn | 1 | 0 or more | lower is better | a test |" in page
+        assert "## `hardest_turn`\n\nGreatest steering either way.\n" in page
         assert leaderboard_metrics()[-1].column_heading("lake") == "hardest turn, lake (1)"
     finally:
         del METRICS["hardest_turn"]
