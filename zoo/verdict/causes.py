@@ -122,7 +122,7 @@ def _bonnet(evidence: Evidence, _: Sequence[str]) -> Cause | None:
         return None
     better = f"[{crop[0]},25]"
     return Cause(
-        f"data.crop=[{crop[0]},{crop[1]}] keeps the car's bonnet in the image, which never changes.",
+        f"data.crop=[{crop[0]},{crop[1]}] keeps the bonnet in the image, which never changes.",
         evidence.again({"data.crop": better}),
     )
 

@@ -244,7 +244,7 @@ def test_a_persons_recording_is_trained_on_under_other_names(
         ("beta=2", "beta=2: must be in 0..1"),
         ("off_m=-1", "off_m=-1: must be 0 metres or more"),
         ("weather=hail", "weather=hail"),
-        ("throttle=network", "this network gives no throttle"),
+        ("throttle=network", "no throttle"),
         ("throttle=none", "throttle=none: must be hold or network"),
         ("rouds=2", "did you mean rounds?"),
         ("data.rooot=x", "data.rooot: the checkpoint's config has no such key"),
