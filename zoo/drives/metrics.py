@@ -53,7 +53,7 @@ def autonomy(drive: Drive) -> float:
 
 @metric("interventions", COUNT, LOWER, f"{NVIDIA}, section 7.1", decimals=1, column=3)
 def interventions(drive: Drive) -> int:
-    """Number of times that the car left the lane, was held by a wall, or stood still.
+    """Count of the times that the car left the lane, was held by a wall, or stood still.
 
     Left the lane: `|e[i]|` exceeds half the width of the road (in a replay: 1 m), or the `margin`
     that the user sets. Stood still: `v[i]` stays below 1 mph for more than 5 s. On a socket, each
@@ -128,7 +128,7 @@ def driven_s(drive: Drive) -> float:
 
 @metric("laps", COUNT, NEITHER, OURS, bounds="any", tables=(DRIVES,))
 def laps(drive: Drive) -> float:
-    """Number of laps driven, with decimals.
+    """Distance driven in laps, with decimals.
 
     Formula: `driven_m` divided by the length of the track's centreline. Unknown in a replay and on
     a socket.

@@ -1,4 +1,4 @@
-"""`python -m zoo.drive`, as a person starts and ends it."""
+"""`python -m zoo.drive`, as users start and end it."""
 
 import json
 import os
@@ -29,7 +29,7 @@ from zoo.evaluate.many_drives import speed_controller
 
 @pytest.fixture(scope="module")
 def checkpoint(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A checkpoint under a name of which Hydra would understand nothing."""
+    """Return a checkpoint whose name Hydra cannot parse."""
     folder = tmp_path_factory.mktemp("lr=0.1, [a] 'run'")
     return Path(shutil.copy(run_folder / "checkpoints" / "best.ckpt", folder / "best=1 (2).ckpt"))
 
@@ -55,8 +55,8 @@ def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path
                 assert client.reply() == ("manual", {})
         assert driver.stop() == 0
 
-    # The same bits as in training reach the network: what it says of a JPEG on the wire is what it
-    # says of the file.
+    # The network gets the same pixels as in training: its steering for a JPEG on the socket is that
+    # for the file.
     assert steered == pytest.approx(expected, abs=5e-5)
 
     said = "\n".join(driver.lines)
@@ -167,7 +167,7 @@ def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_pa
 
 @pytest.fixture(scope="module")
 def off_the_road(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A network that steers to the left whatever it sees."""
+    """Write a network that always steers to the left."""
     content = torch.load(checkpoint, weights_only=False)
     weights = content["state_dict"]
     *_, weight, bias = weights

@@ -11,7 +11,7 @@ import pytest
 
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
-from zoo.drive.drive_writer import Scribe
+from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import read_drive
@@ -24,13 +24,13 @@ FRAME_S = 0.1
 
 
 class Drive:
-    """A driver without a socket, and one simulator that sends telemetry at 10 Hz."""
+    """A driver without a socket, with one simulator that sends telemetry at 10 Hz."""
 
     def __init__(self, folder: Path, controller: SpeedController, **options: object) -> None:
         self.folder, self.lines = folder, []
         notices = Notices(self.lines.append)
-        scribe = Scribe(folder, notices)
-        self.driver = Driver(red_policy, controller, SteeringFilter(), scribe, notices, **options)
+        writer = BackgroundWriter(folder, notices)
+        self.driver = Driver(red_policy, controller, SteeringFilter(), writer, notices, **options)
         self.session = self.driver.connect("a")
         self.now_s = 100.0
 

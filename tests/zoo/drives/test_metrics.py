@@ -1,4 +1,4 @@
-"""The metrics of a drive: today's figures, and a new one that appears wherever metrics do."""
+"""The metrics of a drive: known values, and a new metric in tables and files."""
 
 import json
 import math
@@ -20,7 +20,7 @@ from zoo.results import print_results
 
 KEPT = Path(__file__).parents[1] / "runs" / "run_of_0_1_0" / "drives" / "lake-0"
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
-# Version 0.1.0 measured this of `drive_by_speed`.
+# Metrics of `drive_by_speed` in version 0.1.0.
 MEASURED = {
     "autonomy": 0.0,
     "interventions": 6,
