@@ -169,7 +169,7 @@ def serve_each(names: list[str], pipe: Connection) -> None:
 
 
 def serve(name: str, pipe: Connection) -> None:
-    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
     from zoo.drive.notices import Notices
     from zoo.drive.server import DriveServer, listen
@@ -178,17 +178,17 @@ def serve(name: str, pipe: Connection) -> None:
 
     notices, times, looked = Notices(lambda line: None), [], []
     with tempfile.TemporaryDirectory() as folder:
-        scribe = Scribe(Path(folder) / "drive", notices)
+        writer = BackgroundWriter(Path(folder) / "drive", notices)
         policy = (lambda frame, speed: (0.1, None)) if name == CONSTANT else random_policy(name)
         if name != CONSTANT:
             policy.forward = timed(policy.forward, times)
-        driver = Driver(policy, PI(9, 0.1, 0.002), SteeringFilter(), scribe, notices)
+        driver = Driver(policy, PI(9, 0.1, 0.002), SteeringFilter(), writer, notices)
         driver.sent = noting_looks(driver.sent, times, looked)
         server = DriveServer(driver, listen("127.0.0.1", 0))
         server.serve(lambda: pipe.send(server.port), pipe.poll)
         pipe.recv()
         server.close()
-        scribe.close({})
+        writer.close({})
     found = [float(np.median(one)) if one else float("nan") for one in (looked, times)]
     pipe.send((driver.tally.figures()["latency_percentiles_ms"], found[0], 1000 * found[1]))
 

@@ -57,7 +57,7 @@ def test_bad_requests_print_one_line_of_a_kind(fresh: Served) -> None:
         for request in BAD:
             ask(fresh.port, request)
     assert fresh.stop() == 0
-    kinds = [line for line in fresh.lines if "said once" in line]
+    kinds = [line for line in fresh.lines if "printed once" in line]
     assert len(kinds) == len({line.partition(":")[0] for line in kinds}) < 10
     assert any("(400)" in line for line in kinds)
     assert any(line.endswith("(400)") for line in fresh.lines), "the number at the end"

@@ -1,7 +1,7 @@
-"""Serving a checkpoint to simulators on a socket: `zoo.drive` is the command."""
+"""The server that drives simulators on a socket with a checkpoint: `python -m zoo.drive`."""
 
 import warnings
 
-# Said at each import of eventlet, to programs that could choose another server. It is what serves
-# the original client at 60 frames/s here, and nobody who drives can act on the advice.
+# eventlet prints this at each import. It serves the original client at 60 frames per second, and
+# users of the driver cannot choose another library.
 warnings.filterwarnings("ignore", message=r"\s*Eventlet is deprecated")

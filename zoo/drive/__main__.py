@@ -49,7 +49,7 @@ def drive(arguments: list[str]) -> None:
 
 def serve(checkpoint: str, settings: "DriveSettings") -> None:
     """Serve until Ctrl-C, or until the embedded simulator ends; then say what it came to."""
-    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
     from zoo.drive.embedded_client import EmbeddedClient
     from zoo.drive.notices import Notices
@@ -57,7 +57,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
 
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
     folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
-    scribe = Scribe(folder, notices)
+    writer = BackgroundWriter(folder, notices)
     # Loading torch takes seconds: only once the port is ours. Simulators wait in the meantime.
     listener = open_port(settings.host, settings.port)
     load = functools.partial(load_warm_policy, threads=settings.threads)
@@ -66,12 +66,12 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         from zoo.drive.live_page import LivePage  # imports torch
 
     if settings.record is not None:
-        scribe.prepare()
+        writer.prepare()
     driver = Driver(
         policy,
         settings.speed,
         settings.steering,
-        scribe,
+        writer,
         notices,
         record=settings.record is not None,
         checkpoint=checkpoint,
@@ -86,15 +86,15 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
 
     def listening() -> None:
         if token:
-            notices.tell(
+            notices.print(
                 f"warning: every machine that reaches {url} can connect a simulator, and watch; "
                 "only the address with the token below works the page's buttons"
             )
-        notices.tell(f"{checkpoint}: {view_line(policy)}")
+        notices.print(f"{checkpoint}: {view_line(policy)}")
         waits = "a simulator; Ctrl-C ends the drive"
-        notices.tell(f"listening on {url} for {settings.sim or waits}")
+        notices.print(f"listening on {url} for {settings.sim or waits}")
         page = f"{url}/?token={token}" if token else url
-        notices.tell(f"open {page} in a browser to watch{' and command' * bool(token)}")
+        notices.print(f"open {page} in a browser to watch{' and command' * bool(token)}")
         client.start()
 
     try:

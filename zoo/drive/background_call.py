@@ -1,4 +1,4 @@
-"""What takes long is done beside the one thread that serves the sockets."""
+"""Calls of slow functions outside the thread that serves the sockets."""
 
 import threading
 from collections.abc import Callable
@@ -9,11 +9,12 @@ import eventlet
 Result = TypeVar("Result")
 
 
-def beside(function: Callable[..., Result], *arguments: object) -> Result:
-    """What `function` returns or raises, called in a thread of its own. The green thread that asks
-    waits, and all others go on.
+def call_in_thread(function: Callable[..., Result], *arguments: object) -> Result:
+    """Call a function in a new thread; return its result, or raise its exception.
 
-    >>> beside(max, 2, 3)
+    The calling green thread waits, while all other green threads run.
+
+    >>> call_in_thread(max, 2, 3)
     3
     """
     results: list[Result] = []

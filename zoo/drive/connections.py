@@ -1,4 +1,4 @@
-"""The open connections: how many there may be, and which are closed to make room."""
+"""Open connections: their limits, and which are closed to make room."""
 
 import contextlib
 import functools
@@ -17,11 +17,11 @@ from zoo.drive.held_bytes import HeldBytes
 from zoo.drive.notices import Notices
 
 MOST_CONNECTIONS = 1024
-MOST_PER_ADDRESS = 512  # below it, so that another address always finds a place
-MOST_QUIET_WEBSOCKETS = 256  # of an address; without telemetry
-HEAD_S = 5.0  # for a request's head, from the first byte to the last
-REQUEST_S = 60.0  # for a request; one of long polling waits for 45 s
-QUIET_S = 20.0  # for the first telemetry of a session
+MOST_PER_ADDRESS = 512  # fewer than in total, so that there is room for other addresses
+MOST_QUIET_WEBSOCKETS = 256  # without telemetry, of one address
+HEAD_S = 5.0  # limit for a request's head, from the first byte to the last
+REQUEST_S = 60.0  # limit for a request; long polling takes up to 45 s
+QUIET_S = 20.0  # limit for the first telemetry of a session
 
 
 @dataclass(eq=False)
@@ -29,12 +29,12 @@ class Connection:
     """An open connection.
 
     Attributes:
-        task: serves it.
-        socket: to the client.
+        task: green thread that serves the connection.
+        socket: socket to the client.
         host: address of the client.
-        since_s: when it was accepted.
-        environ: of its request; None until the request's head is there.
-        drives: telemetry came.
+        since_s: time at which it was accepted, by `time.monotonic`.
+        environ: WSGI environment of its request; None until the request's head has arrived.
+        drives: whether telemetry has arrived.
     """
 
     task: GreenThread
@@ -45,7 +45,7 @@ class Connection:
     drives: bool = False
 
     def overdue(self, now_s: float) -> bool:
-        """Whether the client took too long for what the connection waits for."""
+        """Return whether the client exceeds the time limit of the connection's present state."""
         if self.environ is None:
             patience_s = HEAD_S
         else:
@@ -54,31 +54,31 @@ class Connection:
 
     @property
     def quiet_websocket(self) -> bool:
-        """Whether it is a WebSocket, or will be one, without telemetry."""
+        """Whether it is, or will be, a WebSocket, and has sent no telemetry."""
         return not self.drives and (self.environ or {}).get("HTTP_UPGRADE") is not None
 
     def close(self) -> None:
-        """Close it now, whatever the client does."""
+        """Close the connection now, whatever the client does."""
         websocket = (self.environ or {}).get(ENVIRON_KEY)
-        if websocket is not None:  # its reader ends, which also ends the session
+        if websocket is not None:  # this ends its reader, and thus the session
             websocket.hang_up()
             return
         with contextlib.suppress(OSError):  # the client may have closed it first
-            self.socket.shutdown(socket.SHUT_RDWR)  # a reader's copy would keep it open
+            self.socket.shutdown(socket.SHUT_RDWR)  # the reader has a copy that would stay open
         self.task.kill()
-        self.socket.close()  # the task closes it, but for one that had not begun
+        self.socket.close()  # a task that had not begun does not close it
 
 
 class Connections:
-    """All connections, the oldest first.
+    """All open connections, the oldest first.
 
-    A simulator that drives is never closed for a new connection. Of all others, half-open ones and
-    WebSockets without telemetry included, the oldest goes first: a new simulator finds a place
-    whatever another client holds open.
+    A connection that drives is never closed for a new one. Of the others, such as half-open ones
+    and WebSockets without telemetry, the oldest is closed first. A new simulator can thus connect
+    whatever other clients hold open.
 
     Args:
-        most: connections at a time.
-        notices: told which are closed.
+        most: greatest number of open connections.
+        notices: log of closed connections.
     """
 
     def __init__(self, most: int, notices: Notices) -> None:
@@ -92,24 +92,30 @@ class Connections:
         return len(self._open)
 
     def make_room(self, host: str) -> bool:
-        """Close what exceeds the limits with one more; False where only driving ones are left."""
+        """Close connections until a new one of `host` fits; return False if all of them drive."""
         while (crowded := self._hosts[host] >= self.most_per_host) or len(self) >= self.most:
             idle = (one for one in self._open.values() if not one.drives)
             oldest = next((one for one in idle if not crowded or one.host == host), None)
             if oldest is None:
-                self._notices.say("too many simulators drive, a connection was refused", host)
+                self._notices.report("connection refused: too many simulators drive", host)
                 return False
-            self._notices.say("too many connections, the oldest idle one was closed", oldest.host)
+            self._notices.report("oldest idle connection closed: too many are open", oldest.host)
             self._close(oldest)
         return True
 
     def add(self, task: GreenThread, socket: GreenSocket, host: str) -> None:
-        """Keep a connection that a task, which has not begun, will serve."""
+        """Add a connection.
+
+        Args:
+            task: green thread that will serve it, and has not begun.
+            socket: socket to the client.
+            host: address of the client.
+        """
         self._open[task] = Connection(task, socket, host, time.monotonic())
         self._hosts[host] += 1
 
     def remove(self, task: GreenThread) -> None:
-        """Forget a connection, if it was not forgotten before."""
+        """Forget a connection, if it is still known."""
         self._held.release(task)
         connection = self._open.pop(task, None)
         if connection is not None:
@@ -118,7 +124,11 @@ class Connections:
                 del self._hosts[connection.host]
 
     def head_came(self, environ: dict) -> None:
-        """Note the request of the connection that the current task serves, and count its bytes."""
+        """Note the request of the current task's connection, and count its bytes.
+
+        Args:
+            environ: WSGI environment of the request.
+        """
         task = getcurrent()
         connection = self._open[task]
         connection.environ = environ
@@ -130,32 +140,32 @@ class Connections:
             self._hold(task, COPIES * min(int(body), MAX_MESSAGE))
 
     def telemetry_came(self) -> None:
-        """Note that the connection that the current task serves drives."""
+        """Note that the current task's connection drives."""
         connection = self._open.get(getcurrent())
         if connection is not None:
             connection.drives = True
 
     def close_overdue(self) -> None:
-        """Close the connections whose client took too long."""
+        """Close the connections that exceed their time limit."""
         now_s = time.monotonic()
         for connection in [one for one in self._open.values() if one.overdue(now_s)]:
             kind = "telemetry" if ENVIRON_KEY in (connection.environ or ()) else "whole request"
-            self._notices.say(f"a connection without a {kind} was closed", connection.host)
+            self._notices.report(f"connection closed: no {kind} in time", connection.host)
             self._close(connection)
 
     def _hold(self, task: GreenThread, size: int) -> None:
-        if task in self._open:  # one that was closed may read once more
+        if task in self._open:  # a closed connection may read once more
             self._held.hold(task, size)
 
     def _limit_quiet(self, host: str) -> None:
         alike = [one for one in self._open.values() if one.host == host and one.quiet_websocket]
         for oldest in alike[:-MOST_QUIET_WEBSOCKETS]:
-            self._notices.say("too many WebSockets without telemetry, the oldest was closed", host)
+            self._notices.report("oldest WebSocket without telemetry closed: too many", host)
             self._close(oldest)
 
     def _close_holder(self, task: Hashable) -> None:
         holder = self._open[task]
-        self._notices.say("too many unfinished messages, the largest was closed", holder.host)
+        self._notices.report("connection closed: unfinished messages take too much", holder.host)
         self._close(holder)
 
     def _close(self, connection: Connection) -> None:

@@ -1,4 +1,4 @@
-"""Writes a drive while it goes on, in a thread of its own, so that no disk ever delays a reply."""
+"""Writing of a drive in a background thread, so that the disk never delays a reply."""
 
 import contextlib
 import datetime
@@ -21,19 +21,19 @@ from zoo.drives.drive_record import SOCKET, DriveRow
 from zoo.drives.metrics import measure
 
 RECORDING_LOG, IMAGE_FOLDER = "driving_log.csv", "IMG"
-MEASURED_BYTES = 10_000_000  # of a log, three hours; a longer one is measured by its readers
-WAITING = 512  # rows, with their pictures 8 MB; a disk that is slower than that loses some
+MEASURED_BYTES = 10_000_000  # of a drive.csv, 3 h; readers compute the metrics of a longer one
+WAITING = 512  # rows in the queue, 8 MB with images; further rows are dropped on a slow disk
 
 
-class Scribe:
-    """Takes rows and pictures at once and writes them when it can.
+class BackgroundWriter:
+    """Writer that queues rows and images, and writes them in a background thread.
 
     Args:
-        folder: of the drive; made with the first row.
-        notices: told of a full disk, and of rows that were dropped because it is too slow.
+        folder: folder of the drive; created with the first row.
+        notices: log of a full disk, and of rows dropped on a slow disk.
 
     Attributes:
-        recorded: rows in the folder's `driving_log.csv`.
+        recorded: number of rows in the folder's `driving_log.csv`.
 
     Raises:
         InputError: the folder holds a drive or a recording already.
@@ -43,24 +43,24 @@ class Scribe:
         for name in ("drive.csv", RECORDING_LOG):
             if (folder / name).exists():
                 raise InputError(
-                    f"{folder} holds a {name} already; name another folder with drive.record="
+                    f"{folder}: holds a {name} already; name another folder with drive.record="
                 )
         self.folder, self.notices = folder.absolute(), notices
         self.recorded = 0
         self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None
         self._recording: AppendedFile | None = None
-        self._last_picture, self._last_frame = b"", ""
+        self._last_image, self._last_frame = b"", ""
         self._last_moment = datetime.datetime.min
-        # A daemon: a disk that hangs must not keep the process from ending.
-        self._thread = threading.Thread(target=self._write_all, name="scribe", daemon=True)
+        # A daemon, so that the process can end while the disk hangs.
+        self._thread = threading.Thread(target=self._write_all, name="drive-writer", daemon=True)
         self._thread.start()
 
     def prepare(self) -> None:
-        """Make the folder now, so that one that cannot be written to is known before the drive.
+        """Create the folder, and check before the drive that it can be written to.
 
         Raises:
-            InputError: that it is.
+            InputError: the folder cannot be written to.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -71,30 +71,40 @@ class Scribe:
                 f"drive.record={self.folder}: {error.strerror}; name another folder"
             ) from None
 
-    def put(self, row: DriveRow, picture: bytes | None) -> None:
-        """Have a row written, and its picture (JPEG or PNG as it came) if there is one."""
+    def put(self, row: DriveRow, image: bytes | None) -> None:
+        """Queue a row for writing.
+
+        Args:
+            row: row of the drive.
+            image: bytes of its JPEG or PNG as the client sent them; None to record no image.
+        """
         try:
-            self._queue.put_nowait((row, picture))
+            self._queue.put_nowait((row, image))
         except queue.Full:
-            self.notices.say("the disk is too slow, rows of the drive were not written")
+            self.notices.report("rows of the drive were dropped: the disk is too slow")
 
     def close(self, summary: dict, timeout_s: float = 10.0) -> bool:
-        """Write what is waiting, and the summary; False if there was nothing to write, or no way.
+        """Write the queued rows and `drive.json`.
 
-        `summary` gets `recorded_rows`, and the metrics of the rows beside its own keys.
+        Args:
+            summary: figures for `drive.json`; `recorded_rows` and the metrics are added.
+            timeout_s: longest wait for the disk, in seconds.
+
+        Returns:
+            False if there were no rows, or the disk does not answer.
         """
         self._queue.put(None)
         self._thread.join(timeout_s)
         if self._thread.is_alive():
-            self.notices.say("the disk does not answer, the end of the drive is not written")
+            self.notices.report("the end of the drive is not written: the disk does not answer")
             return False
         if self._writer is None:
-            with contextlib.suppress(OSError):  # it was not made, or is not empty
+            with contextlib.suppress(OSError):  # it does not exist, or is not empty
                 self.folder.rmdir()
             return False
         summary = {"drive": SOCKET, **summary, "recorded_rows": self.recorded}
         try:
-            write_summary(self.folder, summary)  # first: measuring takes a while
+            write_summary(self.folder, summary)  # before the metrics, which take some seconds
             if (self.folder / LOG_NAME).stat().st_size <= MEASURED_BYTES:
                 write_summary(self.folder, measure(read_drive(self.folder)) | summary)
         except (OSError, InputError) as error:
@@ -119,12 +129,12 @@ class Scribe:
             if file is not None:
                 file.close()
 
-    def _record(self, row: DriveRow, picture: bytes | None) -> DriveRow:
-        """Write the picture and its line; the row, with the picture's place filled in."""
-        if picture is None:
+    def _record(self, row: DriveRow, image: bytes | None) -> DriveRow:
+        """Write an image and its line of the recording; return the row with the image's path."""
+        if image is None:
             return row
-        # The old client's two loops send most pictures twice.
-        if picture == self._last_picture:
+        # The old client's two loops send most images twice.
+        if image == self._last_image:
             return replace(row, frame=self._last_frame)
         path = None
         try:
@@ -132,10 +142,10 @@ class Scribe:
                 (self.folder / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
             path = self.folder / IMAGE_FOLDER / f"center_{self._stamp()}.jpg"
-            path.write_bytes(picture)
+            path.write_bytes(image)
             brake = max(-row.throttle, 0.0)
             numbers = (row.steering, max(row.throttle, 0.0), brake, row.speed_mph)
-            # There is one camera: the columns of the left and the right one stay empty.
+            # There is one camera, so that the columns of the side cameras stay empty.
             self._recording.append([[path, "", "", *map(number_text, numbers)]])
         except OSError as error:
             if path is not None:
@@ -143,11 +153,11 @@ class Scribe:
             self._failed(error)
             return row
         self.recorded += 1
-        self._last_picture, self._last_frame = picture, f"{IMAGE_FOLDER}/{path.name}"
+        self._last_image, self._last_frame = image, f"{IMAGE_FOLDER}/{path.name}"
         return replace(row, frame=self._last_frame)
 
     def _stamp(self) -> str:
-        """The time as the original writes it into file names, never the same twice."""
+        """Return the time in the original's format of file names; each call returns a later one."""
         step = datetime.timedelta(milliseconds=1)
         self._last_moment = max(datetime.datetime.now(), self._last_moment + step)
         moment = self._last_moment
@@ -155,9 +165,9 @@ class Scribe:
 
     def _failed(self, error: Exception) -> None:
         reason = getattr(error, "strerror", None) or str(error)
-        self.notices.say(f"{self.folder} cannot be written to, driving goes on", reason)
+        self.notices.report(f"{self.folder}: cannot be written to; driving continues", reason)
 
 
 def number_text(value: float) -> str:
-    """A number as C# writes a float: seven digits, and no zeros after the last."""
+    """Return a number as C# writes a float: seven digits without trailing zeros."""
     return f"{value + 0.0:.7g}".upper()

@@ -1,4 +1,4 @@
-"""The driver: a telemetry message in, a reply out, whatever goes wrong in between."""
+"""The driver: it answers every telemetry message, whatever fails."""
 
 import copy
 import math
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from zoo.drive.drive_writer import Scribe
+from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.notices import Notices
 from zoo.drive.session import DrivingPolicy, Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
@@ -22,26 +22,37 @@ from zoo.drives.steering_filter import SteeringFilter
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
 GENTLE_BRAKE = -0.2
-PUT_BACK = "put_back"  # in a reply: the speed at which the car is set down on the centre
-SILENCE_S = 1.0  # after which another simulator is recorded and shown
+PUT_BACK = "put_back"  # key of a reply: speed of the car that is put back on the centre
+SILENCE_S = 1.0  # silence of a simulator after which another one is recorded and shown
 
 
 @dataclass(frozen=True)
 class Reply:
-    """An event and its one argument, to be sent; the row of the drive, and the picture, to keep."""
+    """Reply to a telemetry.
+
+    Attributes:
+        event: name of the event to send.
+        values: argument of the event.
+        row: row of the drive.
+        image: image to record, as the client sent it; None to record none.
+    """
 
     event: str
     values: dict[str, str]
     row: DriveRow
-    picture: bytes | None = None
+    image: bytes | None = None
 
 
 @dataclass(frozen=True)
 class LatestState:
-    """How the drive stands, for a page that looks now and then. `frame` is uint8 [160, 320, 3] RGB
-    and None before the first; it is the driver's own, not to be changed. `lost` is `off_road` or
-    `standstill` while the car is; `put_back`, that the simulator puts it back on the road then;
-    `autonomy` None where it is not measured."""
+    """State of the drive for the live page; None for unknown values.
+
+    Attributes:
+        frame: latest frame, uint8 [160, 320, 3] RGB, which must not be changed; None before the
+            first.
+        lost: `off_road` or `standstill` while the car is in that state, else None.
+        put_back: whether the simulator puts the car back after an intervention.
+    """
 
     frame: np.ndarray | None
     steering: float
@@ -71,19 +82,20 @@ class LatestState:
 
 
 class Driver:
-    """Answers every telemetry once, and keeps count.
+    """Driver that answers every telemetry once, and counts interventions and latency.
 
     Args:
-        policy: what steers.
-        controller, steer: copied for each session, since they remember.
-        scribe: writes the drive.
-        notices: told what goes wrong.
-        record: keep the pictures, too.
-        checkpoint: where the policy came from, to be shown.
-        load: makes a policy of a checkpoint's path, for `switch`.
-        margin_m: distance from the centreline that counts as leaving the lane; None is the edge
-            line, as the simulator sends it.
-        track: name of the track that is driven; None where it is not known.
+        policy: policy that steers.
+        controller: speed controller, copied for each session.
+        steer: steering filter, copied for each session.
+        writer: writer of the drive.
+        notices: log of troubles.
+        record: whether to record images.
+        checkpoint: path of the policy's checkpoint, for the page and `drive.json`.
+        load: function that loads a policy from a checkpoint's path, for `switch`.
+        margin_m: distance from the centreline in metres above which the car has left the lane; None
+            for the edge line, as the simulator sends it.
+        track: name of the track; None if unknown.
     """
 
     def __init__(
@@ -91,7 +103,7 @@ class Driver:
         policy: DrivingPolicy,
         controller: SpeedController,
         steer: SteeringFilter,
-        scribe: Scribe,
+        writer: BackgroundWriter,
         notices: Notices,
         record: bool = False,
         checkpoint: str = "",
@@ -99,12 +111,12 @@ class Driver:
         margin_m: float | None = None,
         track: str | None = None,
     ) -> None:
-        self.policy, self.scribe, self.notices = policy, scribe, notices
+        self.policy, self.writer, self.notices = policy, writer, notices
         self.recording, self.checkpoint, self.load = record, str(checkpoint), load
         self.paused, self.track = False, track
         self.tally = Tally()
         self.sessions: dict[str, Session] = {}
-        self.clients = 0  # that ever connected
+        self.clients = 0  # number of simulators that have connected so far
         self._controller, self._steer, self._margin_m = controller, steer, margin_m
         self._began_s: float | None = None
         self._frame: np.ndarray | None = None
@@ -112,21 +124,27 @@ class Driver:
         self._lead: Session | None = None
 
     def connect(self, sid: str) -> Session:
-        """A simulator has come."""
+        """Add a session for a simulator that connected."""
         self.clients += 1
         controller, steer = copy.deepcopy(self._controller), copy.deepcopy(self._steer)
         self.sessions[sid] = Session(self.clients, controller, steer, self._margin_m)
-        self.notices.tell_some("connect", f"simulator {self.clients} has connected")
+        self.notices.print_some("connect", f"simulator {self.clients} has connected")
         return self.sessions[sid]
 
     def disconnect(self, sid: str) -> None:
-        """It has gone."""
+        """Remove the session of a simulator that disconnected."""
         session = self.sessions.pop(sid, None)
         if session is not None:
-            self.notices.tell_some("disconnect", f"simulator {session.number} has gone")
+            self.notices.print_some("disconnect", f"simulator {session.number} has disconnected")
 
     def answer(self, session: Session, data: object, now_s: float | None = None) -> Reply:
-        """The one reply to a telemetry's argument, whatever it is; never raises."""
+        """Return the reply to a telemetry; never raise.
+
+        Args:
+            session: session of the simulator.
+            data: argument of the telemetry event, of any type.
+            now_s: time in seconds; None for the wall clock.
+        """
         wall_s = time.perf_counter() if now_s is None else now_s
         now_s = session.now(data, wall_s)
         if self._began_s is None:
@@ -146,17 +164,17 @@ class Driver:
             lost = self._judge(session, telemetry, now_s)
             return self._drive(session, telemetry, now_s, lost)
         except TelemetryError as error:
-            self.notices.say(error.kind, str(error).removeprefix(f"{error.kind}: "))
+            self.notices.report(error.kind, str(error).removeprefix(f"{error.kind}: "))
         except Exception as error:
             place = traceback.extract_tb(error.__traceback__)[-1]
-            self.notices.say(
+            self.notices.report(
                 "the policy failed",
                 f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})",
             )
         return self._fall_back(session, now_s, lost is not None)
 
     def _hand_over(self, session: Session, now_s: float) -> Reply:
-        """A person holds a key down, and drives."""
+        """Return the reply while a person drives by the keys of the simulator."""
         began = not session.overridden
         if began:
             session.overridden = True
@@ -165,14 +183,14 @@ class Driver:
             session.steer.reset()
             self.tally.counts[TAKEOVER] += 1
             count = self.tally.interventions
-            self.notices.tell_some("person", f"a person drives (intervention {count})")
+            self.notices.print_some("person", f"a person drives (intervention {count})")
         row = DriveRow(self._time(now_s), session.number, PERSON, intervention=began)
         return Reply("manual", {}, row)
 
     def _judge(self, session: Session, telemetry: Telemetry, now_s: float) -> str | None:
-        """Return the kind of intervention that a telemetry costs, None for none, and count it."""
+        """Count the intervention that a telemetry shows; return its kind, None for none."""
         for kind, detail in telemetry.oddities:
-            self.notices.say(kind, detail)
+            self.notices.report(kind, detail)
         if telemetry.speed_mph is not None:
             session.speed_mph = telemetry.speed_mph
         held = self.paused or session.controller.set_mph == 0
@@ -181,7 +199,7 @@ class Driver:
             self.tally.counts[lost] += 1
             line = f"{WORDS[lost]} after {self._time(now_s):.1f} s"
             line += f" (intervention {self.tally.interventions})"
-            self.notices.tell_some(lost, line)
+            self.notices.print_some(lost, line)
         return lost
 
     def _drive(
@@ -189,7 +207,7 @@ class Driver:
     ) -> Reply:
         steering, throttle = session.predict(self.policy, telemetry)
         if not math.isfinite(steering):
-            raise ValueError(f"it steers by {steering}")
+            raise ValueError(f"its steering is {steering}")
         steering = session.steer(float(steering), now_s)
         throttle = session.controller.throttle(session.speed_mph, steering, throttle, now_s)
         if not math.isfinite(throttle):
@@ -210,29 +228,29 @@ class Driver:
         leads = self._leads(session)
         if leads:
             self._frame = telemetry.frame
-        # Rows of several cars in one recording would be of no use to train on.
-        picture = telemetry.picture if self.recording and leads else None
+        # A recording with rows of several cars is useless for training.
+        image = telemetry.image if self.recording and leads else None
         values = reply_values(steering, throttle, session.decimal or ".")
         if lost is not None and session.can_put_back:
             values |= self._put_back(session)
-        return Reply("steer", values, row, picture)
+        return Reply("steer", values, row, image)
 
     def _put_back(self, session: Session) -> dict[str, str]:
-        """Have the simulator put the car back on the centre, at the speed to hold."""
+        """Return the value that makes the simulator put the car back, at the speed to hold."""
         session.controller.reset()
         session.steer.reset()
         mph = session.controller.set_mph or session.speed_mph
         return {PUT_BACK: number_text(mph, session.decimal or ".")}
 
     def _leads(self, session: Session) -> bool:
-        """Whether this is the session that is recorded and shown: the first, while it drives."""
+        """Return whether a session is the one to record and show: the first one that drives."""
         lead = self._lead
         if lead is None or session.heard_s - lead.heard_s > SILENCE_S:
             self._lead = session
         return self._lead is session
 
     def _fall_back(self, session: Session, now_s: float, lost: bool) -> Reply:
-        """Something is wrong: steer as before, brake gently."""
+        """Return the reply after an error: the last steering, and a gentle brake."""
         self.tally.fallbacks += 1
         throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
         row = DriveRow(
@@ -244,23 +262,23 @@ class Driver:
             intervention=lost,
         )
         if session.decimal is None:
-            # It has not driven yet; and whole numbers are read alike in every locale.
+            # The decimal sign is unknown; integers are the same in every locale.
             return Reply("steer", {"steering_angle": "0", "throttle": "0"}, row)
         return Reply("steer", reply_values(session.steering, throttle, session.decimal), row)
 
     def sent(self, reply: Reply, latency_ms: float) -> None:
-        """The reply is on its way; now there is time to keep what it was."""
+        """Count and record a reply that was sent."""
         self.tally.latency.add(latency_ms)
         row = replace(reply.row, latency_ms=latency_ms)
         if self._lead is None or row.client == self._lead.number:
             self._row = row
-        self.scribe.put(row, reply.picture)
+        self.writer.put(row, reply.image)
 
     def _time(self, now_s: float) -> float:
         return now_s - self._began_s
 
     def end(self, began: datetime) -> None:
-        """Write the drive and tell what it came to."""
+        """Write `drive.json`, and print the summary of the drive."""
         figures = self.tally.figures() | {
             "track": self.track,
             "checkpoint": self.checkpoint,
@@ -269,31 +287,36 @@ class Driver:
             "set_mph": self.set_mph,
             "troubles": dict(self.notices.counts),
         }
-        written = self.scribe.close(figures)
+        written = self.writer.close(figures)
         for line in [*self.notices.count_lines(), *summary_lines(figures)]:
-            self.notices.tell(line)
+            self.notices.print(line)
         if written:
-            self.notices.tell(str(self.scribe.folder))
+            self.notices.print(str(self.writer.folder))
 
-    # What a page's buttons do.
+    # Commands of the live page.
 
     @property
     def set_mph(self) -> float | None:
-        """The speed to hold; None with a controller that holds none."""
+        """Return the speed to hold; None if the controller holds none."""
         return self._controller.set_mph
 
     def set_speed(self, set_mph: float) -> None:
-        """Change the speed to hold, of all sessions; raises ValueError if that cannot be."""
+        """Change the speed to hold of all sessions.
+
+        Raises:
+            ValueError: the controller holds no speed, or the speed is out of range.
+        """
         if self.set_mph is None:
-            raise ValueError("this drive.speed holds no speed; drive with drive.speed=pi")
+            raise ValueError("this drive.speed holds no speed; restart with drive.speed=pi")
         if not (math.isfinite(set_mph) and 0 <= set_mph <= 100):
-            raise ValueError(f"{set_mph} mph is not in 0..100")
+            raise ValueError(f"set_mph={set_mph}: must be in 0..100")
         for controller in (self._controller, *(one.controller for one in self.sessions.values())):
             controller.set_mph = float(set_mph)
 
     def switch(self, path: Path | str) -> None:
-        """Drive with another checkpoint from the next frame on; the old one stays if it does not
-        load. Takes as long as loading: call it in a thread.
+        """Load another checkpoint and drive with it from the next frame on.
+
+        Loading takes seconds, so call this in a thread. The policy is kept if loading fails.
 
         Raises:
             InputError: see `zoo.checkpoints.policy.load_policy`.
@@ -302,7 +325,7 @@ class Driver:
         self.policy, self.checkpoint = policy, str(path)
 
     def latest(self) -> LatestState:
-        """How the drive stands now; costs a few microseconds."""
+        """Return the present state of the drive, in a few microseconds."""
         row, tally, lead = self._row, self.tally, self._lead
         return LatestState(
             frame=self._frame,
@@ -326,15 +349,15 @@ class Driver:
             paused=self.paused,
             set_mph=self.set_mph,
             recording=self.recording,
-            recorded=self.scribe.recorded,
-            folder=str(self.scribe.folder),
+            recorded=self.writer.recorded,
+            folder=str(self.writer.folder),
             checkpoint=self.checkpoint,
             troubles=dict(self.notices.counts),
         )
 
 
 def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, str]:
-    """A `steer` event's argument, numbers as the client itself writes them.
+    """Return the argument of a `steer` event, with the client's own decimal sign.
 
     >>> reply_values(0.05, 0.2, ",")
     {'steering_angle': '0,0500', 'throttle': '0,2000'}
@@ -344,5 +367,5 @@ def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, st
 
 
 def number_text(value: float, decimal: str) -> str:
-    """A number with four decimals, as the client writes it."""
+    """Return a number with four decimals and the client's decimal sign."""
     return f"{value:.4f}".replace(".", decimal)

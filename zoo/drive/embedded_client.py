@@ -1,4 +1,4 @@
-"""The embedded simulator as a child process, which connects as the original one does."""
+"""The embedded simulator as a child process that connects to the driver."""
 
 import signal
 import subprocess
@@ -8,13 +8,13 @@ _PATIENCE_S = 5.0
 
 
 class EmbeddedClient:
-    """`python -m simulator client`.
+    """Child process `python -m simulator client`.
 
     Args:
-        track: to drive on; None starts nothing.
-        url: of the driver.
-        laps: after which it ends; None goes on until `stop`.
-        put_back: an intervention puts the car back on the road.
+        track: track to drive on; None starts no process.
+        url: address of the driver.
+        laps: number of laps after which it ends; None drives until `stop`.
+        put_back: whether an intervention puts the car back on the centre of the road.
     """
 
     def __init__(
@@ -26,23 +26,23 @@ class EmbeddedClient:
         self._process: subprocess.Popen | None = None
 
     def start(self) -> None:
-        """Start it, where there is a track."""
+        """Start the process, if there is a track."""
         if self._track is not None:
             command = [sys.executable, "-m", "simulator", "client", *self._options]
             self._process = subprocess.Popen(command)
 
     @property
     def ended(self) -> bool:
-        """Whether it has come to an end by itself."""
+        """Whether the process has ended by itself."""
         return self._process is not None and self._process.poll() is not None
 
     def stop(self) -> int:
-        """End it if it goes on; its exit status, 0 if it was we who ended it."""
+        """End the process if it runs; return its exit status, 0 if it was ended here."""
         if self._process is None:
             return 0
         if self.ended:
             return self._process.returncode
-        self._process.send_signal(signal.SIGINT)  # as Ctrl-C does, so that it closes its film
+        self._process.send_signal(signal.SIGINT)  # the process then closes its film
         try:
             self._process.wait(_PATIENCE_S)
         except subprocess.TimeoutExpired:

@@ -1,7 +1,8 @@
-"""WebSockets that keep up with 60 frames a second and that no client can fill the memory with.
+"""WebSockets that are fast enough for 60 frames per second, and bounded in memory.
 
-eventlet's own spends 5 to 11 ms on each camera picture: it takes the mask off byte by byte, and
-the kernel holds back acknowledgements that the old client's many small fragments wait for.
+eventlet's own WebSocket takes 5 to 11 ms per camera image: it unmasks the message byte by byte, and
+the kernel delays the acknowledgements that the many small fragments of the original client wait
+for.
 """
 
 import contextlib
@@ -20,21 +21,21 @@ from engineio.socket import Socket
 from eventlet.greenio import GreenSocket
 from eventlet.websocket import ConnectionClosedError, RFC6455WebSocket, WebSocketWSGI
 
-MAX_MESSAGE = 2 << 20  # bytes; an image of the limit, 1 MB, takes 1.33 in base64
-ENVIRON_KEY = "drivezoo.websocket"  # where a session's handlers find its WebSocket
-HOLD_KEY = "drivezoo.hold"  # where a WebSocket finds the function that counts the bytes it holds
-COPIES = 3  # of a message, while it is answered: eventlet's, engineio's, and the JSON's
+MAX_MESSAGE = 2 << 20  # bytes; the largest allowed image, 1 MB, takes 1.33 MB in base64
+ENVIRON_KEY = "drivezoo.websocket"  # key of a session's WebSocket in its environ
+HOLD_KEY = "drivezoo.hold"  # key of the function that counts the bytes that a WebSocket holds
+COPIES = 3  # copies of a message during its answer: eventlet's, engineio's and the JSON's
 
 BINARY = 2  # the opcode
 
 _TELEMETRY = re.compile(rb'42\d*\s*\[\s*"telemetry"')
 _READ = 1 << 16
-_SMALL = 4096  # characters of a message that eventlet and engineio may keep until the next
-_QUICKACK = getattr(socket, "TCP_QUICKACK", None)  # Linux alone has it, and needs it
+_SMALL = 4096  # characters; eventlet and engineio may keep a shorter message until the next
+_QUICKACK = getattr(socket, "TCP_QUICKACK", None)  # exists, and is needed, only on Linux
 
 
 class EagerSocket:
-    """A green socket that reads ahead, and acknowledges what it reads at once.
+    """Green socket that reads ahead, and acknowledges received bytes at once.
 
     Args:
         sock: connection to the client.
@@ -45,18 +46,18 @@ class EagerSocket:
         self._sock, self._ahead = sock, memoryview(b"")
         self._hold, self._unfinished = hold, 0
         self._hung_up = False
-        # Two replies that follow each other must not wait for the client's acknowledgement.
+        # Send each reply at once, without waiting for the client's acknowledgement of the last.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def recv(self, size: int) -> bytes:
-        """At most `size` bytes; none where the client has closed the connection."""
+        """Return at most `size` bytes; none if the client has closed the connection."""
         if self._hung_up:
             return b""
         if not self._ahead:
             self._ahead = memoryview(self._sock.recv(_READ))
             if _QUICKACK is not None and self._ahead:
-                # The kernel forgets it, so it is set again after each read: without, it waits
-                # 40 ms for the rest of the picture, which Nagle's algorithm holds back.
+                # Set again after each read, since the kernel resets it. Otherwise the kernel delays
+                # the acknowledgement by 40 ms, and the client's Nagle algorithm waits for it.
                 self._sock.setsockopt(socket.IPPROTO_TCP, _QUICKACK, 1)
             self._unfinished = min(self._unfinished + len(self._ahead), MAX_MESSAGE)
             self._hold(self._unfinished)
@@ -67,12 +68,12 @@ class EagerSocket:
         return bytes(taken)
 
     def finished(self, size: int) -> None:
-        """Count a message of `size` bytes in place of the unfinished one, which ended."""
+        """Count `size` bytes for the message that is now complete."""
         self._unfinished = 0
         self._hold(size)
 
     def hang_up(self) -> None:
-        """Close the connection now, and forget what has come and was not read."""
+        """Close the connection now, and drop the bytes that were not read."""
         self._hung_up = True
         with contextlib.suppress(OSError):  # the client may have closed it first
             self._sock.shutdown(socket.SHUT_RDWR)
@@ -82,35 +83,37 @@ class EagerSocket:
 
 
 class FastWebSocket(RFC6455WebSocket):
-    """eventlet's WebSocket with five changes: it reads ahead, takes the mask off in one go, answers
-    the Engine.IO PING of 2016's clients, drops what exceeds `MAX_MESSAGE` as it arrives, and keeps
-    no large message that was answered.
+    """eventlet's WebSocket with five changes.
+
+    It reads ahead, unmasks a message in one operation, answers the Engine.IO PING of the clients of
+    2016, drops bytes above `MAX_MESSAGE` on arrival, and frees a large message after its answer.
 
     Attributes:
-        received_s: when the last message had arrived, by `time.perf_counter`.
-        sent_s: when the last one had been sent.
+        received_s: time at which the last message had arrived, by `time.perf_counter`.
+        sent_s: time at which the last message had been sent.
     """
 
     received_s = sent_s = 0.0
 
     def __init__(self, sock: GreenSocket, environ: dict, version: int) -> None:
-        # A frame may have any length: what is too long is dropped, message by message.
+        # Accept frames of any length; `Message` drops the bytes above the limit.
         hold = environ.get(HOLD_KEY, lambda size: None)
         super().__init__(EagerSocket(sock, hold), environ, version, max_frame_length=1 << 62)
         environ[ENVIRON_KEY] = self
-        self._large = False  # the last message
+        self._large = False  # whether the last message was large
         self._takes = select.poll()
         self._takes.register(sock.fileno(), select.POLLOUT)
 
     class Message(RFC6455WebSocket.Message):
-        """A message that forgets all but its beginning once it is too long."""
+        """A message that keeps only its beginning once it is too long."""
 
         size = 0
 
         def push(self, data: bytes, final: bool = False) -> None:
+            """Append a fragment."""
             self.finished = final
             self.size += len(data)
-            if not self.data:  # one object: each piece of one byte would take 42
+            if not self.data:  # one object, since a fragment of one byte takes 42 bytes
                 self.data = [bytearray()]
             if self.size <= MAX_MESSAGE:
                 self.data[0] += data
@@ -118,18 +121,20 @@ class FastWebSocket(RFC6455WebSocket):
                 del self.data[0][64:]
 
         def getvalue(self) -> bytes | str:
+            """Return the message; for one that is too long, a short replacement."""
             if self.size <= MAX_MESSAGE:
                 return super().getvalue()
-            # It gets its reply all the same: the client would wait for it for ever.
+            # A telemetry that is too long is still answered, since the client waits for a reply.
             if self.opcode == BINARY:
                 return b""
             begins_so = _TELEMETRY.match(self.data[0][:64])
             return f'42["telemetry","{self.size} bytes"]' if begins_so else "6"
 
     class UTF8Decoder:
-        """Bytes that are no UTF-8 are rubbish like any other, and no reason to hang up."""
+        """Decoder that replaces bytes that are no UTF-8, and keeps the connection."""
 
         def decode(self, data: bytes, final: bool = False) -> str:
+            """Return the text of a message."""
             return data.decode("utf-8", "replace")
 
     def _get_bytes(self, numbytes: int) -> bytes:
@@ -151,17 +156,17 @@ class FastWebSocket(RFC6455WebSocket):
         return number.to_bytes(size, "little")
 
     def wait(self) -> str | bytes | None:
-        """The next message; None once the connection is closed. PINGs are answered on the way."""
+        """Return the next message; None once the connection is closed. Answer PINGs meanwhile."""
         if self._large:
-            # engineio's and eventlet's loops refer to the last message until the next: forget it.
+            # engineio and eventlet keep the last message until the next: replace it by a short one.
             self._large = False
             self.iterator = self._iter_frames()
             return "6"
         self.socket.finished(0)
         while True:
             message = super().wait()
-            # Since Engine.IO 4 it is the server that pings, and a client's bare "2" is an error.
-            # One with more ("2probe") belongs to the change from polling to a WebSocket.
+            # In Engine.IO 4 only the server sends PINGs, so that engineio rejects a client's "2".
+            # "2probe" belongs to the change from polling to a WebSocket.
             if message != "2":
                 self.received_s = time.perf_counter()
                 self._large = message is not None and len(message) > _SMALL
@@ -170,51 +175,55 @@ class FastWebSocket(RFC6455WebSocket):
             self.send("3")
 
     def send(self, message: str | bytes, **more: object) -> None:
+        """Send a message and note the time."""
         super().send(message, **more)
         self.sent_s = time.perf_counter()
 
     def send_event(self, name: str, argument: dict) -> bool:
-        """Send an event of Socket.IO's default namespace now, in the task that calls, if the system
-        takes it at once; otherwise nothing is sent, and False."""
+        """Send an event of Socket.IO's default namespace from the calling task, without waiting.
+
+        Returns:
+            False if the system does not accept it at once; then nothing is sent.
+        """
         try:
             if self._sendlock.locked() or not self._takes.poll(0):
                 return False
             self.send(f"42{json.dumps([name, argument], separators=(',', ':'))}")
-        except OSError:  # it has gone, which reading will tell
+        except OSError:  # disconnected; the reader notices it, too
             return False
         return True
 
     def close(self, close_data: tuple[int, str] | None = None) -> None:
-        """As eventlet's, which prints a line for each client that has closed it first."""
+        """Close the connection as eventlet does, but print nothing if the client was first."""
         with contextlib.suppress(OSError):
             self._send_closing_frame(ignore_send_errors=True, close_data=close_data)
             self.socket.shutdown(socket.SHUT_WR)
         self.socket.close()
 
     def hang_up(self) -> None:
-        """Close the connection now, whatever the client does: reader and writer come to an end."""
+        """Close the connection now, whatever the client does; this ends reader and writer."""
         self.socket.hang_up()
 
 
 class FastWebSocketWSGI(WebSocketWSGI):
-    """What engineio calls to turn a request into a WebSocket; its driver's, but for the class."""
+    """WSGI application by which engineio turns a request into a `FastWebSocket`."""
 
     def __init__(self, handler: MethodType, server: Server) -> None:
         super().__init__(functools.partial(self._handle, handler.__self__, server))
         self.support_legacy_versions = False  # drafts of 2010, which have no mask
 
     def _negotiate_permessage_deflate(self, extensions: object) -> None:
-        return None  # a JPEG gets no smaller
+        return None  # compression does not shrink a JPEG
 
     def _handle_hybi_request(self, environ: dict) -> FastWebSocket:
-        plain = super()._handle_hybi_request(environ)  # shakes hands, and has read nothing yet
+        plain = super()._handle_hybi_request(environ)  # does the handshake, and reads nothing
         return FastWebSocket(plain.socket, environ, plain.version)
 
     def _handle(self, session: Socket, server: Server, websocket: FastWebSocket) -> None:
         try:
             session._websocket_handler(websocket)
         except Exception:
-            # Engine.IO's handler reads a rubbish packet outside its own `try`: the session would
-            # stay, and never answer again.
-            server.logger.exception("a packet that is none")
+            # engineio decodes a packet outside its own `try`: after a malformed packet the session
+            # would stay open and never answer again.
+            server.logger.exception("malformed packet")
             server.drop(session.sid)

@@ -1,28 +1,34 @@
-"""The bytes that clients' unfinished requests and messages hold, and what bounds their sum."""
+"""Limit of the memory that clients' unfinished requests and messages take."""
 
 from collections.abc import Callable, Hashable
 
-MOST_HELD = 16 << 20  # bytes; an image of the limit takes 1.33 MB
+MOST_HELD = 16 << 20  # bytes; the largest allowed image takes 1.33 MB in base64
 
 
 class HeldBytes:
-    """Bytes that each connection holds until its request or message is answered.
+    """Count of the bytes that each connection holds until its message is answered.
 
-    Each of 512 connections that half-sends the longest message would hold 1 GB together.
+    Without a limit, 512 connections that send half of the longest message would hold 1 GB. The
+    connection with the largest message is closed first, and the oldest of equal ones. A simulator's
+    message of about 20 kB is then never the largest.
 
     Args:
-        give_way: lets the other connections have their turn, which frees what is answered by then.
-        close: closes a connection, and releases what it holds. The largest message goes first, of
-            equal ones the oldest: a simulator's message of some 20 kB is never the largest.
+        give_way: function that lets other connections run, which frees their answered messages.
+        close: function that closes a connection and releases its bytes.
     """
 
     def __init__(self, give_way: Callable[[], None], close: Callable[[Hashable], None]) -> None:
         self._give_way, self._close = give_way, close
-        self._sizes: dict[Hashable, int] = {}  # the one that began first is first
+        self._sizes: dict[Hashable, int] = {}  # bytes by connection, the oldest first
         self._total = 0
 
     def hold(self, key: Hashable, size: int) -> None:
-        """Replace what a connection holds, and wait until all hold no more than `MOST_HELD`."""
+        """Set the bytes of a connection, and wait until the sum is at most `MOST_HELD`.
+
+        Args:
+            key: connection.
+            size: bytes that it holds.
+        """
         if size:
             self._total += size - self._sizes.get(key, 0)
             self._sizes[key] = size
@@ -35,5 +41,5 @@ class HeldBytes:
                 self._give_way()
 
     def release(self, key: Hashable) -> None:
-        """Forget a connection that ended, or whose message is answered."""
+        """Forget a connection that has ended, or whose message was answered."""
         self._total -= self._sizes.pop(key, 0)

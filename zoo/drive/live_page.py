@@ -1,4 +1,4 @@
-"""The live page of a drive: `static/` in a browser, what it polls, and what its buttons do."""
+"""The live page of a drive: the files of `static/`, the state they poll, and their commands."""
 
 import hmac
 import json
@@ -11,21 +11,21 @@ from urllib.parse import parse_qs
 
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.drive.background_call import beside
+from zoo.drive.background_call import call_in_thread
 from zoo.drive.driver import Driver
-from zoo.drive.live_saliency import Gaze, jpeg
-from zoo.drive.poll_interval import Pace
+from zoo.drive.live_saliency import LiveSaliency, jpeg
+from zoo.drive.poll_interval import PollInterval
 
-FRAME_S = 0.1  # a frame is encoded once for all who look within this time
-MOST_COMMAND = 4096  # bytes
-MOST_LISTED = 50  # checkpoints
+FRAME_S = 0.1  # least time between two encodings of a frame, which all pages share
+MOST_COMMAND = 4096  # bytes of a command
+MOST_LISTED = 50  # checkpoints in the list
 STATIC = Path(__file__).parent / "static"
 FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
     "/style.css": ("style.css", "text/css; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
 }
-# Another site can neither frame the page, to have its buttons clicked, nor show its pictures.
+# Another site can neither embed the page, to make users click its buttons, nor show its images.
 HEADERS = [
     ("Cache-Control", "no-store"),
     (
@@ -39,7 +39,12 @@ HEADERS = [
 
 
 class RequestError(Exception):
-    """A request that cannot be served: its status, and a line for the person."""
+    """A refused request.
+
+    Args:
+        status: HTTP status of the answer.
+        line: reason, shown to the user.
+    """
 
     def __init__(self, status: HTTPStatus, line: str) -> None:
         super().__init__(line)
@@ -47,31 +52,31 @@ class RequestError(Exception):
 
 
 class LivePage:
-    """A WSGI application, which `DriveServer` puts behind its `OriginGuard`.
+    """WSGI application of the live page, behind the `OriginGuard` of `DriveServer`.
 
-    The page polls. What it gets is the latest there is: nothing is queued for it, and a browser
-    that is slow asks less often.
+    The page polls, and always gets the latest state. Nothing is queued, so that a slow browser
+    polls less often.
 
     Args:
-        driver: that is shown, and commanded.
-        folder: below which checkpoints are listed.
-        token: must be in the address of a command, `?token=...`; None where only this machine can
-            send one.
+        driver: driver to show and command.
+        folder: folder below which checkpoints are listed.
+        token: token that the address of a command must contain, `?token=...`; None if only this
+            machine can send commands.
     """
 
     def __init__(
         self, driver: Driver, folder: Path = Path("outputs"), token: str | None = None
     ) -> None:
         self.driver, self.folder, self.token = driver, folder, token
-        self.loading = ""  # the checkpoint that is being switched to
-        self.gaze, self.pace = Gaze(driver), Pace()
+        self.loading = ""  # path of the checkpoint that is being loaded
+        self.saliency, self.interval = LiveSaliency(driver), PollInterval()
         self._files = {
             path: ((STATIC / name).read_bytes(), kind) for path, (name, kind) in FILES.items()
         }
         self._jpeg, self._encoded_s = b"", -math.inf
         self._get = {
             "/state.json": self._poll,
-            "/checkpoints.json": lambda: _json(beside(list_checkpoints, self.folder)),
+            "/checkpoints.json": lambda: _json(call_in_thread(list_checkpoints, self.folder)),
             "/frame.jpg": lambda: (self._frame(), "image/jpeg"),
             "/saliency.jpg": lambda: (self._saliency(), "image/jpeg"),
         }
@@ -83,6 +88,7 @@ class LivePage:
         }
 
     def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
+        """Answer a request."""
         status = HTTPStatus.OK
         try:
             body, kind = self._answer(environ)
@@ -99,23 +105,23 @@ class LivePage:
         method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
         if path == "/command":
             if method != "POST":
-                raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "a command is a POST")
+                raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
             return self._command(environ)
         if path not in self._files and path not in self._get:
-            raise RequestError(HTTPStatus.NOT_FOUND, f"there is no {path[:80]}; the page is at /")
+            raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
         if method != "GET":
-            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "this is read with GET")
+            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
         return self._files[path] if path in self._files else self._get[path]()
 
     def _poll(self) -> tuple[bytes, str]:
-        self.pace.asked(time.monotonic())
+        self.interval.asked(time.monotonic())
         return _json(self.state())
 
     def state(self) -> dict:
-        """How the drive stands, plain; None for what is not known."""
+        """Return the state of the drive as plain containers; None for unknown values."""
         latest, latency = self.driver.latest(), self.driver.tally.latency
         state = {name: value for name, value in vars(latest).items() if name != "frame"}
-        if latest.overridden:  # the simulator tells nothing while a person drives
+        if latest.overridden:  # the simulator sends no values while a person drives
             state |= {"steering": None, "throttle": None, "speed_mph": None}
         return state | {
             "time_s": time.monotonic(),
@@ -123,7 +129,7 @@ class LivePage:
             "latency_p50_ms": _known(latency.percentile(50)),
             "latency_p99_ms": _known(latency.percentile(99)),
             "loading": self.loading,
-            "poll_ms": self.pace.poll_ms,
+            "poll_ms": self.interval.poll_ms,
         }
 
     def _frame(self) -> bytes:
@@ -131,36 +137,37 @@ class LivePage:
         if now_s - self._encoded_s >= FRAME_S:
             frame = self.driver.latest().frame
             self._jpeg, self._encoded_s = b"" if frame is None else jpeg(frame), now_s
-        return _picture(self._jpeg)
+        return _image(self._jpeg)
 
     def _saliency(self) -> bytes:
         try:
-            return _picture(self.gaze.picture())
+            return _image(self.saliency.image())
         except RequestError:
             raise
         except InputError as error:
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from None
-        except Exception as error:  # any network may be driving
-            line = f"this network cannot be looked through ({type(error).__name__}: {error})"
+        except Exception as error:  # the network may be of any kind
+            line = f"no saliency for this network ({type(error).__name__}: {error})"
             raise RequestError(HTTPStatus.SERVICE_UNAVAILABLE, line) from None
 
     def _command(self, environ: dict) -> tuple[bytes, str]:
         given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
         if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):
-            line = "the buttons need the address with ?token=... that the driver printed"
+            line = "token: wrong or missing; open the address with ?token= that zoo.drive printed"
             raise RequestError(HTTPStatus.FORBIDDEN, line)
-        # A form of another site cannot send JSON, nor can its script without being asked for the
-        # Origin, which the guard has seen to.
+        # A form of another site cannot send JSON. Its script can, but with an Origin, which the
+        # guard refuses.
         if environ.get("CONTENT_TYPE", "").partition(";")[0].strip() != "application/json":
-            raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "a command is application/json")
+            line = "Content-Type: must be application/json"
+            raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, line)
         length = environ.get("CONTENT_LENGTH") or ""
         if not length.isdecimal() or int(length) > MOST_COMMAND:
-            line = f"a command has a Content-Length, up to {MOST_COMMAND}"
+            line = f"Content-Length: must be a number up to {MOST_COMMAND}"
             raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
         try:
             command = json.loads(environ["wsgi.input"].read(int(length)))
         except (ValueError, RecursionError):
-            raise RequestError(HTTPStatus.BAD_REQUEST, "this is no JSON") from None
+            raise RequestError(HTTPStatus.BAD_REQUEST, "the command is no JSON") from None
         if (
             not isinstance(command, dict)
             or len(command) != 1
@@ -168,7 +175,7 @@ class LivePage:
         ):
             known = ", ".join(self._commands)
             raise RequestError(
-                HTTPStatus.BAD_REQUEST, f"a command is an object with one of {known}"
+                HTTPStatus.BAD_REQUEST, f"the command must be an object with one key of {known}"
             )
         ((name, value),) = command.items()
         self._commands[name](value)
@@ -190,33 +197,33 @@ class LivePage:
 
     def _switch(self, value: object) -> None:
         if not isinstance(value, str) or not value.strip():
-            raise RequestError(HTTPStatus.BAD_REQUEST, "switch: name a checkpoint's path")
+            raise RequestError(HTTPStatus.BAD_REQUEST, "switch: must be the path of a checkpoint")
         if self.loading:
-            raise RequestError(HTTPStatus.CONFLICT, f"{self.loading} is being loaded, wait for it")
+            raise RequestError(HTTPStatus.CONFLICT, f"{self.loading} is loading; wait for it")
         self.loading = value.strip()
         try:
-            beside(lambda named: self.driver.switch(find_checkpoint(named)), self.loading)
-        except Exception as error:  # InputError, or whatever a file of any kind makes torch raise
+            call_in_thread(lambda named: self.driver.switch(find_checkpoint(named)), self.loading)
+        except Exception as error:  # InputError, or any exception of torch for a strange file
             raise RequestError(HTTPStatus.BAD_REQUEST, str(error) or type(error).__name__) from None
         finally:
             self.loading = ""
 
 
 def list_checkpoints(folder: Path) -> list[str]:
-    """The checkpoints of runs below a folder, and ONNX files, the newest first."""
+    """Return the paths of runs' checkpoints and of ONNX files below a folder, the newest first."""
     found = []
     for path in (*folder.glob("**/checkpoints/*.ckpt"), *folder.glob("**/*.onnx")):
         try:
             found.append((path.stat().st_mtime, str(path)))
-        except OSError:  # a run that goes on has just replaced it
+        except OSError:  # a training has just replaced it
             continue
     return [path for _, path in sorted(found, reverse=True)[:MOST_LISTED]]
 
 
-def _picture(picture: bytes) -> bytes:
-    if not picture:
-        raise RequestError(HTTPStatus.NOT_FOUND, "no frame has come yet")
-    return picture
+def _image(image: bytes) -> bytes:
+    if not image:
+        raise RequestError(HTTPStatus.NOT_FOUND, "no frame received yet; connect a simulator")
+    return image
 
 
 def _true_or_false(name: str, value: object) -> bool:

@@ -1,4 +1,4 @@
-"""What the network looks at while it drives: a picture of it now and then, if somebody looks."""
+"""Saliency of the network during a drive, for the live page."""
 
 import time
 
@@ -7,51 +7,49 @@ import eventlet
 import numpy as np
 import torch
 
-from zoo.drive.background_call import beside
+from zoo.drive.background_call import call_in_thread
 from zoo.drive.driver import Driver
 from zoo.saliency.visual_backprop import Saliency, overlay
 
 PERIOD_S = 0.5
 
 
-class Gaze:
-    """Draws `zoo.saliency.visual_backprop` over the latest frame, in a thread of its own.
-
-    Only when asked, and at most twice a second, however many ask.
+class LiveSaliency:
+    """Saliency over the latest frame, computed in a thread, at most twice per second.
 
     Args:
-        driver: whose policy and frames.
+        driver: driver whose policy and frames are shown.
     """
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
         self._saliency: Saliency | None = None
         self._policy: object = None
-        self._picture = b""
+        self._image = b""
         self._began_s = -np.inf
         self._busy = False
 
-    def picture(self) -> bytes:
-        """A JPEG of 320 x 160, at most `PERIOD_S` old.
+    def image(self) -> bytes:
+        """Return a JPEG of 320 x 160 pixels, at most `PERIOD_S` old; empty before the first frame.
 
         Raises:
-            Exception: as the network does that cannot be looked through.
+            Exception: the saliency of this network cannot be computed.
         """
         while self._busy:
             eventlet.sleep(0.02)
         if time.monotonic() - self._began_s >= PERIOD_S:
-            self._busy, self._began_s, self._picture = True, time.monotonic(), b""
+            self._busy, self._began_s, self._image = True, time.monotonic(), b""
             try:
-                self._picture = beside(self._draw)
+                self._image = call_in_thread(self._draw)
             except Exception:
-                self._began_s = -np.inf  # whoever asks next is told the same
+                self._began_s = -np.inf  # the next call tries again
                 raise
             finally:
                 self._busy = False
-        return self._picture
+        return self._image
 
     def _draw(self) -> bytes:
-        torch.set_num_threads(1)  # of this thread: the driver's own keep theirs
+        torch.set_num_threads(1)  # of this thread alone; the driver's thread keeps its number
         state, policy = self.driver.latest(), self.driver.policy
         if state.frame is None:
             return b""
@@ -61,6 +59,6 @@ class Gaze:
 
 
 def jpeg(frame: np.ndarray) -> bytes:
-    """A picture uint8 [H, W, 3] RGB, in the bytes of a file."""
+    """Encode an image, uint8 [H, W, 3] RGB, as JPEG."""
     quality = (cv2.IMWRITE_JPEG_QUALITY, 88)
     return cv2.imencode(".jpg", np.ascontiguousarray(frame[..., ::-1]), quality)[1].tobytes()

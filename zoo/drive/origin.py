@@ -1,4 +1,4 @@
-"""Who may come in: simulators, and browsers that show our own page."""
+"""Access control: only simulators and the driver's own page may send requests."""
 
 import ipaddress
 from collections.abc import Callable, Iterable
@@ -6,11 +6,11 @@ from urllib.parse import urlsplit
 
 from zoo.drive.notices import Notices
 
-OWN_SITES = ("same-origin", "none")  # Sec-Fetch-Site of our own page, and of a typed address
+OWN_SITES = ("same-origin", "none")  # Sec-Fetch-Site of the own page, and of a typed address
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach a server that is bound to `host`.
+    """Return whether only this machine can reach a server that is bound to `host`.
 
     >>> is_loopback("localhost"), is_loopback("127.0.0.1"), is_loopback("127.example.org")
     (True, True, False)
@@ -22,23 +22,28 @@ def is_loopback(host: str) -> bool:
 
 
 class OriginGuard:
-    """A WSGI middleware that refuses what a page of another site makes a browser ask for.
+    """WSGI middleware that refuses requests that a page of another site makes a browser send.
 
-    A simulator sends no Origin. A browser does, and it must be that of our own page. For a plain
-    image or link it sends none, but Sec-Fetch-Site; another site's may show the page, and open no
-    session. On loopback the Host must be loopback's, too: a site can give its own name our address
-    (DNS rebinding).
+    A simulator sends no Origin. A browser does, and it must be the Origin of the driver's own page.
+    For a plain image or link, a browser sends Sec-Fetch-Site instead: a request from another site
+    may then open the page, but not a session. On loopback the Host must be a loopback name, too,
+    since another site can point its own name to this address (DNS rebinding).
 
     Args:
-        exposed: the server is meant to be reached under any name.
-        notices: told of who is refused.
+        exposed: whether other machines may reach the server, under any name.
+        notices: log of refused requests.
     """
 
     def __init__(self, exposed: bool, notices: Notices) -> None:
         self.exposed, self.notices = exposed, notices
 
     def allows(self, origin: str | None, environ: dict) -> bool:
-        """Whether a request with this Origin, or none, is answered."""
+        """Return whether a request is answered.
+
+        Args:
+            origin: header Origin; None without one.
+            environ: WSGI environment of the request.
+        """
         host = environ.get("HTTP_HOST")
         if origin and origin not in (f"http://{host}", f"https://{host}"):
             return False
@@ -50,17 +55,19 @@ class OriginGuard:
         return host is None or is_loopback(urlsplit(f"//{host}").hostname or "")
 
     def __call__(self, app: Callable) -> Callable:
+        """Return a WSGI application that answers only allowed requests."""
+
         def guarded(environ: dict, start_response: Callable) -> Iterable[bytes]:
             origin = environ.get("HTTP_ORIGIN")
             try:
                 allowed = self.allows(origin, environ)
-            except ValueError:  # a Host that is none
+            except ValueError:  # the Host is malformed
                 allowed = False
             if allowed:
                 return app(environ, start_response)
             who = origin or environ.get("HTTP_HOST")
-            self.notices.say("a page of another site was refused", f"{who:.80}")
+            self.notices.report("a request of another site's page was refused", f"{who:.80}")
             start_response("403 Forbidden", [("Content-Type", "text/plain")])
-            return [b"only pages of this server and simulators are answered\n"]
+            return [b"refused: this server answers only simulators and its own page\n"]
 
         return guarded

@@ -1,15 +1,14 @@
-"""How often the live page asks how the drive stands."""
+"""Interval at which live pages poll the drive's state."""
 
 POLL_MS = 100
-MOST_POLLS = 50  # a second, of all pages together; 300 doubled the p99 of the driver's latency
+MOST_POLLS = 50  # per second, of all pages; 300 doubled the 99th percentile of the latency
 
 
-class Pace:
-    """How long each page waits before it asks again, so that a class that looks on does not slow
-    the driving.
+class PollInterval:
+    """Poll interval that grows with the number of pages, so that they do not slow the driving.
 
     Attributes:
-        poll_ms: for each page; longer, the more there are.
+        poll_ms: milliseconds between two polls of a page.
     """
 
     def __init__(self) -> None:
@@ -17,7 +16,11 @@ class Pace:
         self._count, self._since_s = 0, 0.0
 
     def asked(self, now_s: float) -> None:
-        """A page asks."""
+        """Count a poll of a page, and adapt `poll_ms` once a second.
+
+        Args:
+            now_s: time in seconds of a monotonic clock.
+        """
         self._count += 1
         elapsed_s = now_s - self._since_s
         if elapsed_s >= 1:

@@ -1,4 +1,4 @@
-"""Which process holds a port."""
+"""Search for the process that listens on a port."""
 
 import os
 import shutil
@@ -9,8 +9,10 @@ _LISTENS = "0A"
 
 
 def port_holder(port: int) -> str | None:
-    """The command and the number of the process that listens on a TCP port of this machine; None
-    where there is none, or it is another user's.
+    """Return the command and id of the process that listens on a TCP port of this machine.
+
+    Returns:
+        Both in one line; None if no process does, or if it belongs to another user.
 
     >>> port_holder(1) is None
     True
@@ -37,7 +39,7 @@ def _from_proc(port: int) -> str | None:
             if any(os.readlink(one) in inodes for one in (process / "fd").iterdir()):  # noqa: PTH115
                 words = (process / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
                 return f"{' '.join(words).strip():.100} (process {process.name})"
-        except OSError:  # it has ended, or is not ours to look into
+        except OSError:  # it has ended, or belongs to another user
             continue
     return None
 

@@ -1,4 +1,4 @@
-"""The socket side of the driver: sessions, replies, and who may come in."""
+"""The server of the driver: it accepts connections and sends replies."""
 
 import logging
 import resource
@@ -22,28 +22,27 @@ from zoo.drive.origin import OriginGuard
 from zoo.drive.socketio_server import SimulatorServer
 
 BACKLOG = 1024
-CLOSING = 64  # connections that may be on their way out while new ones come
-OTHER_FILES = 128 + CLOSING  # that the process may have open
+CLOSING = 64  # connections that may be closing while new ones are accepted
+OTHER_FILES = 128 + CLOSING  # files that the process may have open besides its connections
 TEND_EVERY_S = 1.0
-# A client that sends no more telemetry and no PONG is dropped after this.
-PATIENCE_S = 20.0
-MOST_UNSENT = 64  # replies that a client has not read; the original waits for one or two
+PATIENCE_S = 20.0  # a client that sends neither telemetry nor PONG is disconnected after this time
+MOST_UNSENT = 64  # replies that a client has not read; the original leaves one or two
 
 WsgiApp = Callable[[dict, Callable], Iterable[bytes]]
 
 
 class DriveServer:
-    """Serves a driver to simulators on a listening socket.
+    """Server of a driver to simulators on a listening socket.
 
-    Nothing is monkeypatched: torch and the scribe's thread see the real `threading` and `socket`.
-    The policy runs in the one thread that serves the sockets, frame after frame; 2 ms of it are
-    less than what handing frames to another thread and back adds at its worst.
+    eventlet patches no modules, so that torch and the writer's thread use the real `threading` and
+    `socket`. The policy runs in the one thread that serves the sockets: its 2 ms are less than the
+    worst delay of passing frames to another thread and back.
 
     Args:
-        driver: answers.
-        listener: what `listen` made; closed by `close`.
-        page: answers HTTP requests for other paths than `/socket.io/`.
-        exposed: reachable from other machines, under any name.
+        driver: driver that answers telemetry.
+        listener: socket that `listen` returned; `close` closes it.
+        page: WSGI application for all paths except `/socket.io/`.
+        exposed: whether other machines may reach the server, under any name.
     """
 
     def __init__(
@@ -59,8 +58,8 @@ class DriveServer:
         self.sio.on("connect", self._connect)
         self.sio.on("disconnect", self._disconnect)
         self.sio.on("telemetry", self._telemetry)
-        # What is not kept alive frees its place at once: the old client leaks each connection that
-        # is answered by an error, a thousand of them in 2 s.
+        # No keep-alive: the original client leaks each connection that is answered by an error, a
+        # thousand of them in 2 s, and these must end at once.
         self._http = wsgi.Server(
             listener,
             listener.getsockname(),
@@ -78,15 +77,21 @@ class DriveServer:
 
     @property
     def port(self) -> int:
+        """Return the port of the listening socket."""
         return self.listener.getsockname()[1]
 
     def serve(
         self, listening: Callable[[], None], until: Callable[[], bool], tick_s: float = 0.1
     ) -> None:
-        """Call `listening` once connections are answered, and serve until `until` says to stop.
+        """Serve until `until` returns true.
 
-        It is asked ten times a second: an exception that a signal raises could land in any
-        session's task, and be swallowed there.
+        Polling `until` is safer than an exception raised by a signal, which could end up in any
+        session's task and be lost there.
+
+        Args:
+            listening: function called once connections are answered.
+            until: function that returns whether to stop.
+            tick_s: seconds between two calls of `until`.
         """
         self._tasks = [eventlet.spawn(self._accept), eventlet.spawn(self._tend)]
         eventlet.sleep(0)
@@ -95,7 +100,7 @@ class DriveServer:
             eventlet.sleep(tick_s)
 
     def close(self) -> None:
-        """Take no more connections, and hang up on those there are."""
+        """Accept no more connections, and close the open ones."""
         for task in self._tasks:
             task.kill()
         self.listener.close()
@@ -105,12 +110,12 @@ class DriveServer:
         eventlet.sleep(0)
 
     def _accept(self) -> None:
-        # eventlet's own loop ends at the first connection that fails while it is taken.
+        # eventlet's own loop ends at the first connection that cannot be accepted.
         while True:
             try:
                 connection, address = self.listener.accept()
             except OSError as error:
-                self.driver.notices.say("a connection could not be taken", str(error))
+                self.driver.notices.report("a connection could not be accepted", str(error))
                 eventlet.sleep(0.05)
                 continue
             host = str(address[0])
@@ -119,7 +124,7 @@ class DriveServer:
                 continue
             task = self._pool.spawn(self._serve, connection, address)
             self._connections.add(task, connection, host)
-            eventlet.sleep(0)  # a flood of connections must not keep the others waiting
+            eventlet.sleep(0)  # let open connections run during a flood of new ones
 
     def _tend(self) -> None:
         while True:
@@ -128,7 +133,9 @@ class DriveServer:
                 self._connections.close_overdue()
                 self.sio.tend()
             except Exception as error:
-                self.driver.notices.say("tending failed", f"{type(error).__name__}: {error}")
+                self.driver.notices.report(
+                    "closing overdue connections failed", f"{type(error).__name__}: {error}"
+                )
 
     def _note_head(self, app: WsgiApp) -> WsgiApp:
         def noted(environ: dict, start_response: Callable) -> Iterable[bytes]:
@@ -141,10 +148,10 @@ class DriveServer:
         try:
             connection.settimeout(PATIENCE_S)
             self._http.process_request([address, connection, wsgi.STATE_IDLE])
-        except (OSError, EOFError):  # it has gone
+        except (OSError, EOFError):  # disconnected
             pass
         except Exception as error:
-            self.driver.notices.say("a request failed", f"{type(error).__name__}: {error}")
+            self.driver.notices.report("a request failed", f"{type(error).__name__}: {error}")
         finally:
             self._connections.remove(eventlet.getcurrent())
             connection.close()
@@ -165,24 +172,24 @@ class DriveServer:
         websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
         if websocket is not None:
             began_s = websocket.received_s
-        # One argument is what the original sends; a null, or none at all, is a person driving.
+        # The original sends one argument; null, or no argument, means that a person drives.
         reply = self.driver.answer(session, arguments[0] if arguments else None)
         at_once = websocket is not None and not self._unsent(sid)
         if not (at_once and websocket.send_event(reply.event, reply.values)):
             self.sio.emit(reply.event, reply.values, to=sid)
-            # It goes out in a task of its own, which must run before the next frame is read.
+            # engineio sends it in another task, which must run before the next frame is read.
             eventlet.sleep(0)
         sent_s = websocket.sent_s if websocket is not None else 0.0
         sent_s = sent_s if sent_s > began_s else time.perf_counter()
         self.driver.sent(reply, 1000 * (sent_s - began_s))
         if at_once:
-            eventlet.sleep(0)  # other simulators, and the page, have their turn
+            eventlet.sleep(0)  # let other simulators and the page run
 
     def _hung_up(self, sid: str) -> bool:
-        """Whether this client reads no replies; then there is no point in making more."""
+        """Disconnect a client that reads no replies; return whether it was."""
         if self._unsent(sid) < MOST_UNSENT:
             return False
-        self.driver.notices.say("a simulator reads no replies and was sent away")
+        self.driver.notices.report("a simulator was disconnected: it reads no replies")
         websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
         if websocket is not None:
             websocket.hang_up()
@@ -191,7 +198,7 @@ class DriveServer:
         return True
 
     def _unsent(self, sid: str) -> int:
-        """How many replies wait for this client to read those before them."""
+        """Return the number of replies that wait until the client reads earlier ones."""
         engine = self._engine(sid)
         return 0 if engine is None else engine.queue.qsize()
 
@@ -200,19 +207,20 @@ class DriveServer:
 
 
 def listen(host: str, port: int) -> GreenSocket:
-    """A socket that takes connections from now on, though nobody answers them yet: the original
-    client, which tries thousands of times a second where the port is closed, then waits.
+    """Return a socket that accepts connections from now on, before any is answered.
+
+    The original client then waits. It tries thousands of times per second if the port is closed.
 
     Raises:
-        OSError: the port is taken, or there is no such host.
+        OSError: the port is in use, or the host does not exist.
     """
     family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-    # With reuse_port, eventlet's default, two drivers would share the port and the simulators.
+    # With reuse_port, eventlet's default, two drivers would share the port and its simulators.
     return eventlet.listen((host, port), family, backlog=BACKLOG, reuse_port=False)
 
 
 def _connection_limit() -> int:
-    """As many connections as there are file descriptors for; the limit is raised where it can."""
+    """Return how many connections the limit of open files allows, after raising it if possible."""
     infinite, wanted = resource.RLIM_INFINITY, MOST_CONNECTIONS + OTHER_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == infinite or soft >= wanted:
@@ -224,28 +232,28 @@ def _connection_limit() -> int:
 
 
 def _protocol(notices: Notices) -> type[wsgi.HttpProtocol]:
-    """Return eventlet's reader of requests, which counts the bad ones by their status."""
+    """Return eventlet's HTTP protocol with a count of bad requests by their status."""
 
     class Counted(wsgi.HttpProtocol):
         def log_message(self, text: str, *values: object) -> None:
-            pass  # two lines on the terminal for each bad request
+            pass  # eventlet prints two lines for each bad request
 
         def log_error(self, text: str, *values: object) -> None:
-            # "code %d, message %s", or the time that a client took too long.
+            # The text is "code %d, message %s", or is about a timeout.
             status = int(values[0]) if text.startswith("code") else HTTPStatus.REQUEST_TIMEOUT
-            notices.say(f"a bad HTTP request was refused ({status:d})", text % values)
+            notices.report(f"a bad HTTP request was refused ({status:d})", text % values)
 
     return Counted
 
 
 def _logger(notices: Notices) -> logging.Logger:
-    """What socketio and engineio complain of, counted by what they say."""
+    """Return a logger that counts the warnings of socketio and engineio."""
 
     class Counted(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             error = record.exc_info[1] if record.exc_info else None
             detail = f"{type(error).__name__}: {error}" if error else record.getMessage()
-            notices.say("a client sent what Socket.IO does not know", detail)
+            notices.report("a client sent an invalid Socket.IO message", detail)
 
     logger = logging.Logger("zoo.drive", logging.WARNING)
     logger.addHandler(Counted())

@@ -1,4 +1,4 @@
-"""A simulator that is connected to the driver."""
+"""The state of one simulator that is connected to the driver."""
 
 import math
 from collections.abc import Callable
@@ -10,12 +10,21 @@ from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.speed_controller import SpeedController
 from zoo.drives.steering_filter import SteeringFilter
 
-# A frame uint8 [160, 320, 3] RGB and mph -> steering -1..1 and throttle -1..1 or None.
+# Function of a frame, uint8 [160, 320, 3] RGB, and mph; returns steering -1..1, and throttle -1..1
+# or None.
 DrivingPolicy = Callable[[np.ndarray, float], tuple[float, float | None]]
 
 
 class Session:
-    """What is remembered of it from telemetry to telemetry."""
+    """State of a simulator between two telemetry messages.
+
+    Args:
+        number: number of the simulator, in the order of connection from 1.
+        controller: speed controller of this session.
+        steer: steering filter of this session.
+        margin_m: distance from the centreline in metres above which the car has left the lane; None
+            for the edge line.
+    """
 
     def __init__(
         self,
@@ -32,31 +41,34 @@ class Session:
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
         self.overridden = False
-        # What a policy was asked last, and what it said.
+        # Last input of the policy, and its output.
         self._asked: tuple[DrivingPolicy, bytes, float] | None = None
         self._predicted: tuple[float, float | None] = 0.0, None
-        self._clock_s: float | None = None  # of the simulator, which the original does not tell
+        self._clock_s: float | None = None  # simulator's time; None for the original simulator
         self._ahead_s = 0.0
 
     def now(self, data: object, wall_s: float) -> float:
-        """The time of a telemetry in seconds: by the simulator's own clock where it tells it, since
-        one that waits for each reply may drive faster than the wall clock; else `wall_s`."""
-        told = parse_number(data.get("time")) if isinstance(data, dict) else None
-        if told is not None:
-            if self._clock_s is None or told < self._clock_s:  # it has begun anew
-                self._ahead_s = max(wall_s, self.last_s) - told
-            self._clock_s = told
+        """Return the time of a telemetry in seconds.
+
+        It is the simulator's time if the telemetry has one, since a simulator that waits for each
+        reply may drive faster than the wall clock. Otherwise it is `wall_s`.
+        """
+        sent_s = parse_number(data.get("time")) if isinstance(data, dict) else None
+        if sent_s is not None:
+            if self._clock_s is None or sent_s < self._clock_s:  # the simulator has restarted
+                self._ahead_s = max(wall_s, self.last_s) - sent_s
+            self._clock_s = sent_s
         return wall_s if self._clock_s is None else self._clock_s + self._ahead_s
 
     def judge(self, telemetry: Telemetry, now_s: float, held: bool) -> str | None:
         """Return the kind of intervention that begins with a telemetry, None for none.
 
-        Without a cross-track error nothing is counted, but `rule.state` notes a standstill.
+        Nothing is counted for a simulator without cross-track error, but `rule.state` is updated.
 
         Args:
-            telemetry: where the car is.
-            now_s: its time.
-            held: the driver itself keeps the car from moving.
+            telemetry: telemetry of the car.
+            now_s: time of the telemetry in seconds.
+            held: whether the driver itself keeps the car from moving.
         """
         self.sends_cross_track |= math.isfinite(telemetry.cross_track_m)
         self.can_put_back = telemetry.can_put_back
@@ -67,9 +79,12 @@ class Session:
         return kind if self.sends_cross_track else None
 
     def predict(self, policy: DrivingPolicy, telemetry: Telemetry) -> tuple[float, float | None]:
-        """What the policy says. It looks once at a picture that is sent again, as the original's
-        two loops do with most: looking is what takes longest."""
-        asked = policy, telemetry.picture, self.speed_mph
+        """Return the policy's steering and throttle.
+
+        The policy is called once for an image that is sent twice, as the original's two loops do
+        with most images. The call takes most of the latency.
+        """
+        asked = policy, telemetry.image, self.speed_mph
         if asked != self._asked:
             self._predicted = policy(telemetry.frame, self.speed_mph)
             self._asked = asked

@@ -1,8 +1,8 @@
-"""Socket.IO of today that also serves the original simulator's client, which is of 2016.
+"""Socket.IO server for current clients and for the original simulator's client of 2016.
 
-That client says `EIO=4` and speaks Engine.IO 3: it never asks to be connected to a namespace, so
-that today's server drops its telemetry in silence and the car never moves. Engine.IO's part of the
-cure, PINGs that come from the client, is in `fast_socket`.
+The client of 2016 announces Engine.IO 4 (`EIO=4`) but speaks Engine.IO 3. It never connects to a
+namespace, so that a current server silently drops its telemetry and the car never moves. Here, its
+first event connects it. It also sends PINGs itself, which `fast_socket` answers.
 """
 
 import logging
@@ -14,21 +14,21 @@ from zoo.drive.fast_engine import FastEngine
 from zoo.drive.fast_socket import MAX_MESSAGE
 from zoo.drive.polling_sessions import PollingSessions
 
-# An event in the default namespace, as Socket.IO writes it: perhaps with attachments and an id.
+# Start of an event in the default namespace, with or without attachments and an id.
 _EVENT = re.compile(r"(?:2|5\d+-)\d*\s*\[")
 _TELEMETRY = re.compile(_EVENT.pattern + r'\s*"telemetry"')
 _UNREADABLE = '2["telemetry","unreadable"]'
-MOST_ATTACHMENTS = 4  # of a telemetry; it has one image
-MOST_UNFINISHED = 8  # events of all clients whose attachments have not come
-MOST_COMMAS = 1000  # of an event: 2 MiB of empty lists take 43 MB once they are read
+MOST_ATTACHMENTS = 4  # of an event; a telemetry has one image
+MOST_UNFINISHED = 8  # events of all clients that wait for attachments
+MOST_COMMAS = 1000  # of an event; 2 MiB of empty lists take 43 MB once parsed
 
 
 class SimulatorServer(socketio.Server):
-    """Serves clients of 2016 and of today; events run in order, and within their session's task.
+    """Socket.IO server; events of a session run in order, within the session's task.
 
     Args:
-        logger: told of what clients do wrong.
-        origin_allowed: engineio's `cors_allowed_origins`, asked of requests with an Origin.
+        logger: logger of clients' errors.
+        origin_allowed: function for engineio's `cors_allowed_origins`.
     """
 
     def __init__(self, logger: logging.Logger, origin_allowed: object) -> None:
@@ -40,15 +40,15 @@ class SimulatorServer(socketio.Server):
             cors_allowed_origins=origin_allowed,
             max_http_buffer_size=MAX_MESSAGE,
         )
-        self._undecided: set[str] = set()  # Engine.IO sessions that neither connected nor left yet
+        self._undecided: set[str] = set()  # Engine.IO sessions that have not connected or left
         self._polling = PollingSessions(self.eio.drop)
 
     def heard(self, eio_sid: str) -> None:
-        """Note that telemetry came in an Engine.IO session."""
+        """Note that an Engine.IO session sent telemetry."""
         self._polling.heard(eio_sid)
 
     def tend(self) -> None:
-        """Close the sessions without telemetry, and send PINGs; to be called each second."""
+        """Close overdue sessions without telemetry, and send PINGs; called each second."""
         self._polling.close_overdue()
         self.eio.send_pings()
 
@@ -73,13 +73,15 @@ class SimulatorServer(socketio.Server):
         super()._handle_connect(eio_sid, namespace, data)
 
     def _handle_disconnect(self, eio_sid: str, namespace: str | None, *reason: str) -> None:
-        # A client that was sent away, or left, must stay away.
+        # A client that left, or was disconnected, must not be connected again by its events.
         self._undecided.discard(eio_sid)
         super()._handle_disconnect(eio_sid, namespace, *reason)
 
     def _handle_eio_message(self, eio_sid: str, data: str | bytes) -> None:
-        """Dispatch a message. A telemetry that cannot be read is answered as any rubbish is: the
-        client waits for its reply for ever."""
+        """Dispatch a message.
+
+        An unreadable telemetry is passed on as such, since the client waits for a reply to it.
+        """
         text = data if isinstance(data, str) else ""
         if text.count(",") > MOST_COMMAS:
             if not _TELEMETRY.match(text):
@@ -100,7 +102,7 @@ class SimulatorServer(socketio.Server):
             elif _TELEMETRY.match(text):  # no JSON, or JSON that overflows the stack
                 super()._handle_eio_message(eio_sid, _UNREADABLE)
             elif text.startswith("0") and eio_sid in self._undecided:
-                self._handle_connect(eio_sid, "/", None)  # with an `auth` that is no JSON
+                self._handle_connect(eio_sid, "/", None)  # its `auth` is no JSON
             else:
                 raise
 
@@ -115,7 +117,7 @@ class SimulatorServer(socketio.Server):
             self._give_up_attachments(next(iter(self._binary_packet)))
 
     def _give_up_attachments(self, eio_sid: str) -> None:
-        """Forget an event whose attachments cannot be had, and answer it if it is telemetry."""
+        """Drop an event that waits for attachments; pass on a telemetry as unreadable."""
         data = self._binary_packet.pop(eio_sid).data
         if isinstance(data, list) and data[:1] == ["telemetry"]:
             super()._handle_eio_message(eio_sid, _UNREADABLE)

@@ -1,4 +1,4 @@
-"""What a simulator sends, read; whatever it is."""
+"""Reading of telemetry messages, whatever a client sends."""
 
 import base64
 import binascii
@@ -20,17 +20,23 @@ from datamodules.image import (
 )
 
 NUMBERS = ("steering_angle", "throttle", "speed")
-# Limits before an image is decoded, in the thread that answers all clients: 400 kB of progressive
-# JPEG with 10,796 scans took 32 s, and 4096 x 4096 pixels 1 s each. What is sent is 17 kB.
+# Limits of an image, checked before it is decoded in the thread that answers all clients: a
+# progressive JPEG of 400 kB with 10,796 scans took 32 s, and one of 4096 x 4096 pixels 1 s. A
+# simulator's image has 17 kB.
 MAX_IMAGE_BYTES = 1_000_000
-MAX_PIXELS = 1 << 20  # 1280 x 720 is below
-MAX_SCANS = 16  # of a JPEG; a progressive one has 10
+MAX_PIXELS = 1 << 20  # more than 1280 x 720
+MAX_SCANS = 16  # of a JPEG; a progressive JPEG usually has 10
 
 _NUMBER = re.compile(r"[+-]?\d{1,12}([.,]\d{1,12})?([eE][+-]?\d{1,3})?$")
 
 
 class TelemetryError(ValueError):
-    """There is no picture to drive by. `kind` is the same for all of its sort, to be counted."""
+    """Telemetry without a usable image.
+
+    Args:
+        kind: kind of the error in words, by which errors are counted.
+        detail: what is wrong with this telemetry.
+    """
 
     def __init__(self, kind: str, detail: str = "") -> None:
         super().__init__(f"{kind}: {detail}" if detail else kind)
@@ -43,17 +49,18 @@ class Telemetry:
 
     Attributes:
         frame: uint8 [160, 320, 3] RGB, decoded as in training.
-        picture: its bytes as they came, JPEG or PNG.
-        speed_mph: 0 or more; None where it could not be read.
-        cross_track_m: metres from the centre line; NaN where the simulator does not send it.
-        lane_m: half the width of the road; None where the simulator does not send it.
-        at_wall: a wall holds the car.
-        can_put_back: the simulator puts the car back on the road when a reply asks for it.
-        oddities: what was put up with, each `(kind, detail)`.
+        image: bytes of the frame as sent, JPEG or PNG.
+        speed_mph: speed of the car, 0 or more; None if it cannot be read.
+        cross_track_m: distance from the centreline in metres, positive is right; NaN if the
+            simulator does not send it.
+        lane_m: half the width of the road in metres; None if the simulator does not send it.
+        at_wall: whether a wall holds the car.
+        can_put_back: whether the simulator can put the car back on the road.
+        oddities: faults that were tolerated, each `(kind, detail)`.
     """
 
     frame: np.ndarray
-    picture: bytes
+    image: bytes
     speed_mph: float | None
     cross_track_m: float
     lane_m: float | None
@@ -63,7 +70,7 @@ class Telemetry:
 
 
 def decimal_sign(data: object) -> str | None:
-    """The sign between units and decimals in the telemetry's numbers; None where it can't be told.
+    """Return the decimal sign of the telemetry's numbers; None if they do not show it.
 
     >>> decimal_sign({"speed": "9,0000"}), decimal_sign({"speed": "-12.5000"}), decimal_sign([])
     (',', '.', None)
@@ -72,41 +79,41 @@ def decimal_sign(data: object) -> str | None:
         return None
     texts = [data.get(name) for name in NUMBERS]
     if any(isinstance(text, int | float) for text in texts):
-        return "."  # JSON's own numbers, from a client of today
-    # There are always four decimals; a sign elsewhere could be one between thousands.
+        return "."  # JSON numbers, of current clients
+    # The original writes four decimals; a sign elsewhere could separate thousands.
     signs = [text[-5:-4] for text in texts if isinstance(text, str)]
     return next((sign for sign in signs if sign in (".", ",")), None)
 
 
 def read_telemetry(data: object) -> Telemetry:
-    """A `telemetry` event's argument, which is not null.
+    """Read the argument of a `telemetry` event, which is not null.
 
     Raises:
-        TelemetryError: there is no picture in it.
+        TelemetryError: the argument has no usable image.
     """
     if not isinstance(data, dict):
         raise TelemetryError("telemetry is no object", f"{data!r:.60}")
-    picture = _picture(data.get("image"))
+    image = _image(data.get("image"))
     try:
-        width, height = _affordable_size(picture)
-        frame = decode_image(picture)
+        width, height = _affordable_size(image)
+        frame = decode_image(image)
     except (ValueError, cv2.error) as error:
         raise TelemetryError("image cannot be read", str(error)) from None
     oddities = []
     if (width, height) != (FRAME_WIDTH, FRAME_HEIGHT):
         detail = f"{width} x {height}, resized to {FRAME_WIDTH} x {FRAME_HEIGHT}"
-        oddities.append(("picture of another size", detail))
+        oddities.append(("image of another size", detail))
     speed = parse_number(data.get("speed"))
     if speed is None:
         text = f"{data.get('speed')!r:.40}"
-        oddities.append(("speed is no number, the last one is used", text))
+        oddities.append(("speed is no number; the last one is used", text))
     elif speed < 0:
-        oddities.append(("speed is negative, taken as 0", f"{speed:g}"))
+        oddities.append(("speed is negative; 0 is used", f"{speed:g}"))
         speed = 0.0
     cross_track = parse_number(data.get("cte"))
     return Telemetry(
         frame,
-        picture,
+        image,
         speed,
         math.nan if cross_track is None else cross_track,
         lane_m=parse_number(data.get("lane")),
@@ -117,7 +124,7 @@ def read_telemetry(data: object) -> Telemetry:
 
 
 def parse_number(value: object) -> float | None:
-    """A finite number, from JSON's or from a text with either decimal sign; None for the rest.
+    """Return a finite number from a JSON number or a text with either decimal sign, else None.
 
     >>> parse_number("9,2500"), parse_number(9.25), parse_number("1,234.5"), parse_number("NaN")
     (9.25, 9.25, None, None)
@@ -130,13 +137,13 @@ def parse_number(value: object) -> float | None:
         return None
     try:
         number = float(value)
-    except OverflowError:  # an int of JSON's has no largest
+    except OverflowError:  # a JSON integer may have any size
         return None
     return number if math.isfinite(number) else None
 
 
-def _picture(image: object) -> bytes:
-    if isinstance(image, bytes):  # a client of today may send it as it is
+def _image(image: object) -> bytes:
+    if isinstance(image, bytes):  # a current client may send bytes
         return image
     if not isinstance(image, str):
         raise TelemetryError("telemetry has no image")
@@ -146,29 +153,29 @@ def _picture(image: object) -> bytes:
         raise TelemetryError("image is no base64", str(error)) from None
 
 
-def _affordable_size(picture: bytes) -> tuple[int, int]:
-    """Return width and height of an image that takes milliseconds to decode.
+def _affordable_size(image: bytes) -> tuple[int, int]:
+    """Return the width and height of an image that is fast to decode.
 
     Raises:
-        ValueError: it exceeds a limit, or is no image.
+        ValueError: the image exceeds a limit, or is no image.
     """
-    if len(picture) > MAX_IMAGE_BYTES:
-        raise ValueError(f"the file has {len(picture):,} bytes, the limit is {MAX_IMAGE_BYTES:,}")
-    width, height = _picture_size(picture)
+    if len(image) > MAX_IMAGE_BYTES:
+        raise ValueError(f"the file has {len(image):,} bytes, the limit is {MAX_IMAGE_BYTES:,}")
+    width, height = _image_size(image)
     if width * height > MAX_PIXELS:
         raise ValueError(f"the image is {width} x {height}, the limit is {MAX_PIXELS:,} pixels")
-    if fault := find_scan_fault(picture, MAX_SCANS):
+    if fault := find_scan_fault(image, MAX_SCANS):
         raise ValueError(fault)
     return width, height
 
 
-def _picture_size(picture: bytes) -> tuple[int, int]:
-    """Width and height as the file's head tells them, without decoding it."""
-    size = jpeg_size(picture)
+def _image_size(image: bytes) -> tuple[int, int]:
+    """Return width and height from the file's header, without decoding it."""
+    size = jpeg_size(image)
     if size is not None:
         return size
     try:
-        with Image.open(io.BytesIO(picture)) as head:
+        with Image.open(io.BytesIO(image)) as head:
             return head.size
-    except Exception as error:  # Pillow fails in any way on bytes of any kind
+    except Exception as error:  # Pillow raises many types of exceptions for arbitrary bytes
         raise ValueError(f"the file is no JPEG or PNG ({type(error).__name__})") from None

@@ -1,7 +1,7 @@
-"""`drive.json`: the figures of a drive, of one format wherever the drive took place.
+"""`drive.json`: the figures of a drive, in the same format for every source of drives.
 
-Beside the metrics of `zoo.drives.metrics`, a drive on a socket has its counts of telemetry and of
-interventions by kind, and percentiles of its latency.
+The file holds the metrics of `zoo.drives.metrics`. A drive on a socket adds counts of telemetry,
+counts of interventions by kind, and percentiles of latency.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 
 class Known(Fields):
-    """What is known of a drive beside its metrics."""
+    """Keys of `drive.json` that are not metrics."""
 
     version: Whole | None = None
     drive: str | None = None
@@ -35,13 +35,17 @@ Summary = create_model("Summary", __base__=Known, **_figures)
 
 
 def read_summary_file(path: Path) -> dict:
-    """Return a drive's figures as plain containers of this version's keys; raises InputError."""
+    """Return the content of a `drive.json` in the keys of this version.
+
+    Raises:
+        InputError: the file cannot be read, or a value has the wrong type.
+    """
     found = read_json(path)
     return plain(check_fields(Summary, _upgraded(found), path))
 
 
 def _upgraded(found: object) -> object:
-    """Return what this version would have written in place of a file without a version."""
+    """Return the content of a file without a version in the keys of this version."""
     if not isinstance(found, dict) or "version" in found:
         return found
     sources = {"telemetry": SOCKET, "recording": REPLAY, "track": EMBEDDED}

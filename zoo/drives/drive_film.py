@@ -1,4 +1,4 @@
-"""What is kept of a drive while it is scored: pictures of its worst moments, and a film."""
+"""Images kept from a scored drive: frames of its worst moments, and a film."""
 
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -14,17 +14,17 @@ from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import autonomy
 
 FILM_NAME = "film.mp4"
-FILM_SIZE = (640, 320)  # twice the camera's; in 960 x 480 a lap takes twice the bytes
+FILM_SIZE = (640, 320)  # twice the camera's size; at 960 x 480 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
 
 
 class KeptFrames(AbstractContextManager):
-    """Watches a drive (as `show` of `drive_closed_loop`) and leaves pictures of it in its folder.
+    """Writer of a drive's images into its folder, passed as `show` to `drive_closed_loop`.
 
     Args:
-        folder: of the drive; None keeps nothing.
+        folder: folder of the drive; None keeps nothing.
         frame_rate: frames per second of simulated time.
-        film_speed: leave a film that plays so many times as fast as driven; 0 for none.
+        film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
 
     Raises:
         InputError: the film cannot be written.
@@ -40,6 +40,7 @@ class KeptFrames(AbstractContextManager):
         return self
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
+        """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
         if self.folder:
             self.moments(frame, row)
         if self.film:
@@ -55,7 +56,7 @@ class KeptFrames(AbstractContextManager):
             self.film.__exit__(kind, error, trace)
 
     def write(self, drive: Drive) -> Drive:
-        """Write the worst moments' frames; return the drive with their names."""
+        """Write the frames of the worst moments; return the drive with their paths."""
         if not self.folder:
             return drive
         frame = drive.frame.astype(object)
@@ -65,13 +66,14 @@ class KeptFrames(AbstractContextManager):
 
 
 class WorstMoments:
-    """The frames of a drive's worst moments, some seconds apart, without keeping all of it.
+    """Frames of a drive's worst moments, chosen while it runs, so that memory stays small.
 
-    Interventions are worst, then what is furthest from the centreline.
+    An intervention is worse than any other moment. Otherwise the moment farther from the
+    centreline is worse.
 
     Args:
-        count: how many to keep.
-        apart_s: of two moments nearer than this only the worse one is kept.
+        count: greatest number of frames to keep.
+        apart_s: least time between two kept moments, in seconds; the worse of two is kept.
     """
 
     def __init__(self, count: int = MOMENTS, apart_s: float = APART_S) -> None:
@@ -94,7 +96,7 @@ class WorstMoments:
         self.moments.append((self._number, row, frame.copy()))
 
     def write(self, folder: Path) -> dict[int, str]:
-        """Write the frames as JPEG; their paths within the folder by the row's number."""
+        """Write the frames as JPEG; return their paths within the folder by row number."""
         names = {}
         (folder / "frames").mkdir(parents=True, exist_ok=True)
         for number, _, frame in self.moments:
@@ -104,17 +106,17 @@ class WorstMoments:
 
 
 def badness(row: DriveRow) -> tuple[bool, float]:
-    """Sorts moments of a drive, the worst last."""
+    """Return a sort key of a moment; the worst moment has the greatest."""
     return row.intervention, abs(row.cross_track_m)
 
 
 class DriveFilm(AbstractContextManager):
-    """`film.mp4` of a drive while it is driven, with steering, speed and autonomy drawn in.
+    """Writer of `film.mp4` during a drive; steering, speed and autonomy are drawn in.
 
     Args:
-        folder: of the drive.
+        folder: folder of the drive.
         frame_rate: frames per second of simulated time.
-        speed: times as fast as driven that it plays; at 3 two frames of three are left out.
+        speed: playing speed as a multiple of the driven speed; 3 writes every third frame.
 
     Raises:
         InputError: the film cannot be written.
@@ -140,11 +142,11 @@ class DriveFilm(AbstractContextManager):
         if (self.number - 1) % self.every:
             return
         share = autonomy(self.interventions, row.time_s)
-        picture = draw_overlay(
+        image = draw_overlay(
             frame, row.steering, row.throttle, row.speed_mph, share, row.cross_track_m
         )
         try:
-            self._film.add(cv2.resize(picture, FILM_SIZE, interpolation=cv2.INTER_AREA))
+            self._film.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))
         except SimulatorError as error:
             raise InputError(str(error)) from None
 

@@ -1,7 +1,7 @@
-"""The record of a drive: `drive.csv`, a row for each time step, and `drive.json`, what it came to.
+"""The files of a drive: `drive.csv`, one row per time step, and `drive.json`, its figures.
 
-Every drive is written like this, wherever it took place: a simulator on the socket, the embedded
-world, the replay of a recording. All metrics, films and reports read it, and nothing else.
+Every drive is written in this format: on a socket, in the embedded world, or in the replay of a
+recording. All metrics, films and reports read these files.
 """
 
 import csv
@@ -23,52 +23,56 @@ from zoo.drives.metrics import measure
 from zoo.runs.whole_file import json_text, write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
-VERSION = 1  # of drive.json; files of before have none
-MOST_BYTES = 256_000_000  # of a log: days of driving
-
+VERSION = 1  # of drive.json; files of drivezoo 0.1.0 have none
+MOST_BYTES = 256_000_000  # of a drive.csv: days of driving
 
 COLUMNS = tuple(field.name for field in fields(DriveRow))
 _DECIMALS = {"time_s": 4, "latency_ms": 3}
 
 
 class DriveWriter:
-    """Appends rows to a folder's `drive.csv`, each in whole and at once.
+    """Writer that appends rows to a folder's `drive.csv`; a row is never written in part.
 
     Raises:
         InputError: the folder holds a drive already.
-        OSError: it cannot be written to, or the disk is full.
+        OSError: the folder cannot be written to, or the disk is full.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / LOG_NAME
         if self.path.exists():
-            raise InputError(f"{folder} holds a {LOG_NAME} already; name another folder")
+            raise InputError(f"{folder}: holds a {LOG_NAME} already; name another folder")
         folder.mkdir(parents=True, exist_ok=True)
         self._file = AppendedFile(self.path)
         self._file.append([COLUMNS])
 
     def add(self, rows: Iterable[DriveRow]) -> None:
+        """Append rows; none is written if the disk is full (OSError)."""
         self._file.append([_texts(row) for row in rows])
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
 
 class AppendedFile:
-    """A CSV file to which lines are added whole or not at all, so that it can be read at any time,
-    whatever ends the process or fills the disk."""
+    """A CSV file that is readable at any time, also after a kill or on a full disk."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb", buffering=0)
 
     def append(self, rows: Iterable[Iterable[object]]) -> None:
-        """Raises OSError where the disk is full; then nothing of the rows is there."""
+        """Append rows, all or none.
+
+        Raises:
+            OSError: the disk is full; none of the rows is written.
+        """
         lines = io.StringIO()
         csv.writer(lines, lineterminator="\n").writerows(rows)
         text, written = lines.getvalue().encode(), 0
         size = os.fstat(self._file.fileno()).st_size
         try:
-            while written < len(text):  # a disk that is nearly full takes the beginning first
+            while written < len(text):  # a nearly full disk accepts only the beginning
                 written += self._file.write(text[written:])
         except OSError:
             self._file.truncate(size)
@@ -76,32 +80,33 @@ class AppendedFile:
             raise
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
 
 def write_summary(folder: Path, summary: dict) -> None:
-    """Write `drive.json`, see `zoo.drives.drive_file`; NaN becomes null, which JSON has instead."""
+    """Write `drive.json`, see `zoo.drives.drive_file`; NaN becomes null."""
     summary = {"version": VERSION, **summary}
     write_whole(folder / SUMMARY_NAME, json_text(summary))
 
 
 def summarize(drive: Drive) -> dict:
-    """Return a drive's track, seed and metrics; `nan_frames` where the policy steered NaN."""
+    """Return a drive's track, seed and metrics, and `nan_frames` if the policy returned NaN."""
     figures = {"track": drive.track, "seed": drive.seed, **measure(drive)}
     return figures | ({"nan_frames": drive.nan_frames} if drive.nan_frames else {})
 
 
 def write_drive(folder: Path, drive: Drive, **more: object) -> None:
-    """Write a drive that has ended: `drive.csv`, and its figures as `drive.json`.
+    """Write `drive.csv` and `drive.json` of a drive that has ended.
 
     Args:
-        folder: of the drive.
-        drive: rows and what else is known.
+        folder: folder to write to.
+        drive: drive to write.
         **more: further keys of `drive.json`.
 
     Raises:
         InputError: the folder holds a drive already.
-        OSError: it cannot be written to, or the disk is full.
+        OSError: the folder cannot be written to, or the disk is full.
     """
     writer = DriveWriter(folder)
     writer.add(drive.rows)
@@ -110,22 +115,26 @@ def write_drive(folder: Path, drive: Drive, **more: object) -> None:
 
 
 def read_drive(folder: Path | str) -> Drive:
-    """The drive in a folder.
+    """Read the drive in a folder.
 
     Raises:
-        InputError: there is none, or a row is damaged.
+        InputError: the folder holds no drive, or a row is damaged.
     """
     folder = Path(folder)
     path = folder / LOG_NAME
     if not path.exists():
-        raise InputError(f"{folder}: holds no {LOG_NAME}; python -m zoo.drive leaves one")
+        raise InputError(f"{folder}: holds no {LOG_NAME}; name a folder that zoo.drive wrote")
     header, *rows = _rows(path) or [[]]
     if tuple(header) != COLUMNS:
-        raise InputError(f"{path}: its columns are not {','.join(COLUMNS)}; is it a drive's?")
+        raise InputError(
+            f"{path}: its columns are not {','.join(COLUMNS)}; name a folder that zoo.drive wrote"
+        )
     columns: dict[str, list[object]] = {name: [] for name in COLUMNS}
     for line, row in enumerate(rows, 2):
         if len(row) != len(COLUMNS):
-            raise InputError(f"{path}, row {line}: {len(row)} columns, expected {len(COLUMNS)}")
+            raise InputError(
+                f"{path}, row {line}: {len(row)} columns, expected {len(COLUMNS)}; delete the row"
+            )
         for name, text in zip(COLUMNS, row, strict=True):
             columns[name].append(_value(path, line, name, text))
     from zoo.drives.drive_file import read_summary_file
@@ -151,8 +160,9 @@ def _rows(path: Path) -> list[list[str]]:
         try:
             return list(reader)
         except csv.Error as error:
-            said = f"{path}, row {reader.line_num + 1}: cannot be read ({error}); delete the row"
-            raise InputError(said) from None
+            line = reader.line_num + 1
+            reason = f"{path}, row {line}: cannot be read ({error}); delete the row"
+            raise InputError(reason) from None
 
 
 def _texts(row: DriveRow) -> list[str]:
@@ -178,5 +188,7 @@ def _value(path: Path, line: int, name: str, text: str) -> object:
     whole = {"client": (1, 1e9), "intervention": (0, 1)}.get(name)
     if math.isinf(value) or (whole and not (whole[0] <= value <= whole[1] and value % 1 == 0)):
         what = "whole number" if whole else "number"
-        raise InputError(f"{path}, row {line}: {name} is {text[:40]!r}, not a {what}")
+        raise InputError(
+            f"{path}, row {line}: {name} is {text[:40]!r}, not a {what}; delete the row"
+        )
     return value

@@ -1,4 +1,4 @@
-"""`Drive`: the one record of a drive, of a socket, the embedded world or a replay."""
+"""`Drive`: the record of a drive on a socket, in the embedded world or in a replay."""
 
 import math
 from collections.abc import Sequence
@@ -10,26 +10,27 @@ from typing import Any
 import numpy as np
 
 POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
-EMBEDDED, SOCKET, REPLAY = "embedded", "socket", "replay"  # where a drive took place
-# Of the columns that are not float64.
+EMBEDDED, SOCKET, REPLAY = "embedded", "socket", "replay"  # sources of drives
+# dtypes of the columns that are not float64
 TYPES = {"client": np.int64, "driver": np.str_, "frame": np.str_, "intervention": np.bool_}
 
 
 @dataclass(frozen=True)
 class DriveRow:
-    """A time step of a drive.
+    """One time step of a drive.
 
     Attributes:
-        time_s: since the drive began.
-        client: which simulator it was, 1 is the first that connected.
-        driver: `policy`; `person` who overrode it; `fallback`, where something went wrong.
-        frame: the picture's path within the drive's folder; empty where it was not recorded.
-        steering: that was sent, -1..1.
-        throttle: that was sent, -1..1, negative brakes.
-        speed_mph: of the car; NaN where it is not known.
-        cross_track_m: from the centre line; NaN where it is not known.
-        intervention: a person, or the scoring, began to intervene in this step.
-        latency_ms: from the frame's arrival to the reply's departure; NaN where there was none.
+        time_s: time since the drive began, in seconds.
+        client: number of the simulator, in the order of connection from 1.
+        driver: `policy`; `person`, who took over; or `fallback`, after an error.
+        frame: path of the frame within the drive's folder; empty if it was not recorded.
+        steering: steering that was sent, -1..1, negative is left.
+        throttle: throttle that was sent, -1..1, negative brakes.
+        speed_mph: speed of the car; NaN if unknown.
+        cross_track_m: signed distance from the centreline in metres, positive is right; NaN if
+            unknown.
+        intervention: whether an intervention began in this step.
+        latency_ms: time from the frame's arrival to the reply in milliseconds; NaN if unknown.
     """
 
     time_s: float
@@ -46,29 +47,33 @@ class DriveRow:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A drive as columns, in the order in which it took place, and what else is known of it.
+    """A drive: its N time steps as columns, and facts about it.
 
     Attributes:
-        time_s, steering, throttle, speed_mph, cross_track_m, latency_ms: float64 [N].
+        time_s, steering, throttle, speed_mph, cross_track_m, latency_ms: float64 [N], see
+            `DriveRow`.
         client: int64 [N].
         driver, frame: str [N].
         intervention: bool [N].
-        folder: place that it was read from, to which `frame` is relative; None before it is kept.
-        summary: content of `drive.json`; empty where the drive was cut off.
-        source: EMBEDDED, SOCKET or REPLAY; empty where it is not known.
-        track: name of the track; empty where it is not known.
+        folder: folder that the drive was read from; `frame` is relative to it. None before the
+            drive is written.
+        summary: content of `drive.json`; empty if the drive's process was killed.
+        source: EMBEDDED, SOCKET or REPLAY; empty if unknown.
+        track: name of the track; empty if unknown.
         seed: seed of start and weather.
-        lane_m: distance from the centreline that counts as leaving the lane.
-        length_m: length of a lap.
-        driven_m: progress along the track.
-        lap_s: seconds of simulated time of each whole lap.
-        nan_frames: number of frames in which the policy steered NaN; the car went straight on.
-        expert_steering_per_s: steering change of the expert, or of the recorded driver.
-        xy: position of the car, metres, float64 [N, 2].
-        distance_m: place along the lap, from the track's first point, float64 [N].
+        lane_m: distance from the centreline in metres above which the car has left the lane.
+        length_m: length of a lap in metres.
+        driven_m: progress along the track in metres.
+        lap_s: simulated seconds of each whole lap.
+        nan_frames: number of frames for which the policy returned NaN; the car was steered
+            straight on instead.
+        expert_steering_per_s: steering change per second of the expert, or of a replay's recorded
+            driver.
+        xy: positions of the car in metres, float64 [N, 2].
+        distance_m: distance along the lap from the track's first point in metres, float64 [N].
 
-    `lane_m`, `length_m`, `driven_m` and `expert_steering_per_s` are NaN, `xy` and `distance_m`
-    None, where they are not known.
+    Unknown values are NaN for `lane_m`, `length_m`, `driven_m` and `expert_steering_per_s`, and
+    None for `xy` and `distance_m`.
     """
 
     time_s: np.ndarray
@@ -97,7 +102,7 @@ class Drive:
 
     @classmethod
     def of(cls, rows: Sequence[DriveRow], **known: Any) -> "Drive":
-        """Return a drive of rows, with what else is known of it.
+        """Return a drive of rows; further attributes of `Drive` as keywords.
 
         >>> drive = Drive.of([DriveRow(0.0, speed_mph=9.0), DriveRow(0.1)], track="lake")
         >>> len(drive), drive.track, drive.speed_mph.tolist()
@@ -116,6 +121,6 @@ class Drive:
 
     @cached_property
     def rows(self) -> list[DriveRow]:
-        """The drive row by row."""
+        """Return the drive as a list of rows."""
         columns = (getattr(self, name).tolist() for name in DriveRow.__dataclass_fields__)
         return [DriveRow(*values) for values in zip(*columns, strict=True)]

@@ -1,4 +1,4 @@
-"""One number for how well was driven, by which a search compares."""
+"""The driving score: one number per drive, by which a sweep ranks its trials."""
 
 import math
 
@@ -8,12 +8,12 @@ HALF_M = 1.0  # the mean cross-track error that counts as half an intervention
 
 
 def driving_score(interventions: float, driven_s: float, cte_mean_m: float) -> float:
-    """Autonomy, and among those who are even in it, the nearer to the middle the better: at most 1.
+    """Return NVIDIA's autonomy less a small part for the cross-track error; at most 1.
 
-    1 - 6 s x (interventions + e / (e + 1 m)) / time driven, where e is the mean cross-track error.
-    That is NVIDIA's autonomy less a part of one intervention, which is below 1 however far off the
-    car was: in the same time, who intervened less is ahead. It may fall below 0, where autonomy is
-    held at 0, so that a search can tell bad drivers apart, too. NaN where nothing was driven.
+    The score is 1 - 6 s * (interventions + e / (e + 1 m)) / driven_s, where e is the mean
+    cross-track error in metres. The part e / (e + 1 m) stays below one intervention, so that over
+    the same time a drive with fewer interventions always scores higher. Unlike autonomy, the score
+    can fall below 0, so that a sweep can rank bad networks, too. It is NaN if no time was driven.
 
     >>> round(driving_score(0, 60.0, 0.25), 3), round(driving_score(0, 60.0, 1.0), 3)
     (0.98, 0.95)

@@ -1,4 +1,4 @@
-"""Confidence intervals of a share: how much a few drives can show."""
+"""Confidence intervals of a share, for counts of few drives."""
 
 import math
 from statistics import NormalDist
@@ -7,13 +7,13 @@ from statistics import NormalDist
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the Wilson score interval of a share, from 0 to 1.
 
-    Wilson 1927, "Probable inference, the law of succession, and statistical inference". Unlike
-    mean ± deviation it says something where all trials, or none, succeeded.
+    Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
+    Unlike mean ± deviation, the interval has a width when all trials, or none, succeed.
 
     Args:
         successes: number of trials that succeeded.
         trials: number of trials; 0 gives (0.0, 1.0).
-        confidence: how often such intervals contain the true share.
+        confidence: share of such intervals that contain the true share, 0..1.
 
     >>> low, high = wilson_interval(3, 3)
     >>> round(low, 4), high

@@ -1,27 +1,28 @@
-"""The rule that decides when a car needs an intervention, in a scored drive and on the socket."""
+"""The rule that decides when a car needs an intervention, in the embedded world and on a socket."""
 
 import math
 
-INTERVENTION_S = 6.0  # what NVIDIA reckons that a person's intervention takes
+INTERVENTION_S = 6.0  # duration of an intervention in NVIDIA's autonomy (Bojarski et al. 2016)
 OFF_ROAD, STANDSTILL, TAKEOVER = "off_road", "standstill", "takeover"
 WORDS = {OFF_ROAD: "off the road", STANDSTILL: "standing still", TAKEOVER: "taken over by hand"}
 STALLED_BELOW_MPH, STALLED_S = 1.0, 5.0
-LEAST_MARGIN_M = 0.2  # the car is put back on the centre to a millimetre
+LEAST_MARGIN_M = 0.2  # smallest margin of the options; a car is put back to 1 mm of the centre
 DEFAULT_MARGIN_M = 3.2  # half the width of the lake's road, for a client that sends no lane width
 
 
 class InterventionRule:
-    """Counts leaving the lane, or below 1 mph for 5 s, as an intervention.
+    """Rule that counts interventions: leaving the lane, or a speed below 1 mph for over 5 s.
 
-    Bojarski et al. 2016 ("End to End Learning for Self-Driving Cars") put the car back after each
-    one. A car that nobody puts back costs another intervention for every further 6 s off the road
-    or 5 s of standing still: autonomy is then never above the share of time on the road.
+    Bojarski et al. 2016 ("End to End Learning for Self-Driving Cars") put the car back on the
+    centre after each intervention. A car that stays off the road costs another intervention every
+    6 s, and a car that stays still another one every 5 s. Autonomy is thus never above the share
+    of time on the road.
 
     Args:
-        margin_m: distance from the centreline that counts as leaving the lane.
+        margin_m: distance from the centreline, in metres, above which the car has left the lane.
 
     Attributes:
-        state: OFF_ROAD or STANDSTILL while the car is, else None.
+        state: OFF_ROAD or STANDSTILL while the car is in that state, else None.
 
     >>> rule = InterventionRule(3.0)
     >>> [rule.judge(time_s, 9.0, 4.0) for time_s in (0.0, 1.0, 6.0)]
@@ -33,7 +34,7 @@ class InterventionRule:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the past: the car is put back, or another driver has driven it."""
+        """Forget earlier moments, after the car was put back or a person drove it."""
         self.state: str | None = None
         self._moved_s: float | None = None
         self._off_s: float | None = None  # the last intervention of this stretch off the road
@@ -42,13 +43,14 @@ class InterventionRule:
     def judge(
         self, time_s: float, speed_mph: float, cross_track_m: float, at_wall: bool = False
     ) -> str | None:
-        """Return the kind of intervention that this moment costs, None for none.
+        """Return the kind of intervention that begins now, None for none.
 
         Args:
-            time_s: of the drive; never decreases.
-            speed_mph: of the car.
-            cross_track_m: from the centreline; NaN where it is not known, which is on the road.
-            at_wall: a wall holds the car.
+            time_s: time of the drive in seconds; never decreases.
+            speed_mph: speed of the car.
+            cross_track_m: distance from the centreline in metres; NaN, for unknown, counts as on
+                the road.
+            at_wall: whether a wall holds the car.
         """
         if self._moved_s is None or speed_mph >= STALLED_BELOW_MPH:
             self._moved_s = time_s

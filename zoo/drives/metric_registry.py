@@ -1,4 +1,4 @@
-"""The registry of a drive's metrics: one decorated function each, see `zoo.drives.metrics`."""
+"""The registry of the metrics of a drive: one decorated function each, see `zoo.drives.metrics`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 from zoo.drives.drive_record import Drive
 
 HIGHER, LOWER, NEITHER = "higher is better", "lower is better", "neither"
-SHARE, COUNT = "share", "count"  # units that no heading repeats
-DRIVES, REPLAYS = "drives", "replays"  # the tables of drives on a track, and of a replay
+SHARE, COUNT = "share", "count"  # units that headings of tables leave out
+DRIVES, REPLAYS = "drives", "replays"  # tables: drives on a track, and a replay
 
 Function = Callable[[Drive], float | None]
 Registered = TypeVar("Registered", bound=Function)
@@ -17,24 +17,25 @@ Pool = Callable[[list[dict]], float]
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of a drive: how it is computed, and how tables, files and pages name it.
+    """A metric of a drive: its function, and its names in tables, files and pages.
 
     Attributes:
-        name: key in `drive.json` and `metrics.json`, the function's own name.
-        function: returns the figure of a drive; NaN where it is not known, and None where it does
-            not apply, which leaves it out of the drive's figures.
+        name: key in `drive.json` and `metrics.json`, which is the function's name.
+        function: function that returns the value for a drive; NaN if the value is unknown, None if
+            the metric does not apply, which leaves its key out.
         label: name in words.
-        unit: of the figure; SHARE is 0..1 and shown in percent.
+        unit: unit of the value; SHARE is 0..1 and shown in percent.
         direction: HIGHER, LOWER or NEITHER.
-        source: publication or file that defines the metric.
-        decimals: digits after the point in tables.
-        tables: those of DRIVES and REPLAYS that show it.
-        heading: words in tables, where label and unit do not do.
-        replay_heading: words in a replay's table, where others are meant there.
-        without: words in tables where no drive has the figure.
-        pool: returns the figure of several drives, where that is not the mean of theirs.
-        column: place among the leaderboard's columns; None leaves it out.
-        column_label: name in the leaderboard, where the label is too long.
+        source: publication or program that defines the metric.
+        bounds: range of the value in words; empty for the usual range of the unit.
+        decimals: number of decimals in tables.
+        tables: tables that show the metric, of DRIVES and REPLAYS.
+        heading: heading in tables; empty for label and unit.
+        replay_heading: heading in the table of a replay; empty for `heading`.
+        without: text in tables if no drive has a value.
+        pool: function that returns the value for several drives; None for their mean.
+        column: position among the leaderboard's columns; None leaves the metric out.
+        column_label: name in the leaderboard; empty for the label.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Metric:
     unit: str
     direction: str
     source: str
+    bounds: str = ""
     decimals: int = 2
     tables: tuple[str, ...] = (DRIVES, REPLAYS)
     heading: str = ""
@@ -54,20 +56,26 @@ class Metric:
 
     @property
     def form(self) -> str:
-        """The format of a value, for `str.format`."""
+        """Return the format of a value, for `str.format`."""
         return "{:.1%}" if self.unit == SHARE else f"{{:.{self.decimals}f}}"
 
     @property
     def whole(self) -> bool:
-        """Whether the figure of a drive is a whole number: its function is annotated `-> int`."""
+        """Whether the value of a drive is an integer: the function is annotated `-> int`."""
         return self.function.__annotations__.get("return") is int
+
+    @property
+    def range(self) -> str:
+        """Return the range of the value in words."""
+        usual = "0 to 1" if self.unit == SHARE else "0 or more"
+        return self.bounds or (f"integer, {usual}" if self.whole else usual)
 
     def row(self, table: str) -> tuple[str, str]:
         """Return heading and format in a table, DRIVES or REPLAYS."""
         named = self.label if self.unit in (SHARE, COUNT) else f"{self.label}, {self.unit}"
         if table == DRIVES:
             return self.heading or named, self.form
-        # A replay is one drive: what is counted is whole.
+        # A replay is one drive, so that its counts are integers.
         form = "{:.0f}" if self.unit == COUNT else self.form
         return self.replay_heading or self.heading or named, form
 
@@ -77,16 +85,19 @@ class Metric:
         return f"{self.column_label or self.label}, {track}{unit}"
 
 
-METRICS: dict[str, Metric] = {}  # by name, in the order of tables and files
+METRICS: dict[str, Metric] = {}  # metrics by name, in the order of tables and files
 
 
 def metric(
     label: str, unit: str, direction: str, source: str, **more: Any
 ) -> Callable[[Registered], Registered]:
-    """Register the decorated function as a metric; its docstring is the definition.
+    """Register the decorated function as a metric; its docstring is the metric's definition.
 
     Args:
-        label, unit, direction, source: as in `Metric`.
+        label: see `Metric`.
+        unit: see `Metric`.
+        direction: see `Metric`.
+        source: see `Metric`.
         **more: further attributes of `Metric`.
 
     Raises:
@@ -96,9 +107,9 @@ def metric(
     def register(function: Registered) -> Registered:
         name = function.__name__
         if name in METRICS:
-            raise ValueError(f"metric {name}: is registered already; name the function otherwise")
+            raise ValueError(f"metric {name}: already registered; rename the function")
         if not function.__doc__:
-            raise ValueError(f"metric {name}: needs a docstring, which is its definition")
+            raise ValueError(f"metric {name}: has no docstring; write its definition there")
         METRICS[name] = Metric(name, function, label, unit, direction, source, **more)
         return function
 
@@ -106,12 +117,12 @@ def metric(
 
 
 def measure(drive: Drive) -> dict[str, float]:
-    """Return every metric of a drive by name; all but `latency_ms` are the same for a same seed."""
+    """Return the metrics of a drive by name; the same seed gives the same, but for `latency_ms`."""
     figures = {name: one.function(drive) for name, one in METRICS.items()}
     return {name: value for name, value in figures.items() if value is not None}
 
 
 def leaderboard_metrics() -> list[Metric]:
-    """Return the metrics that the leaderboard shows, in its order."""
+    """Return the metrics that the leaderboard shows, in the order of its columns."""
     shown = [one for one in METRICS.values() if one.column is not None]
     return sorted(shown, key=lambda one: one.column or 0)

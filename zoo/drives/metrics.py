@@ -1,8 +1,8 @@
-"""The metrics of a drive, a decorated function each.
+"""The metrics of a drive: one decorated function each, whose docstring is the definition.
 
-Add one here, and it stands in `drive.json`, `metrics.json`, the tables of drives and
-`docs/metrics.md`. Rows whose value is not known, such as those that a person drove on the socket,
-are left out.
+A metric that is added here appears in `drive.json`, `metrics.json`, the tables of drives and
+`docs/metrics.md`. That page defines the symbols of the formulas: the time `t[i]`, cross-track error
+`e[i]`, steering `s[i]` and speed `v[i]` of row i. Rows without a value are left out.
 """
 
 import math
@@ -28,19 +28,22 @@ from zoo.drives.metric_registry import (
 )
 from zoo.drives.tally import LONGEST_STEP_S
 
-# Imported from here, the registry holds the metrics below.
+# Re-exported, so that the metrics below are registered once a module imports the registry here.
 __all__ = ["DRIVES", "METRICS", "REPLAYS", "leaderboard_metrics", "measure"]
 
-NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars"
+NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv:1604.07316"
 OURS = "drivezoo"
 MPS_PER_MPH = 0.44704
 
 
-@metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 6", column=1)
+@metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 7.1", column=1)
 def autonomy(drive: Drive) -> float:
-    """1 - 6 s x interventions / time driven, never below 0.
+    """Share of the time that the car drove by itself, with 6 s counted for each intervention.
 
-    Not known where a client sends no cross-track error and no person took over.
+    Formula: `max(0, 1 - 6 * interventions / driven_s)`.
+
+    The rule of interventions is that of `interventions` below. Unknown on a socket if the simulator
+    sends no cross-track error and no person took over.
     """
     judged = np.isfinite(drive.cross_track_m[drive.driver == POLICY]).all()
     if not judged and not drive.intervention[drive.driver == PERSON].any():
@@ -48,11 +51,17 @@ def autonomy(drive: Drive) -> float:
     return tally.autonomy(interventions(drive), driven_s(drive))
 
 
-@metric("interventions", COUNT, LOWER, f"{NVIDIA}, section 6", decimals=1, column=3)
+@metric("interventions", COUNT, LOWER, f"{NVIDIA}, section 7.1", decimals=1, column=3)
 def interventions(drive: Drive) -> int:
-    """Number of times that the car left the lane, was held by a wall, or was below 1 mph for 5 s.
+    """Count of the times that the car left the lane, was held by a wall, or stood still.
 
-    The car is put back on the centre. On a socket, a person who takes over counts, too.
+    Left the lane: `|e[i]|` exceeds half the width of the road (in a replay: 1 m), or the `margin`
+    that the user sets. Stood still: `v[i]` stays below 1 mph for more than 5 s. On a socket, each
+    takeover by a person counts, too.
+
+    After each intervention the car is put back on the centre. A simulator on a socket that cannot
+    put it back costs another intervention for every further 6 s off the road, or 5 s of standing
+    still.
     """
     return int(drive.intervention.sum())
 
@@ -62,6 +71,7 @@ def interventions(drive: Drive) -> int:
     "m",
     HIGHER,
     OURS,
+    bounds="any; infinite without an intervention",
     decimals=0,
     heading="metres per intervention",
     without="no intervention",
@@ -70,17 +80,22 @@ def interventions(drive: Drive) -> int:
     ),
 )
 def m_per_intervention(drive: Drive) -> float:
-    """Distance driven by the interventions; of several drives, of all by those of all.
+    """Distance driven per intervention.
 
-    Infinite without an intervention.
+    Formula: `driven_m / interventions`. For several drives: the sum of `driven_m` divided by the
+    sum of `interventions`.
     """
     count = interventions(drive)
     return driven_m(drive) / count if count else math.inf
 
 
-@metric("distance driven", "m", NEITHER, OURS, tables=())
+@metric("distance driven", "m", NEITHER, OURS, bounds="any", tables=())
 def driven_m(drive: Drive) -> float:
-    """Progress along the track; where that is not known, the sum of speed x time."""
+    """Progress along the centreline of the track; negative if the car ends behind its start.
+
+    In a replay: the distance that the recorded car drove. On a socket: the sum of
+    `v[i] * (t[i+1] - t[i])` without pauses, in metres.
+    """
     if math.isfinite(drive.driven_m):
         return drive.driven_m
     return sum(
@@ -99,7 +114,11 @@ def driven_m(drive: Drive) -> float:
     replay_heading="time replayed, s",
 )
 def driven_s(drive: Drive) -> float:
-    """Time from the first row to the last, of each client; on a socket, less pauses over 1 s."""
+    """Time from the first row to the last, summed over the simulators that took part.
+
+    Simulated time in the embedded world, recorded time in a replay. On a socket: the simulator's
+    time if it sends one, else wall time; steps of more than 1 s are pauses and count as 0.
+    """
     total = 0.0
     for (time_s,) in _by_client(drive, drive.time_s):
         steps = np.diff(time_s)
@@ -107,15 +126,19 @@ def driven_s(drive: Drive) -> float:
     return total
 
 
-@metric("laps", COUNT, NEITHER, OURS, tables=(DRIVES,))
+@metric("laps", COUNT, NEITHER, OURS, bounds="any", tables=(DRIVES,))
 def laps(drive: Drive) -> float:
-    """Distance driven by the length of a lap; not known in a replay and on a socket."""
+    """Distance driven in laps, with decimals.
+
+    Formula: `driven_m` divided by the length of the track's centreline. Unknown in a replay and on
+    a socket.
+    """
     return driven_m(drive) / drive.length_m
 
 
 @metric("lap time", "s", NEITHER, OURS, decimals=1, tables=(DRIVES,), without="no whole lap")
 def lap_s(drive: Drive) -> float:
-    """Mean simulated time of the whole laps."""
+    """Mean simulated time of the completed laps; unknown without one."""
     return float(np.mean(drive.lap_s)) if len(drive.lap_s) else math.nan
 
 
@@ -129,32 +152,39 @@ def lap_s(drive: Drive) -> float:
     column_label="error",
 )
 def cte_mean_m(drive: Drive) -> float:
-    """Mean distance from the centreline; in a replay, from the recorded path."""
+    """Mean of `|e[i]|` over the rows.
+
+    In a replay, `e[i]` is the distance from the recorded path instead of the centreline.
+    """
     return _mean(np.abs(_known(drive.cross_track_m)))
 
 
 @metric("cross-track error, RMS", "m", LOWER, OURS, replay_heading="off the recorded path, RMS, m")
 def cte_rms_m(drive: Drive) -> float:
-    """Root of the mean squared distance from the centreline, or from the recorded path."""
+    """Square root of the mean of `e[i]^2` over the rows; `e[i]` as in `cte_mean_m`."""
     return math.sqrt(_mean(_known(drive.cross_track_m) ** 2))
 
 
 @metric("cross-track error, max", "m", LOWER, OURS, replay_heading="off the recorded path, max, m")
 def cte_max_m(drive: Drive) -> float:
-    """Greatest distance from the centreline, or from the recorded path."""
+    """Greatest `|e[i]|` of the rows; `e[i]` as in `cte_mean_m`."""
     known = _known(drive.cross_track_m)
     return float(np.abs(known).max()) if len(known) else math.nan
 
 
 @metric("time beyond 1 m", SHARE, LOWER, OURS, tables=(DRIVES,))
 def beyond_1m(drive: Drive) -> float:
-    """Share of the rows that are more than 1 m from the centreline."""
+    """Share of the rows with `|e[i]| > 1 m`; `e[i]` as in `cte_mean_m`."""
     return _mean(np.abs(_known(drive.cross_track_m)) > 1)
 
 
 @metric("steering change", "1/s", LOWER, OURS)
 def steering_per_s(drive: Drive) -> float:
-    """Change of the steering (-1..1), up and down added, by the time driven: the smoothness."""
+    """Absolute change of the steering per second; a smooth drive has a small one.
+
+    Formula: `sum(|s[i+1] - s[i]|) / driven_s`. Rows that a person drove are left out. A steering
+    of 1 is 25 degrees at the front wheels.
+    """
     seconds = driven_s(drive)
     change = sum(
         float(np.abs(np.diff(steering[driver != PERSON])).sum())
@@ -173,38 +203,46 @@ def steering_per_s(drive: Drive) -> float:
     pool=lambda drives: drives[0]["expert_steering_per_s"],
 )
 def expert_steering_per_s(drive: Drive) -> float | None:
-    """Steering change of the expert on the same track, or of a replay's recorded driver."""
+    """Steering change of a reference driver, by the formula of `steering_per_s`.
+
+    On a track: the expert's, on a lap at the same speed from start seed 0 in clear weather. In a
+    replay: that of the recorded driver.
+    """
     known = math.isfinite(drive.expert_steering_per_s)
     return drive.expert_steering_per_s if known else None
 
 
 @metric("speed", "mph", NEITHER, OURS, decimals=1, tables=(DRIVES,))
 def speed_mph(drive: Drive) -> float:
-    """Mean speed of the rows."""
+    """Mean of `v[i]` over the rows."""
     return _mean(_known(drive.speed_mph))
 
 
 @metric("time stalled", SHARE, LOWER, OURS, tables=(DRIVES,))
 def stalled(drive: Drive) -> float:
-    """Share of the rows below 1 mph."""
+    """Share of the rows with `v[i] < 1 mph`."""
     return _mean(_known(drive.speed_mph) < STALLED_BELOW_MPH)
 
 
 @metric("latency, median", "ms", LOWER, OURS, decimals=1)
 def latency_ms(drive: Drive) -> float:
-    """Median wall time from a frame's arrival to its reply: the policy, and the reply's way."""
+    """Median wall time that a frame takes.
+
+    On a socket: from the arrival of the telemetry to the sending of the reply. In the embedded
+    world and in a replay: the call of the policy alone. It depends on the machine.
+    """
     known = _known(drive.latency_ms)
     return float(np.median(known)) if len(known) else math.nan
 
 
 def _by_client(drive: Drive, *columns: np.ndarray) -> Iterator[list[np.ndarray]]:
-    """Yield the columns of each simulator that took part."""
+    """Yield the columns of each simulator in turn."""
     for client in np.unique(drive.client):
         yield [column[drive.client == client] for column in columns]
 
 
 def _driven_steps(drive: Drive, time_s: np.ndarray) -> np.ndarray:
-    """Return the seconds from each row to the next, 0 for a pause on the socket."""
+    """Return the seconds from each row to the next; 0 for a pause on a socket."""
     steps: np.ndarray = np.diff(time_s)
     if drive.source == SOCKET:
         steps[steps > LONGEST_STEP_S] = 0.0

@@ -1,39 +1,52 @@
-"""How much throttle: one class for each way, chosen by `drive.speed` (`conf/drive/speed`)."""
+"""Speed controllers, chosen by `drive.speed` (`conf/drive/speed`)."""
 
 import math
 from typing import Protocol
 
 from datamodules.errors import InputError
 
-LONGEST_STEP_S = 0.5  # a longer one is a pause, which is not to be made up for
-REVERSES_BELOW_MPH = 5.0  # the car of the original reverses, where it does not brake, below this
-# The course's controller added up an error per telemetry; its server got 43 of them a second.
+LONGEST_STEP_S = 0.5  # longest step that the integral counts; a longer one is a pause
+REVERSES_BELOW_MPH = 5.0  # below it, a negative throttle makes the original's car reverse
+# The Udacity course's controller sums the error per telemetry message, and its server received
+# 43 messages per second.
 TELEMETRY_HZ = 43.0
 
 
 class SpeedController(Protocol):
-    """The throttle for each telemetry, -1..1, negative brakes. `set_mph` is None for those that
-    hold no speed, and may be changed while driving."""
+    """Controller that returns a throttle for each telemetry.
+
+    Attributes:
+        set_mph: speed to hold, which may change during a drive; None if none is held.
+    """
 
     set_mph: float | None
 
     def throttle(
         self, speed_mph: float, steering: float, predicted: float | None, now_s: float
-    ) -> float: ...
+    ) -> float:
+        """Return the throttle; negative brakes. `limit_pedal` limits it to -1..1.
+
+        Args:
+            speed_mph: speed of the car.
+            steering: steering that is sent, -1..1.
+            predicted: throttle of the network, -1..1; None if it predicts none.
+            now_s: time of the drive in seconds.
+        """
 
     def reset(self) -> None:
-        """Forget the past: someone else has driven for a while."""
+        """Forget earlier telemetry, after a person drove."""
 
 
 class PI:
-    """The course's controller: proportional and integral, by real elapsed time.
+    """PI controller of the Udacity course, scaled by the elapsed time.
 
     Args:
-        set_mph: the speed to hold.
-        kp: throttle per mph that is missing.
-        ki: throttle per mph that is missing, for each of the 43 telemetry messages a second that
-            the course's own server got.
-        bend_mph: the speed at full steering, on which the set speed falls evenly; None holds it.
+        set_mph: speed to hold.
+        kp: throttle per mph of speed error.
+        ki: throttle per mph of speed error and 1/43 s, the telemetry interval of the course's
+            server.
+        bend_mph: speed to hold at full steering; the speed to hold falls linearly with the
+            steering. None keeps `set_mph`.
     """
 
     def __init__(
@@ -49,31 +62,37 @@ class PI:
         self.reset()
 
     def reset(self) -> None:
+        """Forget the integral."""
         self._integral = 0.0
         self._last_s: float | None = None
 
     def throttle(
         self, speed_mph: float, steering: float, predicted: float | None, now_s: float
     ) -> float:
+        """Return the throttle that reduces the speed error."""
         error = self.target_mph(steering) - speed_mph
         elapsed_s = 0.0 if self._last_s is None else min(now_s - self._last_s, LONGEST_STEP_S)
         self._last_s = now_s
         integral = self._integral + error * elapsed_s * TELEMETRY_HZ
         wanted = self.kp * error + self.ki * integral
-        # Anti-windup: what the pedal cannot do is not remembered.
+        # Anti-windup: the integral stops growing while the pedal is at its limit.
         if abs(wanted) <= 1 or wanted * error < 0:
             self._integral = integral
         return wanted
 
     def target_mph(self, steering: float) -> float:
-        """The speed to hold at a steering of -1..1."""
+        """Return the speed to hold at a steering of -1..1."""
         if self.bend_mph is None or self.bend_mph >= self.set_mph:
             return self.set_mph
         return self.set_mph - (self.set_mph - self.bend_mph) * min(abs(steering), 1.0)
 
 
 class Constant:
-    """The same throttle always; the hills decide how fast."""
+    """Constant throttle; the car slows down uphill.
+
+    Args:
+        throttle: throttle, -1..1.
+    """
 
     set_mph: float | None = None
 
@@ -82,20 +101,21 @@ class Constant:
         self.value = float(throttle)
 
     def reset(self) -> None:
-        pass
+        """Do nothing; there is no state."""
 
     def throttle(
         self, speed_mph: float, steering: float, predicted: float | None, now_s: float
     ) -> float:
+        """Return the constant throttle."""
         return self.value
 
 
 class Network:
-    """The network's own throttle (`model=nvidia_speed` gives one).
+    """Throttle that the network predicts, such as one of `model=nvidia_speed`.
 
     Args:
-        gain: multiplies it.
-        fallback: the throttle where the network gives none.
+        gain: factor of the predicted throttle.
+        fallback: throttle if the network predicts none, -1..1.
     """
 
     set_mph: float | None = None
@@ -106,16 +126,17 @@ class Network:
         self.gain, self.fallback = gain, fallback
 
     def reset(self) -> None:
-        pass
+        """Do nothing; there is no state."""
 
     def throttle(
         self, speed_mph: float, steering: float, predicted: float | None, now_s: float
     ) -> float:
+        """Return the predicted throttle times the gain, or the fallback."""
         return self.fallback if predicted is None else self.gain * predicted
 
 
 def limit_pedal(throttle: float, speed_mph: float) -> float:
-    """Throttle within -1..1, and no brake at a speed at which the car would reverse instead."""
+    """Return a throttle in -1..1, without the brake at speeds at which the car would reverse."""
     return min(max(throttle, -1.0 if speed_mph > REVERSES_BELOW_MPH else 0.0), 1.0)
 
 
@@ -123,4 +144,4 @@ def _check(key: str, value: float, least: float, most: float = math.inf) -> None
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):
         bounds = f"a number, {least:g} or more" if most == math.inf else f"in {least:g}..{most:g}"
-        raise InputError(f"drive.speed.{key}={value} is not {bounds}")
+        raise InputError(f"drive.speed.{key}={value}: must be {bounds}")

@@ -1,4 +1,4 @@
-"""What becomes of the network's steering before it is sent: gain, low pass, rate limit."""
+"""Filter of the network's steering before it is sent: gain, low pass, rate limit."""
 
 import math
 
@@ -6,12 +6,12 @@ from datamodules.errors import InputError
 
 
 class SteeringFilter:
-    """Applies gain, then low pass, then rate limit, by elapsed time; the last two off by default.
+    """Steering filter: a gain, then a low pass, then a rate limit; the last two off by default.
 
     Args:
-        gain: multiplies the network's steering.
-        low_pass_s: the time constant of a first-order low pass; None for none.
-        rate_per_s: the most that the steering (-1..1) changes in a second; None for any.
+        gain: factor of the network's steering.
+        low_pass_s: time constant of a first-order low pass in seconds; None for no low pass.
+        rate_per_s: greatest change of the steering (-1..1) per second; None for no limit.
     """
 
     def __init__(
@@ -24,18 +24,23 @@ class SteeringFilter:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             positive = number and value is not None and 0 < value < math.inf
             if not positive and not (value is None and key != "gain"):
-                raise InputError(f"drive.steering.{key}={value} is not a number above 0")
+                raise InputError(f"drive.steering.{key}={value}: must be a number above 0")
         self.gain, self.low_pass_s, self.rate_per_s = gain, low_pass_s, rate_per_s
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: someone else has driven for a while."""
+        """Forget earlier steering, after a person drove."""
         self._smooth: float | None = None
         self._last: float | None = None
         self._last_s = 0.0
 
     def __call__(self, steering: float, now_s: float) -> float:
-        """The network's steering, and the time -> the steering to send, -1..1."""
+        """Return the steering to send, -1..1.
+
+        Args:
+            steering: steering of the network, -1..1.
+            now_s: time of the drive in seconds.
+        """
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         wanted = min(max(self.gain * steering, -1.0), 1.0)
         if self.low_pass_s is not None:

@@ -1,4 +1,4 @@
-"""What is counted while a drive goes on: interventions, latency, telemetry; and autonomy."""
+"""Running counts of a drive on a socket: interventions, latency, telemetry and autonomy."""
 
 import itertools
 import math
@@ -6,16 +6,18 @@ from collections import Counter
 
 from zoo.drives.interventions import INTERVENTION_S, OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 
-# What `drive.json` calls the number of interventions of a kind.
+# Key in `drive.json` of the number of interventions of each kind.
 KEYS = {OFF_ROAD: "off_road", STANDSTILL: "standstills", TAKEOVER: "takeovers"}
-LONGEST_STEP_S = 1.0  # a longer one is a pause between two drives, and counts for neither
+LONGEST_STEP_S = 1.0  # a longer step between two rows is a pause, which is not time driven
 
 _BIN_MS = 0.05
-_BINS = 20_000  # up to a second
+_BINS = 20_000  # up to 1 s
 
 
 def autonomy(interventions: int, driven_s: float) -> float:
-    """NVIDIA's share of the time that the car drove itself, 0..1; NaN where it never drove.
+    """Return NVIDIA's autonomy, 0..1; NaN if no time was driven.
+
+    Bojarski et al. 2016 count 6 s for each intervention.
 
     >>> round(autonomy(10, 600.0), 3), autonomy(0, 30.0), autonomy(9, 30.0)
     (0.9, 1.0, 0.0)
@@ -26,18 +28,19 @@ def autonomy(interventions: int, driven_s: float) -> float:
 
 
 class LatencyHistogram:
-    """Percentiles of any number of latencies in the memory of 20,000 counts, to 0.05 ms."""
+    """Histogram of latencies with bins of 0.05 ms, for percentiles in constant memory."""
 
     def __init__(self) -> None:
         self._counts = [0] * (_BINS + 1)
         self.total = 0
 
     def add(self, latency_ms: float) -> None:
+        """Count a latency."""
         self._counts[min(int(latency_ms / _BIN_MS), _BINS)] += 1
         self.total += 1
 
     def percentile(self, percent: float) -> float:
-        """In ms; NaN where there is none, and 1000 for any above.
+        """Return a percentile in ms, at most 1000; NaN without latencies.
 
         >>> histogram = LatencyHistogram()
         >>> for latency_ms in (1.0, 2.0, 3.0): histogram.add(latency_ms)
@@ -53,7 +56,7 @@ class LatencyHistogram:
 
 
 class Tally:
-    """Counts that grow while driving, from which the summary is made."""
+    """Counts that grow during a drive; `figures` returns them for `drive.json`."""
 
     def __init__(self) -> None:
         self.telemetry = self.fallbacks = 0
@@ -68,10 +71,11 @@ class Tally:
 
     @property
     def autonomy(self) -> float:
-        """NVIDIA's autonomy, 0..1; NaN where it is not measured.
+        """Return NVIDIA's autonomy, 0..1; NaN if it cannot be measured.
 
-        A simulator that sends no cross-track error hides when the car leaves the road. Then only a
-        person who takes over shows that anybody watched.
+        Without a cross-track error from the simulator, nobody knows whether the car is on the
+        road. A takeover shows that a person watches the drive; then autonomy is measured from the
+        takeovers.
         """
         if self.unjudged_s and not self.counts[TAKEOVER]:
             return math.nan
@@ -80,13 +84,13 @@ class Tally:
     def step(
         self, elapsed_s: float, served_s: float, speed_mph: float, judged: bool = True
     ) -> None:
-        """Count a client's telemetry.
+        """Count one telemetry message of a client.
 
         Args:
-            elapsed_s: since its last one, by the simulator's clock.
-            served_s: since its last one, by the wall clock.
-            speed_mph: of the car.
-            judged: the client sends its cross-track error.
+            elapsed_s: seconds since the client's last telemetry, by the simulator's clock.
+            served_s: seconds since the client's last telemetry, by the wall clock.
+            speed_mph: speed of the car.
+            judged: whether the client sends its cross-track error.
         """
         self.telemetry += 1
         if served_s <= LONGEST_STEP_S:
@@ -97,7 +101,7 @@ class Tally:
             self.speed_s += elapsed_s * speed_mph
 
     def figures(self) -> dict:
-        """Return what `drive.json` has of a drive on a socket, plain."""
+        """Return the figures that `drive.json` holds of a drive on a socket."""
         driven = self.driven_s
         return {
             "driven_s": driven,
@@ -113,13 +117,13 @@ class Tally:
 
 
 def summary_lines(figures: dict) -> list[str]:
-    """The figures of a drive for a person to read."""
+    """Return the lines that summarize a drive in the terminal."""
     if not figures["telemetry"]:
-        return ["no simulator has driven"]
+        return ["no simulator sent telemetry: nothing was driven"]
     served = [
-        f"{figures['telemetry']:,} telemetry in {figures['driven_s']:.1f} s of driving",
-        *_known("{:.0f} a second served", figures["telemetry_per_s"]),
-        *_known("{:.1f} mph on average", figures["mean_speed_mph"]),
+        f"{figures['telemetry']:,} telemetry messages in {figures['driven_s']:.1f} s of driving",
+        *_known("{:.0f} per second", figures["telemetry_per_s"]),
+        *_known("mean speed {:.1f} mph", figures["mean_speed_mph"]),
     ]
     latency = [
         text
@@ -134,7 +138,7 @@ def summary_lines(figures: dict) -> list[str]:
 
 
 def autonomy_line(figures: dict) -> str:
-    """Autonomy with the interventions by kind, or why it is not measured."""
+    """Return autonomy with the interventions by kind, or why it is not measured."""
     count = figures["interventions"]
     parts = [f"{figures[key]} {WORDS[kind]}" for kind, key in KEYS.items() if figures[key]]
     counted = f"{count} intervention{'' if count == 1 else 's'}"
@@ -142,7 +146,7 @@ def autonomy_line(figures: dict) -> str:
     if math.isfinite(figures["autonomy"]):
         return f"autonomy {figures['autonomy']:.1%}: {counted}"
     reason = (
-        "no cross-track error from this simulator, and nobody took over"
+        "this simulator sends no cross-track error, and nobody took over"
         if figures["driven_s"]
         else "the drive ended with its first telemetry"
     )
@@ -150,5 +154,5 @@ def autonomy_line(figures: dict) -> str:
 
 
 def _known(form: str, value: float) -> list[str]:
-    """The value in its form; nothing where it is not known."""
+    """Return the formatted value in a list; an empty list for NaN."""
     return [form.format(value)] if math.isfinite(value) else []

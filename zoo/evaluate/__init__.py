@@ -1,1 +1,1 @@
-"""Scores by driving in the embedded world, and on recordings: `python -m zoo.evaluate`."""
+"""Scores of a network from drives in the embedded world and from replays of recordings."""

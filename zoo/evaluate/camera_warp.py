@@ -1,8 +1,8 @@
-"""What a camera beside the recorded one would have seen: recorded frames, warped.
+"""Warping of recorded frames to the view of a shifted and turned car.
 
-As in Bojarski et al. 2016 ("End to End Learning for Self-Driving Cars"): what is below the horizon
-lies on level ground, what is above is infinitely far away. Things that stand up, such as trees and
-barriers, shear where the camera moves sideways; a turn alone is exact.
+As in Bojarski et al. 2016 ("End to End Learning for Self-Driving Cars"), every pixel below the
+horizon is taken as level ground, and every pixel above it as infinitely far away. Upright objects,
+such as trees and barriers, are sheared when the car is shifted. A turn without a shift is exact.
 """
 
 from collections.abc import Callable
@@ -23,15 +23,15 @@ from simulator.rig import (
 )
 from simulator.scenery.bonnet import bonnet_picture
 
-BONNET_EDGE_PX = 5  # JPEG smears the bonnet's edge this far
+BONNET_EDGE_PX = 5  # width of the bonnet's edge that JPEG blurs
 
 
 class Warp:
-    """The centre camera's view from another pose of the car, out of what the rig recorded.
+    """Warp that computes the centre camera's frame in another pose of the car.
 
-    The nearest of the cameras is warped. Where its own bonnet was in the way, or its border, the
-    next nearest fills in; the bonnet is the centre frame's own. What no camera saw is the nearest
-    one's last pixels, repeated.
+    The frame of the nearest camera is warped. Pixels that its bonnet or border hides come from the
+    next nearest camera. Pixels that no camera saw repeat the nearest camera's border. The bonnet is
+    that of the centre frame.
 
     >>> frames = {"center": np.full((160, 320, 3), 90, np.uint8)}
     >>> int(Warp()(frames.__getitem__, ["center"], 0.5, 0.02).mean())
@@ -44,7 +44,7 @@ class Warp:
         self._looks = camera_matrix(PITCH_DOWN_DEG, YAW_RIGHT_DEG, ROLL_DEG)
         rays = rays.reshape(3, -1)
         down = np.minimum(self._looks[1] @ rays, 0)
-        # A pixel's ray, and how far it points below the horizon, which no turn of the car changes.
+        # Ray of each pixel, and its part below the horizon, which no turn of the car changes.
         self._rays = np.concatenate([rays, down[None]]).astype(np.float32)
         covers = {camera: bonnet_picture(camera)[1] for camera in CAMERAS}
         around = np.ones((BONNET_EDGE_PX, BONNET_EDGE_PX), np.uint8)
@@ -53,7 +53,7 @@ class Warp:
             for camera, cover in covers.items()
         }
         self._bonnet = np.flatnonzero(self._hidden["center"])
-        # Of what is infinitely far away no camera sees more than another.
+        # Only the ground is filled in from other cameras: above the horizon all see the same.
         self._is_ground = (down < 0) & ~self._hidden["center"]
 
     def __call__(
@@ -63,21 +63,22 @@ class Warp:
         right_m: float,
         heading_rad: float,
     ) -> np.ndarray:
-        """uint8 [160, 320, 3] RGB, seen from a car that stands right of the recorded one.
+        """Return the frame of a shifted and turned car, uint8 [160, 320, 3] RGB.
 
         Args:
-            frame_of: a recorded camera's frame by its name, uint8 [160, 320, 3] RGB.
-            cameras: that were recorded; `center` is among them.
-            right_m: of the recorded car's origin.
-            heading_rad: to the right of where it pointed.
+            frame_of: function of a camera's name that returns its recorded frame, uint8
+                [160, 320, 3] RGB.
+            cameras: names of the recorded cameras, with `center`.
+            right_m: shift to the right of the recorded car, in metres.
+            heading_rad: turn to the right of the recorded car, in radians.
         """
         if right_m == heading_rad == 0:
             return frame_of("center")
         at = camera_place(right_m, heading_rad)
         nearest, *others = sorted(cameras, key=lambda one: abs(CAMERA_POSITIONS[one][0] - at[0]))
         maps = self.maps(nearest, right_m, heading_rad)
-        picture = _remap(frame_of(nearest), maps).reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)
-        flat = picture.reshape(-1, 3)
+        image = _remap(frame_of(nearest), maps).reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)
+        flat = image.reshape(-1, 3)
         missing = np.flatnonzero(self._unseen(nearest, maps) & self._is_ground)
         for camera in others:
             if not len(missing):
@@ -89,7 +90,7 @@ class Warp:
                 flat[missing[seen]] = _remap(frame_of(camera), here)
                 missing = missing[~seen]
         flat[self._bonnet] = frame_of("center").reshape(-1, 3)[self._bonnet]
-        return picture
+        return image
 
     def maps(
         self,
@@ -98,11 +99,18 @@ class Warp:
         heading_rad: float,
         pixels: np.ndarray | slice = slice(None),
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Where in a camera's frame the pixels (flat indices) are to be found: x and y, float32.
+        """Return the positions of pixels in a recorded camera's frame: x and y, float32.
 
-        A ray r of the moved camera meets the ground, or infinity, where the recorded camera's ray
-        R^T (T R r - t down(r) / height) does: R is how the cameras look, T the car's turn, t the
-        way between them, and down(r), negative below the horizon, is 0 above.
+        The ray r of the moved camera and the ray R^T (T R r - t down(r) / height) of the recorded
+        camera meet the same point of the ground, or of infinity. R is the cameras' rotation, T the
+        car's turn, t the vector between the cameras, and height the recorded camera's height.
+        down(r) is the vertical part of R r where it is negative, and 0 above the horizon.
+
+        Args:
+            camera: name of the recorded camera.
+            right_m: shift to the right of the recorded car, in metres.
+            heading_rad: turn to the right of the recorded car, in radians.
+            pixels: flat indices of the moved camera's pixels.
         """
         turn = camera_matrix(0, np.degrees(heading_rad), 0)
         way = camera_place(right_m, heading_rad) - CAMERA_POSITIONS[camera]
@@ -117,7 +125,7 @@ class Warp:
         return x, y
 
     def _unseen(self, camera: str, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """bool [N]: pixels that the camera's bonnet hid, or that were beyond its borders."""
+        """Return the pixels that the camera's bonnet or borders hide, bool [N]."""
         x, y = (np.rint(one).astype(np.int32) for one in maps)
         outside = (x < 0) | (x >= FRAME_WIDTH) | (y < 0) | (y >= FRAME_HEIGHT)
         at = np.where(outside, 0, y * FRAME_WIDTH + x)
@@ -125,13 +133,14 @@ class Warp:
 
 
 def camera_place(right_m: float, heading_rad: float) -> np.ndarray:
-    """Where the centre camera of a car in such a pose is: right, up, ahead of the recorded car."""
+    """Return the moved centre camera's position: metres right, up and ahead of the recorded car."""
     own = camera_matrix(0, np.degrees(heading_rad), 0) @ CAMERA_POSITIONS["center"]
     return own + (right_m, 0.0, 0.0)
 
 
 def _remap(frame: np.ndarray, maps: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """uint8 [N, 3]: the frame's colours at N places. OpenCV takes no more than 32767 in a row."""
+    """Return the frame's colours at N positions, uint8 [N, 3]."""
+    # OpenCV accepts at most 32767 columns.
     wide = FRAME_WIDTH if len(maps[0]) % FRAME_WIDTH == 0 else 1
     x, y = (one.reshape(-1, wide) for one in maps)
     found = cv2.remap(frame, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,4 +1,4 @@
-"""Where a drive went, and how far off the middle."""
+"""Plots of drives: path on the track, cross-track error, curves over perturbations."""
 
 import math
 
@@ -12,10 +12,10 @@ from zoo.runs.plots import BLUE, GREY, ORANGE
 
 
 def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
-    """The car's way on the track, coloured by its cross-track error, interventions marked."""
+    """Draw the car's path on the track, coloured by cross-track error, with interventions."""
     closed = np.vstack([track.xyz, track.xyz[:1]])
     extent = np.ptp(closed[:, :2], axis=0)
-    width, height = extent * min(5.2 / extent)  # inches; beside it the colour bar, above the title
+    width, height = extent * min(5.2 / extent)  # inches, without colour bar and title
     figure = Figure(figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained")
     axis = figure.subplots()
     axis.plot(closed[:, 0], closed[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
@@ -40,7 +40,7 @@ def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
 
 
 def error_over_distance(drive: Drive, title: str) -> Figure:
-    """Cross-track error along the drive, right positive, with the lane's limits."""
+    """Draw the cross-track error along the drive, positive right, with the limits of the lane."""
     figure = Figure(figsize=(8, 3), layout="constrained")
     axis = figure.subplots()
     step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
@@ -55,7 +55,7 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
     axis.scatter(driven[lost], error[lost], marker="x", color=ORANGE, lw=2, label="intervention")
     if lost.any():
         axis.legend(frameon=False)
-    axis.set(xlabel="driven (m)", ylabel="right of the middle (m)", title=title)
+    axis.set(xlabel="distance driven (m)", ylabel="cross-track error (m, + right)", title=title)
     axis.margins(x=0)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
@@ -65,12 +65,12 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
 def degradation_curves(
     curves: dict[str, dict[float, dict]], usual: dict[str, float], title: str
 ) -> Figure:
-    """Autonomy and mean cross-track error over each perturbation's values, a panel each.
+    """Draw autonomy and mean cross-track error over the values of each perturbation.
 
     Args:
-        curves: by the panel's label and by value, the figures of a drive.
-        usual: by label, the value of an unperturbed drive, marked by a line.
-        title: above all.
+        curves: figures of the drives by label of the panel, then by value.
+        usual: value of an unperturbed drive by label, marked by a line.
+        title: title of the figure.
     """
     columns = min(4, len(curves))
     rows = -(-len(curves) // columns)
@@ -95,7 +95,7 @@ def degradation_curves(
         if first:
             axis.set_ylabel("autonomy (%)", color=BLUE)
         if last or number == len(curves) - 1:
-            other.set_ylabel("mean error (m)", color=ORANGE)
+            other.set_ylabel("mean cross-track error (m)", color=ORANGE)
         else:
             other.tick_params(right=False, labelright=False)
         for each in (axis, other):

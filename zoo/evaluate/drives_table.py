@@ -1,4 +1,4 @@
-"""The figures of several drives as one table: mean and spread over the drives of a track."""
+"""Figures of several drives as one table: mean and deviation over the drives of a track."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from zoo.drives.intervals import count_with_interval
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.track_figures import Spread
 
-# Beside the metrics, in the table of drives: what is counted over drives.
+# Rows of the table of drives that are counts over drives, not metrics of a drive.
 COUNTS = {
     "drives_without_intervention": ("drives without intervention", ""),
     "drives": ("drives (start seeds)", "{}"),
@@ -19,7 +19,7 @@ COUNTS = {
 
 
 def mean_and_deviation(values: Sequence[float]) -> Spread:
-    """Return the mean and the sample standard deviation (n - 1), None for a single value.
+    """Return the mean and the sample standard deviation (n - 1), which is None for one value.
 
     >>> mean_and_deviation([1.0, 3.0]), mean_and_deviation([1.0])
     ((2.0, 1.4142135623730951), (1.0, None))
@@ -29,11 +29,11 @@ def mean_and_deviation(values: Sequence[float]) -> Spread:
 
 
 def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
-    """Return every figure's mean and sample standard deviation over drives, and their count.
+    """Return the mean and sample standard deviation of every metric, and the number of drives.
 
-    A figure that no drive has is None. One that only some drives have, such as a lap's time, has a
-    mean and no deviation. Metres per intervention are those of all drives by the interventions of
-    all: one drive without any would make the mean infinite.
+    A metric that no drive has is None. A metric that only some drives have, such as the lap time,
+    has a mean and no deviation. Metres per intervention are the sum of the distances divided by the
+    sum of the interventions, since one drive without an intervention would make a mean infinite.
 
     >>> mean_and_spread([{"autonomy": 1.0, "lap_s": None}, {"autonomy": 0.5, "lap_s": 90.0}])
     {'drives': 2, 'autonomy': (0.75, 0.3535533905932738), 'lap_s': (90.0, None)}
@@ -56,7 +56,7 @@ def mean_and_spread(drives: list[dict]) -> dict[str, Spread | int | None]:
 
 
 def nan_line(drives: list[dict]) -> str | None:
-    """Return what to say of drives in which the policy steered NaN; None where none has.
+    """Return a warning if the policy steered NaN in a drive, else None.
 
     >>> nan_line([{"track": "lake", "seed": 0, "nan_frames": 7}]).split(":")[0]
     'the network steered NaN in 7 frames (lake-0)'
@@ -67,15 +67,15 @@ def nan_line(drives: list[dict]) -> str | None:
     frames = sum(one["nan_frames"] for one in bad)
     names = ", ".join(dict.fromkeys(f"{one['track']}-{one['seed']}" for one in bad))
     return (
-        f"the network steered NaN in {frames:,} frames ({names}): the car went straight on there, "
-        "and the figures say nothing of the network; train again with a smaller optim.lr"
+        f"the network steered NaN in {frames:,} frames ({names}): the car was steered straight on "
+        "instead, so that these figures are not the network's; train again with a smaller optim.lr"
     )
 
 
 def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:
-    """Return a mean and, where it has one, its deviation; with `drives`, their number.
+    """Return a formatted mean with its deviation, and the number of drives if given.
 
-    Equal values, such as drives that all kept the lane, show no deviation.
+    A deviation of None or 0 is not shown.
 
     >>> with_deviation((0.982, 0.004), "{:.1%}", 3), with_deviation((0.982, None), "{:.1%}", 1)
     ('98.2% ± 0.4% (n = 3)', '98.2%')
@@ -89,7 +89,7 @@ def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:
 
 
 def two_lines(count: str) -> str:
-    r"""Return a count with its interval broken before the interval, for a narrow column.
+    r"""Return a count with its interval, broken before the interval for a narrow column.
 
     >>> two_lines("3 of 3 (95 %: 44 % or more)")
     '3 of 3 (95 %:\n44 % or more)'
@@ -98,7 +98,7 @@ def two_lines(count: str) -> str:
 
 
 def table_rows(table: str = DRIVES) -> dict[str, tuple[str, str]]:
-    """Return a table's rows in order: heading and format of a value, by figure.
+    """Return the rows of a table in order: heading and format of the value, by key.
 
     Args:
         table: DRIVES, or REPLAYS for the metrics of a replay, without counts of drives.
@@ -111,10 +111,10 @@ def table_rows(table: str = DRIVES) -> dict[str, tuple[str, str]]:
 
 
 def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
-    """Return a table with a column for each track; rows that no track has are left out.
+    """Return a table with a column for each track, without the rows that no track has.
 
     Args:
-        tracks: by name, the track's figures as `mean_and_spread` returns them.
+        tracks: figures of each track by its name, as `mean_and_spread` returns them.
         table: DRIVES or REPLAYS.
     """
     rows, caption = table_rows(table), None

@@ -12,7 +12,7 @@ from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.drives.interventions import InterventionRule
 from zoo.drives.speed_controller import SpeedController, limit_pedal
 
-SLOWEST_MPH = 3.0  # a drive that averages less is given up
+SLOWEST_MPH = 3.0  # a drive ends when its mean speed must be lower than this
 
 Policy = Callable[[np.ndarray | None, float], tuple[float, float | None]]
 
@@ -29,23 +29,24 @@ def drive_closed_loop(
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> Drive:
-    """Let a policy drive laps from a start that the seed draws.
+    """Let a policy drive laps in the embedded world.
 
-    An intervention (see `InterventionRule`) puts the car back on the centre, pointing ahead, at the
-    speed to hold. Seed 0 starts at the track's first point, in the middle.
+    After an intervention (see `InterventionRule`) the car is put back on the centreline, pointing
+    ahead, at the speed to hold. A policy that returns NaN is steered straight on.
 
     Args:
-        policy: frame uint8 [160, 320, 3] RGB (None in a world without a renderer, for a policy
-            that needs no eyes) and mph -> steering, and throttle or None.
-        world: where to drive.
-        speed: how much throttle, from simulated time.
-        seed: of start and weather.
-        laps: how many to drive.
-        weather: or `random`, for one that the seed draws.
-        margin_m: from the centreline; None is the edge line.
-        start: instead of the seed's.
-        show: is given every frame, uint8 RGB, with its row.
-        report: is given, at every frame, the share of the laps that is driven, 0..1.
+        policy: function of a frame, uint8 [160, 320, 3] RGB (None in a world without a renderer),
+            and mph that returns steering, and throttle or None.
+        world: world to drive in.
+        speed: speed controller.
+        seed: random seed of start and weather; 0 starts at the track's first point.
+        laps: number of laps to drive.
+        weather: weather, or `random` for weather drawn from the seed.
+        margin_m: distance from the centreline in metres above which the car has left the lane;
+            None for the edge line.
+        start: start of the drive; None for the start drawn from the seed.
+        show: function called with every frame, uint8 [160, 320, 3] RGB, and its row.
+        report: function called at every frame with the share of the laps that is driven, 0..1.
     """
     world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
@@ -110,7 +111,7 @@ def drive_closed_loop(
 
 
 def start_of(world: World, seed: int, speed_mph: float) -> Start:
-    """Where a seed's drive begins, at a speed."""
+    """Return the start that a seed draws, at a speed; seed 0 is the track's first point."""
     if seed == 0:
         return Start(speed_mph=speed_mph)
     rng = np.random.default_rng((seed, 1))

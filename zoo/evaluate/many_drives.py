@@ -1,4 +1,4 @@
-"""Many drives of a checkpoint, several at once, each in a process of its own."""
+"""Many drives of a checkpoint in the embedded world, in parallel processes."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -29,15 +29,15 @@ from zoo.runs.plots import save_figure
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that a drive's figures depend on, beside the policy.
+    """Everything besides the policy that the figures of a drive depend on.
 
     Attributes:
         track, seed, laps, speed_mph, margin_m, direction, frame_rate, delay_s, quality, throttle:
-            as in `EvaluateOptions`.
-        weather: or `random`, for one that the seed draws.
-        offset_m, heading_deg: added to the seed's start, to the right.
-        film_speed: leave a film that plays so many times as fast as driven; 0 for none. The figures
-            do not depend on it.
+            see `EvaluateOptions`.
+        weather: weather, or `random` for weather drawn from the seed.
+        offset_m, heading_deg: shift and turn to the right, added to the start of the seed.
+        film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
+            The figures do not depend on it.
     """
 
     track: str
@@ -57,12 +57,12 @@ class Setup:
 
     @property
     def start_mph(self) -> float:
-        """A network with a throttle of its own starts from a standstill."""
+        """Return the speed at the start: 0 for a network that controls the throttle."""
         return 0.0 if self.throttle == "network" else self.speed_mph
 
     @classmethod
     def of(cls, options: EvaluateOptions, track: str, seed: int) -> "Setup":
-        """The drive that the options ask for, on one of their tracks."""
+        """Return the setup of one drive from the options of an evaluation."""
         return cls(
             track,
             seed,
@@ -80,15 +80,19 @@ class Setup:
 
 
 def speed_controller(speed_mph: float) -> PI:
-    """The course's, which every scored drive holds its speed by."""
+    """Return the controller that holds the speed of scored drives: the Udacity course's."""
     return PI(speed_mph, kp=0.1, ki=0.002)
 
 
 def check_throttle(policy: Policy, throttle: str) -> None:
-    """Raises InputError where a network is to drive with its own throttle and gives none."""
+    """Check that a network predicts a throttle if it shall control the throttle.
+
+    Raises:
+        InputError: `throttle` is `network`, and the network predicts none.
+    """
     if throttle == "network" and policy(np.zeros((160, 320, 3), np.uint8), 0.0)[1] is None:
         raise InputError(
-            "throttle=network: this network gives no throttle; train model=nvidia_speed, or leave "
+            "throttle=network: this network predicts no throttle; train model=nvidia_speed, or use "
             "throttle=hold"
         )
 
@@ -100,13 +104,17 @@ def drive_all(
     workers: int,
     console: Console,
 ) -> list[dict]:
-    """Return the figures of each drive, in the order of the setups, whatever the number of workers.
+    """Return the figures of each drive in the order of the setups.
 
     Args:
-        checkpoint: one for all drives, or a list with one for each.
+        checkpoint: checkpoint file for all drives, or one for each drive.
+        setups: setup of each drive.
+        folders: folder of each drive; None writes nothing.
+        workers: number of processes; 0 for one per core. It does not change the figures.
+        console: console that shows the progress.
 
     Raises:
-        InputError: the processes were killed, as where memory ran out.
+        InputError: a process was killed, for example because memory ran out.
     """
     drivers = [checkpoint] * len(setups) if isinstance(checkpoint, str) else checkpoint
     jobs = list(zip(drivers, setups, folders, strict=True))
@@ -122,23 +130,23 @@ def drive_once(
     folder: Path | None,
     report: Callable[[float], None] | None = None,
 ) -> dict[str, float | str | None]:
-    """Drive once in this process, and return the figures, None for one that is not finite.
+    """Drive once in this process and return the figures; a figure that is not finite is None.
 
-    The drive, its plots and the frames of its worst moments are left in `folder`. `nan_frames` is
-    among the figures only where the policy steered NaN.
+    The figures hold `nan_frames` only if the policy steered NaN.
 
     Args:
-        checkpoint: file.
-        setup: what to drive.
-        folder: place for the drive; None leaves nothing.
-        report: called at every frame with the share that is driven, 0..1.
+        checkpoint: checkpoint file.
+        setup: setup of the drive.
+        folder: folder for the drive, its plots and the frames of its worst moments; None writes
+            nothing.
+        report: function called at every frame with the share of the drive that is done, 0..1.
     """
     import torch
 
     from zoo.checkpoints.policy import load_policy
 
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # a single picture is too little for two
+    torch.set_num_threads(1)  # one frame is too little work for two threads
     world = open_setup(setup, "auto")
     try:
         policy = load_policy(checkpoint)
@@ -159,10 +167,10 @@ def drive_once(
 
 
 def open_setup(setup: Setup, renderer: str) -> World:
-    """Open the world that a setup is driven in.
+    """Open the world of a setup.
 
     Raises:
-        InputError: it cannot be opened, as without a renderer.
+        InputError: the world cannot be opened, for example without a renderer.
     """
     place = (setup.quality, setup.frame_rate, setup.delay_s, setup.direction)
     try:
@@ -178,8 +186,15 @@ def drive_setup(
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
     report: Callable[[float], None] | None = None,
 ) -> Drive:
-    """Drive a policy as a setup says, in a world that was opened for it; `show` and `report` as in
-    `drive_closed_loop`."""
+    """Drive a policy once in an open world.
+
+    Args:
+        policy: see `drive_closed_loop`.
+        world: world that `open_setup` opened.
+        setup: setup of the drive.
+        show: see `drive_closed_loop`.
+        report: see `drive_closed_loop`.
+    """
     speed: SpeedController = speed_controller(setup.speed_mph)
     if setup.throttle == "network":
         speed = Network()
@@ -204,7 +219,7 @@ def drive_setup(
 
 
 def expert_steering_per_s(setup: Setup) -> float:
-    """How much the expert's steering changes in a second, on a lap at the setup's speed."""
+    """Return the expert's steering change per second on a lap at the setup's speed."""
     return _expert_steering_per_s(replace(setup, seed=0, laps=1.0, weather=CLEAR, margin_m=None))
 
 

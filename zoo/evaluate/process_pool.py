@@ -1,4 +1,4 @@
-"""Drives in several processes at once."""
+"""Drives in several processes in parallel."""
 
 import multiprocessing
 import os
@@ -12,10 +12,10 @@ from typing import TypeVar
 from datamodules.errors import InputError
 
 Result = TypeVar("Result")
-Shares = Sequence[float]  # of each job, how much is done, 0..1
-LOOK_S = 0.2  # between two looks at how far the processes are
+Shares = Sequence[float]  # share of each job that is done, 0..1
+LOOK_S = 0.2  # seconds between two updates of the progress
 
-_shares: Shares | None = None  # in a process of the pool: memory that all of them share
+_shares: Shares | None = None  # in a process of the pool: memory shared by all processes
 
 
 def drive_in_processes(
@@ -24,19 +24,21 @@ def drive_in_processes(
     workers: int,
     show: Callable[[float], None] = lambda share: None,
 ) -> Iterator[tuple[int, Result]]:
-    """Yield the number of each job and what `drive(*job, report)` returns, as they are done.
+    """Yield the number and result of each job, in the order in which they finish.
+
+    A result is what `drive(*job, report)` returns. A single process is this one, since starting
+    another takes seconds.
 
     Args:
-        drive: function of a module, which processes can import; it calls `report(share)` with how
-            much of the job is done, 0..1.
+        drive: function at the top level of a module; it calls `report(share)` with the share of the
+            job that is done, 0..1.
         jobs: arguments of each drive.
-        workers: number of processes; 0 for one a core. Where one is enough it is this one: another
-            would cost seconds.
-        show: called with how much of all jobs is done, 0..1, while they are.
+        workers: number of processes; 0 for one per core.
+        show: function called with the share of all jobs that is done, 0..1.
 
     Raises:
-        InputError: the processes were killed, as where memory ran out.
-        Exception: whatever a job raises; what has not begun by then never does.
+        InputError: a process was killed, for example because memory ran out.
+        Exception: a job failed; jobs that have not begun are cancelled.
     """
     processes = min(workers or os.cpu_count() or 1, len(jobs))
     if processes == 1:
@@ -61,15 +63,16 @@ def drive_in_processes(
                 show(sum(shares) / len(jobs))
         except BrokenProcessPool:
             raise InputError(
-                f"a process that drove was ended from outside; try workers={max(1, processes // 2)}"
+                "workers: a driving process was killed, perhaps because memory ran out; try "
+                f"workers={max(1, processes // 2)}"
             ) from None
-        except BaseException:  # a drive's error, or Ctrl-C: what has not begun need not
+        except BaseException:  # a drive's error or Ctrl-C: cancel the jobs that have not begun
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
 def _begin_process(shares: Shares) -> None:
-    """On Ctrl-C the process that started this one speaks; this one ends without a trace."""
+    """Keep the shared memory, and end without a traceback on Ctrl-C; the parent prints a line."""
     global _shares
     _shares = shares
     signal.signal(signal.SIGINT, signal.SIG_DFL)

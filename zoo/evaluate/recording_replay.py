@@ -1,18 +1,21 @@
-"""A score on a recording, without a simulator: NVIDIA's protocol.
+"""Scoring on a recording without a simulator, by NVIDIA's protocol.
 
-Bojarski et al. 2016, "End to End Learning for Self-Driving Cars", section 6: a virtual car drives
-beside the recorded one. At each row it sees the recorded frame warped to where it is, the network
-steers it, and more than a margin off the recorded path is an intervention that puts it back there.
+Source: Bojarski et al. 2016, "End to End Learning for Self-Driving Cars", section 6. A virtual car
+drives next to the recorded car. At each row, the recorded frame is warped to the virtual car's
+position, and the network steers the virtual car by it. More than a margin from the recorded path is
+an intervention: the car is put back on the path.
 
-On a lap of the lake by the expert, the interventions of 15 checkpoints, good and bad, rank as in
-the same lap driven: Spearman's coefficient is 0.93 at 30 mph and 0.98 at 15 mph; that of the mean
-squared error is 0.28 and 0.14 (`python benchmarks/replay_validation.py RECORDING CKPT...`). Limits:
+The score agrees with driving: on a lap of the lake by the expert, the rank correlation (Spearman)
+of the replay's interventions with those of the same lap driven is 0.93 at 30 mph and 0.98 at
+15 mph, over 15 checkpoints. That of the mean squared error is 0.28 and 0.14. Measured by
+`python benchmarks/replay_validation.py RECORDING CKPT...`. Limits:
 
-- The recorded path stands for the lane's middle. A person who drives beside it, or sways, makes a
-  network that keeps to the middle look bad.
-- Both cars roll without slip and obey at once; what a real car adds to that is not replayed.
-- Of two tiny networks' and a LeNet's interventions it found a fifth to two thirds: unexplained.
-- Speed is the recorded one; a network's own throttle is not tried.
+- The recorded path counts as the centre of the lane. If the recorded driver weaves, or drives off
+  the centre, a network that keeps to the centre gets a bad score.
+- Both cars roll without slip and follow the steering without delay.
+- For two tiny networks and a LeNet, the replay found only a fifth to two thirds of the
+  interventions. The reason is unknown.
+- The speed is the recorded one; a network's own throttle is ignored.
 """
 
 import math
@@ -33,20 +36,20 @@ from zoo.drives.interventions import INTERVENTION_S
 from zoo.evaluate.camera_warp import Warp
 from zoo.evaluate.embedded_drive import Policy
 
-MARGIN_M = 1.0  # NVIDIA's
-GREATEST_MARGIN_M = 2.0  # farther off, a warped frame has little to do with what would be seen
-LOST_RAD = math.radians(45)
-STEP_S = 0.02
-SHORTEST_S = 2 * INTERVENTION_S  # with less, a single intervention decides
+MARGIN_M = 1.0  # NVIDIA's margin
+GREATEST_MARGIN_M = 2.0  # farther off the path, a warped frame differs much from a real one
+LOST_RAD = math.radians(45)  # heading error of an intervention
+STEP_S = 0.02  # longest step of the car's motion
+SHORTEST_S = 2 * INTERVENTION_S  # in a shorter replay one intervention decides the score
 
 
 @dataclass
 class VirtualCar:
-    """A car beside the recorded one: both roll without slip, and it keeps level along the path.
+    """A car next to the recorded car, at the same distance along the path; both roll without slip.
 
     Attributes:
-        right_m: of the recorded path, at the rear axle.
-        heading_rad: to the right of the recorded car's.
+        right_m: distance right of the recorded path at the rear axle, in metres.
+        heading_rad: angle to the right of the recorded car's heading, in radians.
     """
 
     right_m: float = 0.0
@@ -54,18 +57,25 @@ class VirtualCar:
 
     @property
     def cte_m(self) -> float:
-        """Metres right of the recorded car's origin, which is between the axles."""
+        """Return the metres right of the recorded car's origin, which is between the axles."""
         return self.right_m + REAR_AXLE_M * math.sin(self.heading_rad)
 
     @property
     def lost(self) -> bool:
+        """Whether the heading error exceeds 45 degrees."""
         return abs(self.heading_rad) > LOST_RAD
 
     def step(self, steering: float, recorded_steering: float, metres: float, steps: int) -> None:
-        """Move on while the recorded car drives `metres`; steering -1..1, right positive.
+        """Move the car while the recorded car drives some metres.
 
-        The errors of a single-track model in the path's own coordinates (Rajamani, *Vehicle
-        Dynamics and Control*, 2012, ch. 2), by the midpoint rule.
+        The motion is that of the errors of a single-track model in coordinates of the path
+        (Rajamani, *Vehicle Dynamics and Control*, 2012, ch. 2), integrated by the midpoint rule.
+
+        Args:
+            steering: steering of the virtual car, -1..1, positive is right.
+            recorded_steering: steering of the recorded car, -1..1.
+            metres: distance that the recorded car drives.
+            steps: number of integration steps.
         """
         own, path = curvature(steering), curvature(recorded_steering)
         part = metres / steps
@@ -80,13 +90,13 @@ class VirtualCar:
 
     @staticmethod
     def _change(right: float, heading: float, own: float, path: float) -> tuple[float, float]:
-        """By how much both grow in a metre of the path."""
+        """Return the change of `right_m` and `heading_rad` per metre of the path."""
         inside = max(1 - path * right, 0.1)
         return inside * math.tan(heading), own * inside / math.cos(heading) - path
 
 
 def curvature(steering: float) -> float:
-    """1/m of the rear axle's path, right positive.
+    """Return the curvature of the rear axle's path in 1/m, positive to the right.
 
     >>> round(1 / curvature(1.0), 2)
     6.15
@@ -103,18 +113,19 @@ def replay(
 ) -> Drive:
     """Let a policy steer a virtual car along a recording, at the recorded speed.
 
-    It begins anew, on the path, where the recording has a pause or another one begins. Time goes
-    on from there as if there were none.
+    After a pause, and at the start of each further recording, the car is put on the path. Pauses
+    do not count as time.
 
     Args:
-        policy: frame uint8 [160, 320, 3] RGB and mph -> steering, and a throttle that is ignored.
-        recording: in the order it was driven.
-        margin_m: off the recorded path that counts as an intervention.
-        frame_rate: rows a second, for a recording whose image names carry no time.
-        show: is given every frame as the policy sees it, uint8 RGB, with its row.
+        policy: function of a frame, uint8 [160, 320, 3] RGB, and mph that returns the steering, and
+            a throttle, which is ignored.
+        recording: recording in the order in which it was driven.
+        margin_m: distance from the recorded path in metres above which an intervention begins.
+        frame_rate: rows per second, for a recording whose image names hold no time.
+        show: function called with every warped frame, uint8 [160, 320, 3] RGB, and its row.
 
     Raises:
-        InputError: a recording without times, or too short; an image that cannot be read.
+        InputError: the recording has no times or is too short, or an image cannot be read.
     """
     if not 0 < margin_m <= GREATEST_MARGIN_M:
         raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
@@ -122,8 +133,8 @@ def replay(
     driven_s = float(np.nansum(elapsed))
     if driven_s < SHORTEST_S:
         raise InputError(
-            f"{', '.join(recording.names)}: {driven_s:.1f} s of driving without a pause; "
-            f"a replay needs {SHORTEST_S:g} s, since an intervention counts for {INTERVENTION_S:g}"
+            f"{', '.join(recording.names)}: holds {driven_s:.1f} s of driving; name a recording of "
+            f"{SHORTEST_S:g} s or more, since each intervention counts as {INTERVENTION_S:g} s"
         )
     speed_mps = recording.speed_mph * MPS_PER_MPH
     rows: list[DriveRow] = []
@@ -182,10 +193,10 @@ def replay(
 
 
 def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np.ndarray:
-    """Seconds from each row to the next, float64 [N]; NaN where none follows without a pause.
+    """Return the seconds from each row to the next, float64 [N]; NaN before a pause and at the end.
 
     Raises:
-        InputError: the recording carries no times, and `frame_rate` is None.
+        InputError: the recording has no times, and `frame_rate` is None.
     """
     rows = len(recording)
     seconds = np.full(rows, np.nan)
@@ -194,15 +205,15 @@ def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np
         if len(unknown):
             name = Path(str(recording.images[unknown[0], 0])).name
             raise InputError(
-                f"{recording.place(unknown[0])}: {name} carries no time "
-                f"({len(unknown)} of {rows} rows); say frame_rate=15 if it was 15 rows a second"
+                f"{recording.place(unknown[0])}: {name} holds no time ({len(unknown)} of {rows} "
+                "rows); add frame_rate=15 if the recording has 15 rows per second"
             )
         seconds[:-1] = np.diff(recording.time_s)
     elif not 1 <= frame_rate <= 100:
         raise InputError(f"frame_rate={frame_rate:g}: must be in 1..100")
     else:
         seconds[:-1] = 1 / frame_rate
-        # Rows that were left out, as those with bad images are, tell by their lines.
+        # A gap in the line numbers shows rows that were left out, such as those with bad images.
         seconds[:-1][np.diff(recording.line) != 1] = np.nan
     other = np.diff(recording.recording) != 0
     seconds[:-1][other | ~(seconds[:-1] > 0) | (seconds[:-1] > GAP_S)] = np.nan
@@ -210,7 +221,7 @@ def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np
 
 
 class _Frames:
-    """A row's frames, decoded when asked for."""
+    """Frames of a row by camera, decoded at the first use."""
 
     def __init__(self, recording: Recording, row: int) -> None:
         self.recording, self.row = recording, row
@@ -229,7 +240,7 @@ class _Frames:
 
 
 class _Path:
-    """The recorded way as the steering tells it, for a plot: it drifts, but bends as the road."""
+    """Path of the recorded car, integrated from its steering; it drifts, but shows the bends."""
 
     def __init__(self) -> None:
         self.metres = self.x = self.y = self.heading = 0.0

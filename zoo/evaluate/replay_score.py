@@ -1,6 +1,6 @@
-"""`python -m zoo.replay CKPT RECORDING [margin=1 out=FOLDER]`: a score on any recording.
+"""The command `python -m zoo.replay CKPT RECORDING [margin=1 out=FOLDER]`.
 
-No simulator takes part: see `zoo.evaluate.recording_replay`.
+It scores a checkpoint on a recording, without a simulator: see `zoo.evaluate.recording_replay`.
 """
 
 import datetime
@@ -47,13 +47,13 @@ class ReplayOptions:
 def replay_recording(
     checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
 ) -> dict:
-    """Replay, print the table, and write `metrics.json`, the drive and its plot; returns figures.
+    """Replay a recording; print a table, write `metrics.json`, drive and plot, return the figures.
 
     Raises:
-        InputError: no such checkpoint or recording, one that cannot be replayed, a wrong option;
-            or, when all is written, a network that steered NaN.
+        InputError: the checkpoint or recording does not exist, the recording cannot be replayed, or
+            an option is wrong; or the network steered NaN, after all files are written.
     """
-    checkpoint = str(find_checkpoint(checkpoint))  # a wrong path is said before torch is imported
+    checkpoint = str(find_checkpoint(checkpoint))  # reports a wrong path before torch is imported
     with loading():
         import torch
 
@@ -67,7 +67,7 @@ def replay_recording(
 
         policy = load_policy(checkpoint)
         recording = read_recordings(recording_folder)
-    torch.set_num_threads(1)  # a picture at a time: more threads only wait for each other
+    torch.set_num_threads(1)  # one frame is too little work for two threads
     with _Shown(recording, options, console) as shown:
         drive = replay(policy, recording, options.margin, options.frame_rate, shown)
     figures = measure(drive)
@@ -93,18 +93,18 @@ def replay_recording(
 
 
 def keyboard_lines(recording: Recording) -> list[str]:
-    """Return a line for each recording whose path is no lane centre: a keyboard's."""
+    """Return a warning for each recording that was driven with a keyboard."""
     return [
-        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as a keyboard leaves it; "
-        "its path is no lane centre, so these figures say little about the network; score it on a "
-        "track instead: python -m zoo.evaluate CKPT track=lake"
+        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard; such "
+        "a path weaves around the lane's centre, so that these figures tell little about the "
+        "network; score it on a track: python -m zoo.evaluate CKPT track=lake"
         for one in report_recordings(recording)
         if one.zero_share > KEYBOARD_SHARE
     ]
 
 
 class _Shown:
-    """What is seen and left of a replay: a bar, the rows, and the frames if they are asked for."""
+    """Progress bar, rows and, if wanted, frames of a replay, passed as `show` to `replay`."""
 
     def __init__(self, recording: Recording, options: ReplayOptions, console: Console) -> None:
         now = datetime.datetime.now()
@@ -124,7 +124,7 @@ class _Shown:
         self.progress.stop()
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        if not self.rows:  # only now: a recording that cannot be replayed leaves no folder
+        if not self.rows:  # only now, so that a recording that cannot be replayed leaves no folder
             self._make_folder()
         if self.keep:
             name = f"{FRAMES}/{len(self.rows):06d}.jpg"
@@ -141,7 +141,7 @@ class _Shown:
 
 
 def command(arguments: list[str]) -> None:
-    """The command: a checkpoint's path, a recording's, then `key=value` options."""
+    """Run the command; the arguments are checkpoint, recording, then `key=value` options."""
     paths = ["CKPT", "RECORDING"]
     (checkpoint, recording), options = read_arguments(ReplayOptions, paths, arguments, USAGE)
     replay_recording(checkpoint, recording, options, Console(emoji=False))

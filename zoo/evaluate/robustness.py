@@ -1,4 +1,4 @@
-"""What a policy stands: one thing about the drive is changed at a time, step by step."""
+"""Robustness: drives with one perturbation at a time, over a range of values."""
 
 import difflib
 from collections.abc import Callable
@@ -15,13 +15,13 @@ from zoo.evaluate.many_drives import Setup
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One thing to change.
+    """One quantity of a setup that is varied.
 
     Attributes:
-        label: with its unit, for the figure.
-        values: in rising order.
-        apply: a setup, and a value -> the changed setup.
-        usual: a setup -> the value that it has already, which is swept, too.
+        label: name with unit, for the plot.
+        values: values in rising order.
+        apply: function of a setup and a value that returns the changed setup.
+        usual: function of a setup that returns its present value, which is driven, too.
     """
 
     label: str
@@ -60,7 +60,7 @@ def _of_camera(label: str, name: str, *values: float) -> Perturbation:
 
 
 def _weather(setup: Setup) -> Weather:
-    """The setup's; a random one is drawn here as the world would draw it."""
+    """Return the weather of a setup; `random` is drawn as the world draws it."""
     if isinstance(setup.weather, Weather):
         return setup.weather
     return random_weather(np.random.default_rng(setup.seed))
@@ -85,10 +85,12 @@ PERTURBATIONS = {
 
 
 def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
-    """Of `brightness,fog` or `all`, which leaves out what the throttle makes no difference to.
+    """Return the names in `brightness,fog`, or in `all`.
+
+    `all` leaves out `speed` if the network controls the throttle, since then no speed is held.
 
     Raises:
-        InputError: there is none of that name, or it would change nothing.
+        InputError: no perturbation has that name, or it would change nothing.
     """
     if text == "all":
         return [name for name in PERTURBATIONS if name != "speed" or throttle == "hold"]
@@ -99,14 +101,12 @@ def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(PERTURBATIONS)}"
             raise InputError(f"perturb={name}: {hint}")
         if name == "speed" and throttle != "hold":
-            raise InputError(
-                "perturb=speed: with its own throttle it holds none; try throttle=hold"
-            )
+            raise InputError("perturb=speed: throttle=network holds no speed; use throttle=hold")
     return names
 
 
 def sweeps(names: list[str], usual: Setup) -> dict[str, dict[float, Setup]]:
-    """The drives of each perturbation, by value in rising order; what is usual among them."""
+    """Return the setups of each perturbation by value in rising order, the usual value included."""
     found = {}
     for name in names:
         one = PERTURBATIONS[name]
@@ -116,8 +116,8 @@ def sweeps(names: list[str], usual: Setup) -> dict[str, dict[float, Setup]]:
 
 
 def sweep_table(results: dict[str, dict[float, dict]], usual: Setup) -> Table:
-    """A row for each perturbation: its values, and under each how it was driven."""
-    table = Table("perturbed", title="one thing changed at a time; * is usual")
+    """Return a table with a row for each perturbation: its values, and the figures of each."""
+    table = Table("perturbation", title="one quantity changed at a time; * is the usual value")
     for _ in range(max(map(len, results.values()))):
         table.add_column(justify="right")
     for name, by_value in results.items():

@@ -1,4 +1,4 @@
-"""A checkpoint's drives on some tracks, and what they come to: for `zoo.evaluate` and for runs."""
+"""Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
 import shutil
 from collections.abc import Sequence
@@ -18,12 +18,12 @@ from zoo.evaluate.many_drives import Setup, drive_all, expert_steering_per_s
 
 @dataclass(frozen=True)
 class TrackScores:
-    """What the drives came to.
+    """Figures of a checkpoint's drives.
 
     Attributes:
-        drives: the figures of each drive, track by track, seed by seed.
-        tracks: mean and spread of every figure over a track's drives, see `mean_and_spread`.
-        by_setup: the figures of each drive, those of the further setups among them.
+        drives: figures of each drive, in the order of tracks, then seeds.
+        tracks: mean and deviation over the drives of each track, see `mean_and_spread`.
+        by_setup: figures of each drive by its setup, the further setups included.
     """
 
     drives: list[dict]
@@ -38,15 +38,21 @@ def score_on_tracks(
     console: Console,
     more: Sequence[Setup] = (),
 ) -> TrackScores:
-    """Drive a checkpoint on every track with every seed, leaving each drive in
-    `folder/<track>-<seed>`; and the further setups, of which only the figures are kept.
+    """Drive a checkpoint on every track with every seed.
+
+    Args:
+        checkpoint: checkpoint file.
+        options: options of the drives.
+        folder: folder to write to, each drive into `folder/<track>-<seed>`.
+        console: console for progress and warnings.
+        more: further setups to drive, whose figures alone are kept.
 
     Raises:
-        InputError: the simulator cannot be opened, or a process was ended from outside.
+        InputError: the simulator cannot be opened, or a process was killed.
     """
     jobs = [(track, seed) for track in options.tracks for seed in range(options.seeds)]
     setups = [Setup.of(options, *job) for job in jobs]
-    # A drive that is asked for twice, as the usual one by several sweeps, is driven once.
+    # A setup that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [one for one in dict.fromkeys(more) if one not in setups]
     places = [folder / f"{Path(track).stem}-{seed}" for track, seed in jobs]
     found = drive_all(
@@ -58,7 +64,7 @@ def score_on_tracks(
     tracks = {}
     for track in options.tracks:
         own = [one for one in setups if one.track == track]
-        with working("driving the expert, to compare with", console):
+        with working("driving the expert for comparison", console):
             expert = expert_steering_per_s(own[0])
         tracks[by_setup[own[0]]["track"]] = mean_and_spread([by_setup[one] for one in own]) | {
             "expert_steering_per_s": (expert, None)
@@ -68,20 +74,20 @@ def score_on_tracks(
 
 @dataclass(frozen=True)
 class RunScore(EvaluateOptions):
-    """The options of a run's `score`: those of an evaluation, and the choice before it.
+    """Options of a run's `score`: those of an evaluation, and of the choice of `best.ckpt`.
 
     Args:
-        candidate_laps: laps that each candidate for `best.ckpt` is driven; 0 drives none.
+        candidate_laps: laps driven with each candidate for `best.ckpt`; 0 drives none.
     """
 
     candidate_laps: float = 1.0
 
 
 def run_options(score: DictConfig | None) -> RunScore | None:
-    """Read the options of a run's `score`, checked before it trains; None for `score=none`.
+    """Read and check the options of a run's `score`; None for `score=none`.
 
     Raises:
-        InputError: a key that is none, or an option that cannot be.
+        InputError: a key is unknown, or a value is out of range.
     """
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
@@ -89,7 +95,7 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     known = {field.name for field in fields(RunScore)} - {"out", "perturb"}
     unknown = sorted(set(settings) - known)
     if unknown:
-        raise InputError(f"score.{unknown[0]}: no such key; there are {', '.join(sorted(known))}")
+        raise InputError(f"score.{unknown[0]}: no such key; use one of {', '.join(sorted(known))}")
     if not isinstance(settings.get("track", ""), str):
         settings["track"] = ",".join(settings["track"])
     options = RunScore(**settings)
@@ -98,23 +104,35 @@ def run_options(score: DictConfig | None) -> RunScore | None:
         if not 0 <= options.candidate_laps <= 1000:
             raise InputError(f"candidate_laps={options.candidate_laps:g}: must be in 0..1000")
     except TypeError:
-        raise InputError("score: a number is not one; look at conf/score/lake.yaml") from None
+        raise InputError(
+            "score: a value that must be a number is none; see conf/score/lake.yaml"
+        ) from None
     except InputError as error:
         raise InputError(f"score: {error}") from None
     return options
 
 
 def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -> dict | None:
-    """For a run's `metrics.json`: how its best checkpoint drives, or its last; drives are left in
-    `folder/drives`. None where it is not to be driven, or cannot be, which is said."""
+    """Drive a run's best checkpoint, or its last one, and return the figures for `metrics.json`.
+
+    The drives are written to `folder/drives`.
+
+    Args:
+        options: options of the drives; None drives nothing.
+        folder: folder of the run.
+        console: console for progress, figures and the reason why nothing was driven.
+
+    Returns:
+        The figures; None if nothing was driven.
+    """
     if options is None:
         return None
     best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
     drives = folder / "drives"
-    shutil.rmtree(drives, ignore_errors=True)  # of before the run was resumed
+    shutil.rmtree(drives, ignore_errors=True)  # from before the run was resumed
     try:
         found = score_on_tracks(str(best if best.is_file() else last), options, drives, console)
-    except InputError as error:  # a training of hours is not lost for a library that is missing
+    except InputError as error:  # a missing library must not fail a training of hours
         console.print(f"not driven: {error}", highlight=False, markup=False)
         return None
     for track, figures in found.tracks.items():
@@ -135,7 +153,7 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
 
 
 def how_well(figures: dict) -> str:
-    """Return the figures of a track's drives in words, from `mean_and_spread`."""
+    """Return the figures of a track's drives, from `mean_and_spread`, in words."""
     count = figures["drives"]
     autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
     lost = with_deviation(figures["interventions"], "{:.3g}", count)

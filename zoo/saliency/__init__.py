@@ -1,1 +1,1 @@
-"""What a network looks at; `python -m zoo.saliency` draws it."""
+"""Saliency: the pixels that move a network's steering; `python -m zoo.saliency` draws them."""

@@ -1,4 +1,4 @@
-"""What a network looks at, after VisualBackProp: Bojarski et al., 2016, arXiv:1611.05418."""
+"""Saliency maps by VisualBackProp, Bojarski et al. 2016, arXiv:1611.05418."""
 
 import copy
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
 
 POOLS = (nn.MaxPool2d, nn.AvgPool2d)
-COPIES, NOISE = 16, 0.1  # of SmoothGrad: pictures averaged, deviation as a share of 0..255
+COPIES, NOISE = 16, 0.1  # SmoothGrad's number of noisy copies, and their deviation in parts of 255
 GREEN = (60, 255, 90)
 
 
 @dataclass(frozen=True)
 class Stage:
-    """What one layer did: the height and width that went in, and what came out, [1, C, H, W]."""
+    """A layer's call: height and width of its input, and its output, [1, C, H, W]."""
 
     layer: nn.Module
     size: tuple[int, int]
@@ -30,39 +30,39 @@ class Stage:
 
 
 class Saliency:
-    """Where in a frame the evidence for the steering is, for any network of the zoo.
+    """Saliency map of a frame: how much each pixel moves the steering of a network.
 
-    VisualBackProp averages what each convolution lets through its ReLU over the channels, and
-    multiplies these maps down from the deepest, each enlarged by the kernel and stride of the
-    layers between. With ELU, what is let through is no measure: on the lake it lit up bushes and
-    sky, while greying out road edges was what changed the steering. So here each feature counts by
-    how far it is from its mean over the picture times the gradient of the steering by it, and the
-    root of the product is shown. `python benchmarks/saliency.py CKPT RECORDING` holds both against
-    greying out: rank correlations of 0.66 here and 0.22 as published, for a PilotNet.
+    VisualBackProp averages the ReLU output of each convolution over its channels. From the deepest
+    layer upwards it multiplies these maps, each enlarged by the kernel and stride of the layers
+    between. This fails with ELU: on the lake it marked bushes and sky, although greying out the
+    road's edges changed the steering. Here, a feature therefore counts by the absolute value of
+    (feature - its mean over the image) * (gradient of the steering by the feature), and the root of
+    the product is shown. The rank correlation with greying out patches is 0.66 for a PilotNet, and
+    0.22 for VisualBackProp as published (`python benchmarks/saliency.py CKPT RECORDING`).
 
-    A network without `nn.Conv2d` (`tiny`, whose rows are channels) has no such maps. There it is
-    the gradient times the picture's deviation from its mean, averaged over noisy copies
-    (SmoothGrad: Smilkov et al., 2017, arXiv:1706.03825).
+    A network without `nn.Conv2d`, such as `tiny`, has no such maps. Its saliency is the gradient
+    times the image's deviation from its mean, averaged over noisy copies (SmoothGrad, Smilkov et
+    al. 2017, arXiv:1706.03825).
 
     Args:
-        policy: whose view and network are looked through.
-        published: VisualBackProp to the letter, which costs no backward pass.
+        policy: policy whose view and network are used.
+        published: whether to compute VisualBackProp as published, without a backward pass.
 
     Raises:
-        InputError: the policy is an ONNX file's.
+        InputError: the policy is an ONNX file.
 
     >>> where = Saliency(policy)(frame, 9.0)  # doctest: +SKIP
-    >>> picture = overlay(frame, where)  # doctest: +SKIP
+    >>> image = overlay(frame, where)  # doctest: +SKIP
     """
 
     def __init__(self, policy: Policy, published: bool = False) -> None:
         if isinstance(policy, OnnxPolicy):
             raise InputError(
-                f"{policy.path}: is ONNX, which cannot be looked through; it drives all the same, "
-                "and the checkpoint that it was made of can"
+                f"{policy.path}: saliency needs gradients, which an ONNX file does not have; use "
+                "the checkpoint that it was exported from"
             )
         self.view, self.published = policy.view, published
-        # A copy: its hooks must neither slow the driving down nor hear of it from another thread.
+        # A copy, since hooks would slow the driving down, and record it from another thread.
         self.network = copy.deepcopy(policy.network).eval()
         self.stages: list[Stage] = []
         layers = [one for one in self.network.modules() if isinstance(one, (nn.Conv2d, *POOLS))]
@@ -71,8 +71,12 @@ class Saliency:
             layer.register_forward_hook(self._note)
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> np.ndarray:
-        """Frame uint8 [160, 320, 3] RGB and mph -> float32 [160, 320] in 0..1, in the frame's own
-        pixels: what the view crops off is 0."""
+        """Return the saliency of each pixel, float32 [160, 320] in 0..1; 0 where the view crops.
+
+        Args:
+            frame: camera frame, uint8 [160, 320, 3] RGB.
+            speed_mph: speed of the car.
+        """
         nothing = np.zeros(1)
         batch = make_batch(self.view(frame)[None], nothing, nothing, np.array([speed_mph]))
         find = self._visual_back_prop if self.has_maps else self._smooth_gradient
@@ -91,7 +95,7 @@ class Saliency:
         for stage, gradient in zip(reversed(stages), reversed(gradients), strict=True):
             if isinstance(stage.layer, nn.Conv2d):
                 where = where * feature_map(stage.features.detach(), gradient)
-                # The scale is of no account, and a product of many maps would leave float's range.
+                # Normalize each product: the scale does not matter, and many maps could overflow.
                 where, maps = where / where.max().clamp(min=1e-30), maps + 1
             where = enlarge(where, stage.layer, stage.size, even=not self.published)
         return where[0, 0] if self.published else where[0, 0] ** (1 / maps)
@@ -119,7 +123,7 @@ class Saliency:
 
 
 def feature_map(features: Tensor, gradient: Tensor | None) -> Tensor:
-    """A convolution's `[1, C, H, W]`, before its activation, as one map `[1, 1, H, W]`."""
+    """Return a convolution's output before its activation, [1, C, H, W], as a map [1, 1, H, W]."""
     if gradient is None:
         return features.relu().mean(1, keepdim=True)
     deviation = features - features.mean((2, 3), keepdim=True)
@@ -127,11 +131,14 @@ def feature_map(features: Tensor, gradient: Tensor | None) -> Tensor:
 
 
 def enlarge(where: Tensor, layer: nn.Module, size: tuple[int, int], even: bool = False) -> Tensor:
-    """A map `[1, 1, h, w]` of the output of a convolution or a pooling as one of its input, of
-    `size` (height, width): a transposed convolution of ones.
+    """Return a map of a layer's input from a map of its output, by a transposed convolution.
 
-    `even` divides by how many outputs see a pixel: without, as published, a kernel of 5 on a stride
-    of 2 draws a chequerboard, and the rim fades.
+    Args:
+        where: map of the output, [1, 1, h, w].
+        layer: convolution or pooling.
+        size: height and width of the layer's input.
+        even: whether to divide by the number of outputs that see a pixel. Without it, as published,
+            a kernel of 5 with a stride of 2 draws a chequerboard and fades at the border.
     """
     kernel, stride, padding = (
         (value, value) if isinstance(value, int) else value
@@ -142,17 +149,23 @@ def enlarge(where: Tensor, layer: nn.Module, size: tuple[int, int], even: bool =
     if even:
         seen_by = F.conv_transpose2d(torch.ones_like(where), ones, stride=stride)
         spread = spread / seen_by.clamp(min=1)
-    # A layer that pads its input by itself says 0: the excess is that, its end has the odd row.
+    # A layer that pads its own input reports a padding of 0. Its padding is the excess, whose odd
+    # row is at the end.
     skipped = [
         pad or max(have - want, 0) // 2
         for pad, have, want in zip(padding, spread.shape[2:], size, strict=True)
     ]
     spread = spread[..., skipped[0] :, skipped[1] :][..., : size[0], : size[1]]
-    # Pixels that no output sees, at the end where the stride does not fit.
+    # Pad the pixels at the end that no output sees, where the stride does not fit.
     return F.pad(spread, (0, size[1] - spread.shape[3], 0, size[0] - spread.shape[2]))
 
 
 def overlay(frame: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """A frame uint8 [160, 320, 3] RGB with what matters in green; `where` float [160, 320] 0..1."""
-    share = 0.9 * where.clip(0, 1)[..., None] ** 2  # small values are many and say little
+    """Return a frame with its saliency in green.
+
+    Args:
+        frame: camera frame, uint8 [160, 320, 3] RGB.
+        where: saliency, float [160, 320] in 0..1.
+    """
+    share = 0.9 * where.clip(0, 1)[..., None] ** 2  # the square hides many small values
     return (frame * (1 - share) + np.array(GREEN) * share).astype(np.uint8)

@@ -1,1 +1,1 @@
-"""The verdict on a network, in the terminal, in `metrics.json` and on top of the report."""
+"""The verdict on a network, for the terminal, `metrics.json` and the report."""

@@ -1,38 +1,39 @@
-"""Likely causes of a network that does not drive, each with a command against it."""
+"""Likely causes why a network does not drive, each with a command that may remove it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from zoo.verdict.evidence import Evidence
 
-# Below these a network rarely drives: docs/offline_metrics.md, docs/first_try.md.
-STEERS_BACK = 0.08
+# Below these values a network rarely drives: docs/offline_metrics.md, docs/first_try.md.
+STEERS_BACK = 0.08  # recovery response
 ENOUGH_SAMPLES = 50_000
-SMALL = 1_000  # parameters of a network that learns from fewer samples
+SMALL = 1_000  # a network with fewer parameters needs fewer samples
 ROBUST = ("brightness", "shadow", "shift")
-BONNET_ROWS = 20  # at the bottom of a frame
+BONNET_ROWS = 20  # rows of the car's bonnet at the bottom of a frame
 MOST_CAUSES = 3
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A likely reason why a network does not drive, and the command that tries to remove it."""
+    """A likely reason why a network does not drive, and a command that may remove it."""
 
     text: str
     command: str | None = None
 
 
 def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
-    """Return the likeliest causes first, three at most.
+    """Return at most three causes, the likeliest first.
 
     Args:
-        tracks: names of those that the network does not drive.
+        evidence: config and metrics of the network.
+        tracks: names of the tracks that the network does not drive.
     """
     found = []
     for rule in RULES:
         try:
             cause = rule(evidence, tracks)
-        # A stranger's config and metrics may hold anything; no verdict fails for a cause.
+        # Config and metrics of other programs may hold anything; the verdict must not fail.
         except (TypeError, ValueError, KeyError, IndexError, AttributeError):
             continue
         found += [cause] if cause else []
@@ -42,10 +43,10 @@ def likely_causes(evidence: Evidence, tracks: Sequence[str]) -> list[Cause]:
 def _imported(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     if evidence.at("model.weights") is None or evidence.at("trainer.max_epochs") != 0:
         return None
-    seen = f"colour {evidence.at('model.colour')}, crop {evidence.at('data.crop')}"
     return Cause(
-        f"Its weights were trained elsewhere: it may have seen other images than {seen} gives "
-        "(model.colour, data.crop), or pixels of another scale."
+        "Its weights were trained elsewhere, perhaps on other images than "
+        f"model.colour={evidence.at('model.colour')} and data.crop={evidence.at('data.crop')} "
+        "produce, or on pixels of another scale."
     )
 
 
@@ -55,16 +56,17 @@ def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     known = [float(one) for one in values if isinstance(one, int | float)]
     if not known or known[-1] >= STEERS_BACK:
         return None
-    said = (
-        f"It hardly steers back to the middle: response to the side cameras {known[-1]:+.3f}; "
-        "networks that drive have 0.2 and more."
+    text = (
+        "It hardly steers back to the centre of the lane: its recovery response to the side "
+        f"cameras is {known[-1]:+.3f}; networks that drive have 0.2 or more."
     )
     if list(evidence.at("data.cameras", [])) == ["center"]:
         every = "[center,left,right]"
         return Cause(
-            f"{said} It was trained on the centre camera.", evidence.again(data__cameras=every)
+            f"{text} It was trained on the centre camera alone.",
+            evidence.again({"data.cameras": every}),
         )
-    return Cause(said, evidence.again({"quick": None, "data.offset": "0.3"}))
+    return Cause(text, evidence.again({"quick": None, "data.offset": "0.3"}))
 
 
 def _quick(evidence: Evidence, _: Sequence[str]) -> Cause | None:
@@ -72,7 +74,7 @@ def _quick(evidence: Evidence, _: Sequence[str]) -> Cause | None:
         return None
     samples = evidence.number("train_samples")
     count = f" ({samples:,.0f} samples)" if samples else ""
-    text = f"quick=true is a first try{count}, not the whole recipe."
+    text = f"It was trained with quick=true{count}, which shortens the training."
     return Cause(text, evidence.again({"quick": None}))
 
 
@@ -85,7 +87,9 @@ def _few_samples(evidence: Evidence, _: Sequence[str]) -> Cause | None:
         return None
     needed = int(-(-ENOUGH_SAMPLES * epochs // samples))
     more = evidence.again({"trainer.max_epochs": str(needed), "callbacks": "published"})
-    return Cause(f"It trained on {samples:,.0f} samples: a network of its size needs more.", more)
+    return Cause(
+        f"It was trained on {samples:,.0f} samples; a network of its size needs more.", more
+    )
 
 
 def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
@@ -107,7 +111,7 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
         return None
     names = " and ".join(unseen)
     return Cause(
-        f"No image of the {names} was among its training images; augment=[brightness,bend] helps.",
+        f"Its training images show no part of the {names}; augment=[brightness,bend] helps.",
         evidence.again({"augment": "[brightness,bend]"}),
     )
 
@@ -118,7 +122,7 @@ def _bonnet(evidence: Evidence, _: Sequence[str]) -> Cause | None:
         return None
     better = f"[{crop[0]},25]"
     return Cause(
-        f"data.crop=[{crop[0]},{crop[1]}] leaves the car's bonnet in the image, which never moves.",
+        f"data.crop=[{crop[0]},{crop[1]}] keeps the bonnet in the image, which never changes.",
         evidence.again({"data.crop": better}),
     )
 

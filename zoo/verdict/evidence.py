@@ -1,4 +1,4 @@
-"""What is known of a network beside its drives, and the commands that train it again."""
+"""Evidence on a network besides its drives, and the commands that train it again."""
 
 import re
 import shlex
@@ -15,14 +15,14 @@ FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known of a network beside its drives.
+    """Evidence on a network besides its drives.
 
     Attributes:
-        checkpoint: how to name it in a command: its path, or its run's folder; None where there is
-            none to drive with.
-        config: the experiment's, of the checkpoint; another program's may hold anything.
-        metrics: its run's `metrics.json`; empty where there is none.
-        overrides: what was typed after `python -m zoo`; None where that is not known.
+        checkpoint: path of the checkpoint, or of its run's folder, as commands take it; None
+            without a checkpoint.
+        config: config of the experiment from the checkpoint; another program's may hold anything.
+        metrics: content of the run's `metrics.json`; empty without one.
+        overrides: arguments of `python -m zoo` that started the run; None if unknown.
     """
 
     checkpoint: str | None
@@ -44,18 +44,27 @@ class Evidence:
         return otherwise if found is None else found
 
     def number(self, key: str) -> float | None:
-        """Return a figure of `metrics.json`; None where it holds no such number."""
+        """Return a number of `metrics.json`; None if it holds no such number."""
         found = self.metrics.get(key)
         return float(found) if isinstance(found, int | float) else None
 
     def again(self, changed: Mapping[str, str | None]) -> str | None:
-        """Return the command that trained it with keys changed or (None) taken out; None where the
-        command is not known."""
+        """Return the command that trained the network, with keys changed.
+
+        Args:
+            changed: new value of each key; None removes the key.
+
+        Returns:
+            The command; None if the original command is unknown.
+        """
         return None if self.overrides is None else training_command(self.overrides, changed)
 
     def first_try(self) -> str | None:
-        """Return the command of the first try on the same recording; None where the recording is
-        not known, or it was the first try."""
+        """Return the command of `experiment=first_try` on the same recording.
+
+        Returns:
+            The command; None if the recording is unknown, or the network is a first try.
+        """
         if self.overrides is None or FIRST_TRY in self.overrides:
             return None
         kept = [one for one in self.overrides if one.startswith(("data.root=", "data.images="))]
@@ -63,7 +72,7 @@ class Evidence:
 
 
 def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:
-    """Read what the run of a checkpoint left beside it, as far as it can be read."""
+    """Read the evidence from the run's folder of a checkpoint; skip what cannot be read."""
     folder = Path(checkpoint).parent.parent
     metrics = read_metrics(folder)
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
@@ -72,14 +81,14 @@ def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:
 
 
 def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
-    """Return the evidence on a run's own best checkpoint, or on its last."""
+    """Return the evidence on the best checkpoint of a run, or on its last one."""
     kept = any((folder / "checkpoints" / name).is_file() for name in ("best.ckpt", "last.ckpt"))
     name = short_name(folder) if kept else None
     return Evidence(name, config, metrics, read_overrides(folder))
 
 
 def read_overrides(folder: Path) -> tuple[str, ...] | None:
-    """Return what was typed to start a run; None where that is not known."""
+    """Return the overrides that started a run; None if unknown."""
     from zoo.runs.config_files import read_overrides_file
 
     try:
@@ -89,12 +98,12 @@ def read_overrides(folder: Path) -> tuple[str, ...] | None:
 
 
 def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]) -> str:
-    """Return `python -m zoo ...` for the shell, with some keys changed or (None) taken out.
+    """Return `python -m zoo ...` for the shell, with keys changed, or removed by None.
 
     >>> training_command(["experiment=lenet", "quick=true"], {"quick": None, "seed": "2"})
     'python -m zoo experiment=lenet seed=2'
     """
-    # Paths were quoted for Hydra on the way in; one of plain letters needs no quotes.
+    # The overrides are quoted for Hydra; a path of plain letters needs no quotes.
     typed = [re.sub(r"='([\w./-]+)'$", r"=\1", one) for one in overrides]
     kept = [one for one in typed if one.partition("=")[0].lstrip("+~") not in changed]
     kept += [f"{key}={value}" for key, value in changed.items() if value is not None]

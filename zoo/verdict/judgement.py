@@ -1,4 +1,4 @@
-"""The verdict on a network: does it drive, how sure is that, why not, and what to type next."""
+"""The verdict on a network: whether it drives, how certain that is, causes, next commands."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -20,21 +20,21 @@ HEADLINES = {
     UNKNOWN: "Not known whether it drives.",
 }
 COLOURS = {DRIVES: "green", ALMOST: "yellow", FAILS: "red", UNKNOWN: "yellow"}
-NEARLY = 0.9  # autonomy
-WHOLE_LAP = 0.95  # a drive ends within a frame of its last lap
+NEARLY = 0.9  # least autonomy of a network that nearly drives
+WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the drives of a network show.
+    """Conclusion from the drives of a network.
 
     Attributes:
         level: `drives`, `almost`, `fails` or `unknown`.
-        headline: the level in a sentence.
-        tracks: a line for each track.
-        certainty: how much the drives can show.
+        headline: sentence that names the level.
+        tracks: line of figures for each track.
+        certainty: sentence with the number of drives and its confidence interval.
         causes: likely reasons, the likeliest first; empty for a network that drives.
-        commands: what to type next, each with what it is for.
+        commands: pairs of a purpose and the next command to type.
     """
 
     level: str
@@ -54,7 +54,7 @@ def judge(drives: Sequence[Mapping], evidence: Evidence) -> Verdict:
 
     Args:
         drives: figures of each drive: `track`, `autonomy`, `interventions`, `laps`.
-        evidence: what else is known, for the causes and the commands.
+        evidence: config, metrics and command of the network, for causes and commands.
     """
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
@@ -73,7 +73,7 @@ def judge(drives: Sequence[Mapping], evidence: Evidence) -> Verdict:
 
 
 def print_verdict(verdict: Verdict, console: Console) -> None:
-    """Print a coloured box, and below it the commands, which a narrow terminal must not break."""
+    """Print a coloured box, and below it the commands, unbroken also in a narrow terminal."""
     lines = [*verdict.tracks, verdict.certainty]
     if verdict.causes:
         lines += ["", "Likely cause:" if len(verdict.causes) == 1 else "Likely causes:"]
@@ -116,7 +116,7 @@ def _track_line(track: str, drives: Sequence[Mapping]) -> str:
 
 def _certainty(drives: Sequence[Mapping]) -> str:
     if not drives:
-        return "It was not driven: open-loop figures do not say whether a car stays on the road."
+        return "It was not driven: open-loop figures do not show whether a car stays on the road."
     clean = sum(one["interventions"] == 0 for one in drives)
     starts = len({one.get("seed") for one in drives})
     seeds = f"{starts} start seed{'' if starts == 1 else 's'}, one training"
@@ -126,19 +126,19 @@ def _certainty(drives: Sequence[Mapping]) -> str:
 def _commands(
     level: str, evidence: Evidence, causes: Sequence[Cause], tracks: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Return what to type next, each with what it is for; the first is what to try first."""
+    """Return pairs of a purpose and a command; the first is the one to try first."""
     fails = level in (ALMOST, FAILS)
-    found = [("train better", cause.command) for cause in causes if cause.command][:1]
+    found = [("train again", cause.command) for cause in causes if cause.command][:1]
     if level == FAILS and (first_try := evidence.first_try()):
-        found.append(("or try what drove with other recordings", first_try))
+        found.append(("or train by a recipe that drove with other recordings", first_try))
     if evidence.checkpoint is None:
         return found
     path, track = shlex.quote(evidence.checkpoint), shlex.quote(tracks[0] if tracks else "lake")
     if fails:
         correct = f"python -m zoo.correct {path} track={track}"
         return [*found, ("or let the expert correct it", correct)]
-    question = "drive it" if level == UNKNOWN else "how sure is that"
-    found.append((question, f"python -m zoo.evaluate {path} track={track} seeds=5"))
+    purpose = "drive it" if level == UNKNOWN else "drive it from more starts"
+    found.append((purpose, f"python -m zoo.evaluate {path} track={track} seeds=5"))
     if level == DRIVES:
         found.append(("watch it drive", f"python -m zoo.drive {path} drive.sim={track}"))
     return found

@@ -1,4 +1,4 @@
-"""Headless Chromium, led over its DevTools protocol."""
+"""Headless Chromium, controlled over its DevTools protocol."""
 
 import base64
 import json
@@ -97,7 +97,7 @@ class Browser:
         )
 
     def wait_for(self, script: str, seconds: float = 15) -> object:
-        """The value of a script once it is true."""
+        """Wait until a script's value is true; return it."""
         ends = time.monotonic() + seconds
         while not (value := self.value(script)):
             assert time.monotonic() < ends, f"not within {seconds} s: {script}; {self.errors}"
@@ -105,7 +105,7 @@ class Browser:
         return value
 
     def click(self, selector: str) -> None:
-        """Press the mouse where an element is, as a person does."""
+        """Click at the position of an element, as a user does."""
         script = f"""(() => {{
             const box = document.querySelector({json.dumps(selector)}).getBoundingClientRect();
             return [box.x + box.width / 2, box.y + box.height / 2];

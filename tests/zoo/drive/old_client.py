@@ -51,7 +51,7 @@ class OldClient:
         self.socket.close()
 
     def send(self, packet: str | bytes) -> None:
-        """An Engine.IO packet, in fragments of their own writes."""
+        """Send an Engine.IO packet in fragments, each by its own write."""
         data = packet.encode() if isinstance(packet, str) else packet
         starts = range(0, max(len(data), 1), FRAGMENT)
         for start in starts:
@@ -76,7 +76,7 @@ class OldClient:
         self.send("42" + json.dumps([name, *arguments]))
 
     def telemetry(self, **values: object) -> None:
-        """One message, as from a car that stands; see `telemetry`."""
+        """Send one telemetry message of a standing car; see `telemetry`."""
         self.emit("telemetry", telemetry(**values))
 
     def packet(self, timeout_s: float | None = None) -> str:
@@ -97,7 +97,7 @@ class OldClient:
             self.send("3")
 
     def reply(self, timeout_s: float | None = None) -> tuple[str, object]:
-        """The next event and its only argument; other packets are skipped."""
+        """Return the next event and its only argument; skip other packets."""
         while True:
             packet = self.packet(timeout_s)
             if packet.startswith("42"):
@@ -106,7 +106,7 @@ class OldClient:
                 return name, arguments[0]
 
     def silent_for(self, seconds: float) -> bool:
-        """Whether no event comes for so long."""
+        """Return whether no event arrives for some seconds."""
         end_s, usual = time.perf_counter() + seconds, self.socket.gettimeout()
         try:
             while (left_s := end_s - time.perf_counter()) > 0:
@@ -139,7 +139,7 @@ class OldClient:
 
 
 def telemetry(jpeg: bytes = b"", decimal: str = ".", **values: object) -> dict:
-    """The argument of a telemetry event; `values` replace its own, None takes one out."""
+    """Return the argument of a telemetry event; `values` replace its own, None removes one."""
     numbers = {"steering_angle": "0.0000", "throttle": "0.0000", "speed": "0.0000"}
     message = {name: text.replace(".", decimal) for name, text in numbers.items()}
     message["image"] = base64.b64encode(jpeg).decode()

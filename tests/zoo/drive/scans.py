@@ -1,4 +1,4 @@
-"""Progressive JPEGs of as many scans as a test wants."""
+"""Progressive JPEGs with a given number of scans."""
 
 import io
 

@@ -1,8 +1,7 @@
-"""`python -m tests.zoo.drive.serve FOLDER [PATIENCE_S]`: the driver, in a process of its own.
+"""`python -m tests.zoo.drive.serve FOLDER [PATIENCE_S]`: a driver as a process for tests.
 
-Its policy needs no torch: it steers by how red the picture is, and fails on purpose.
-
-At its end it prints how much it holds for its clients; see `Served.held`.
+Its policy needs no torch: it steers by the image's redness, and fails for two colours. At the end
+it prints the number of sessions and tasks that it holds for clients; see `Served.held`.
 """
 
 import contextlib
@@ -18,11 +17,11 @@ import numpy as np
 
 from tests.zoo.commands import ROOT, environment
 
-WHITE, BLACK = (255, 255, 255), (0, 0, 0)  # on which it is NaN, and raises
+WHITE, BLACK = (255, 255, 255), (0, 0, 0)  # colours for which the policy returns NaN, and raises
 
 
 def red_policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
-    """Steers by the mean of the red channel, 0..1."""
+    """Return the mean of the red channel, 0..1, as steering."""
     if frame.mean() > 250:
         return float("nan"), None
     if frame.mean() < 5:
@@ -33,13 +32,13 @@ def red_policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
 def picture(
     colour: tuple[int, int, int], width: int = 320, height: int = 160, kind: str = ".jpg"
 ) -> bytes:
-    """A picture of one RGB colour, in the bytes of a file."""
+    """Return the encoded image of one RGB colour."""
     pixels = np.full((height, width, 3), colour[::-1], np.uint8)
     return cv2.imencode(kind, pixels)[1].tobytes()
 
 
 class Served:
-    """A driver's process; `lines` is what it said up to `stop`."""
+    """A driver's process; `lines` holds what it printed until `stop`."""
 
     def __init__(self, process: subprocess.Popen, folder: Path) -> None:
         self.process, self.folder = process, folder
@@ -54,13 +53,13 @@ class Served:
         raise AssertionError(f"it did not start: {self.lines}")
 
     def held(self) -> tuple[int, int]:
-        """Stop it, and return the sessions and the tasks that it held for clients before."""
+        """Stop the driver; return the numbers of sessions and tasks that it held for clients."""
         assert self.stop() == 0
         (line,) = (line for line in self.lines if line.startswith("holds "))
         return int(line.split()[1]), int(line.split()[4])
 
     def stop(self) -> int:
-        """End it as Ctrl-C does; its exit status."""
+        """End the driver as Ctrl-C does; return its exit status."""
         if self.process.returncode is None:
             self.process.send_signal(signal.SIGINT)
             self.lines += self.process.communicate(timeout=20)[0].splitlines()
@@ -69,7 +68,7 @@ class Served:
 
 @contextlib.contextmanager
 def served(folder: Path, *command: str) -> Iterator[Served]:
-    """A process that serves: this module's, or another command (a module and its arguments)."""
+    """Yield a serving process: this module's, or another command (a module and its arguments)."""
     process = subprocess.Popen(
         [sys.executable, "-m", *(command or ("tests.zoo.drive.serve", str(folder)))],
         stdout=subprocess.PIPE,
@@ -95,7 +94,7 @@ def main(folder: str, patience_s: str | None = None) -> None:
 
     from zoo.drive import connections, polling_sessions
     from zoo.drive.__main__ import StopOnSignal
-    from zoo.drive.drive_writer import Scribe
+    from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
     from zoo.drive.notices import Notices
     from zoo.drive.server import DriveServer, listen
@@ -103,13 +102,13 @@ def main(folder: str, patience_s: str | None = None) -> None:
     from zoo.drives.steering_filter import SteeringFilter
 
     stop, notices = StopOnSignal(), Notices()
-    scribe = Scribe(Path(folder), notices)
-    driver = Driver(red_policy, Constant(0.2), SteeringFilter(), scribe, notices, record=True)
+    writer = BackgroundWriter(Path(folder), notices)
+    driver = Driver(red_policy, Constant(0.2), SteeringFilter(), writer, notices, record=True)
     server = DriveServer(driver, listen("127.0.0.1", 0))
-    tell = f"listening on http://127.0.0.1:{server.port}"
+    line = f"listening on http://127.0.0.1:{server.port}"
     if patience_s is not None:
         connections.HEAD_S = connections.QUIET_S = polling_sessions.QUIET_S = float(patience_s)
-    server.serve(lambda: notices.tell(tell), lambda: stop.asked)
+    server.serve(lambda: notices.print(line), lambda: stop.asked)
     gc.collect()
     tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())
     sessions = sum(isinstance(one, Socket) for one in gc.get_objects())

@@ -1,4 +1,4 @@
-"""Whatever comes in, each telemetry gets its reply, and the driver goes on."""
+"""Each telemetry gets its reply whatever clients send, and the driver keeps running."""
 
 import base64
 import contextlib
@@ -188,13 +188,13 @@ def test_a_full_disk_is_said_once_and_driving_goes_on(tmp_path: Path) -> None:
             client.telemetry(jpeg=GOOD)
             client.reply()
             time.sleep(0.3)
-            # No file may grow any more, as on a full disk.
+            # No file may grow, as on a full disk.
             resource.prlimit(process.process.pid, resource.RLIMIT_FSIZE, (0, -1))
             for shade in range(20, 60):
                 client.telemetry(jpeg=picture((shade, 0, 0)))
                 assert client.reply()[0] == "steer"
         assert process.stop() == 0
-    said = [line for line in process.lines if "driving goes on: " in line]
+    said = [line for line in process.lines if "driving continues: " in line]
     assert len(said) == 1, process.lines
     assert len((tmp_path / "drive" / "driving_log.csv").read_text().splitlines()) == 1
     assert len(list((tmp_path / "drive" / "IMG").iterdir())) == 1

@@ -1,4 +1,4 @@
-"""`python -m zoo.drive`, as a person starts and ends it."""
+"""`python -m zoo.drive`, as users start and end it."""
 
 import json
 import os
@@ -29,7 +29,7 @@ from zoo.evaluate.many_drives import speed_controller
 
 @pytest.fixture(scope="module")
 def checkpoint(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A checkpoint under a name of which Hydra would understand nothing."""
+    """Return a checkpoint whose name Hydra cannot parse."""
     folder = tmp_path_factory.mktemp("lr=0.1, [a] 'run'")
     return Path(shutil.copy(run_folder / "checkpoints" / "best.ckpt", folder / "best=1 (2).ckpt"))
 
@@ -55,8 +55,8 @@ def test_a_drive_from_start_to_end(checkpoint: Path, recorded: Written, tmp_path
                 assert client.reply() == ("manual", {})
         assert driver.stop() == 0
 
-    # The same bits as in training reach the network: what it says of a JPEG on the wire is what it
-    # says of the file.
+    # The network gets the same pixels as in training: its steering for a JPEG on the socket is that
+    # for the file.
     assert steered == pytest.approx(expected, abs=5e-5)
 
     said = "\n".join(driver.lines)
@@ -103,9 +103,9 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
         (["CKPT", "drive.speed.setmph=1"], "did you mean drive.speed.set_mph"),
         (["CKPT", "drive.speed=p"], "there are bends, constant, network, pi, proportional"),
         (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "drive.speed.kp: no such key"),
-        (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1 is not a number, 0 or more"),
-        (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast is not a number, 0 or more"),
-        (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0 is not a number above 0"),
+        (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1: must be a number, 0 or more"),
+        (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast: must be a number, 0 or more"),
+        (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0: must be a number above 0"),
         (["CKPT", "drive.port=99999"], "drive.port=99999 is not a port"),
         (["CKPT", "drive.margin=0"], "drive.margin=0 is not metres, 0.2 or more, or null"),
         (["CKPT", "drive.put_back=1"], "drive.put_back=1 is not true or false"),
@@ -148,7 +148,7 @@ def test_other_machines_are_let_in_only_with_a_warning_and_a_drive_without_any_l
         assert OldClient(driver.port).status == 101
         assert driver.stop() == 0
     assert any(line.startswith("warning: every machine") for line in driver.lines)
-    assert "no simulator has driven" in driver.lines
+    assert any("no simulator" in line for line in driver.lines)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -167,7 +167,7 @@ def test_the_embedded_simulator_is_driven_until_it_ends(checkpoint: Path, tmp_pa
 
 @pytest.fixture(scope="module")
 def off_the_road(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A network that steers to the left whatever it sees."""
+    """Write a network that always steers to the left."""
     content = torch.load(checkpoint, weights_only=False)
     weights = content["state_dict"]
     *_, weight, bias = weights

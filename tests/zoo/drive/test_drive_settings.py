@@ -1,4 +1,4 @@
-"""`conf/drive.yaml` and what can be chosen in it."""
+"""`conf/drive.yaml` and its choices."""
 
 from pathlib import Path
 

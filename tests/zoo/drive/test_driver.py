@@ -1,4 +1,4 @@
-"""What a page's buttons do, and what it is shown."""
+"""Commands of the live page, and the state that it shows."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 from datamodules.errors import InputError
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
-from zoo.drive.drive_writer import Scribe
+from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drives.speed_controller import PI, Constant, SpeedController
@@ -22,9 +22,9 @@ MOVING = telemetry(jpeg=picture((102, 0, 0)), speed="9.0000")
 def make(tmp_path: Path) -> Callable[..., Driver]:
     def make_driver(controller: SpeedController | None = None, **more: object) -> Driver:
         notices = Notices(lambda line: None)
-        scribe = Scribe(tmp_path / "drive", notices)
+        writer = BackgroundWriter(tmp_path / "drive", notices)
         return Driver(
-            red_policy, controller or Constant(0.2), SteeringFilter(), scribe, notices, **more
+            red_policy, controller or Constant(0.2), SteeringFilter(), writer, notices, **more
         )
 
     return make_driver
@@ -47,12 +47,12 @@ def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Callable[...,
     for session in (before, driver.connect("b")):
         assert driver.answer(session, MOVING).values["throttle"] == "0.3000"
     assert driver.latest().set_mph == 12
-    with pytest.raises(ValueError, match="not in 0"):
+    with pytest.raises(ValueError, match="set_mph=nan: must be in 0"):
         driver.set_speed(float("nan"))
 
 
 def test_set_speed_of_a_controller_without_one_is_refused(make: Callable[..., Driver]) -> None:
-    with pytest.raises(ValueError, match=r"drive with drive\.speed=pi"):
+    with pytest.raises(ValueError, match=r"restart with drive\.speed=pi"):
         make().set_speed(12)
 
 
@@ -97,10 +97,10 @@ def test_the_latest_state_is_that_of_the_first_simulator_that_drives(
 def test_only_one_simulator_is_recorded(make: Callable[..., Driver]) -> None:
     driver = make(record=True)
     first, second = driver.connect("a"), driver.connect("b")
-    assert driver.answer(first, MOVING, 0.0).picture
-    assert driver.answer(second, MOVING, 0.1).picture is None
+    assert driver.answer(first, MOVING, 0.0).image
+    assert driver.answer(second, MOVING, 0.1).image is None
     driver.recording = False
-    assert driver.answer(first, MOVING, 0.2).picture is None
+    assert driver.answer(first, MOVING, 0.2).image is None
 
 
 def test_autonomy_counts_stretches_and_driven_time(make: Callable[..., Driver]) -> None:
@@ -117,7 +117,7 @@ def test_autonomy_counts_stretches_and_driven_time(make: Callable[..., Driver]) 
 
 
 def test_time_is_the_simulators_own_where_it_tells_it(make: Callable[..., Driver]) -> None:
-    """One that waits for each reply drives faster than the wall clock: 60 s in one, here."""
+    """Drive 60 s of simulated time in 1 s: a simulator that waits for replies can be that fast."""
     driver = make()
     session = driver.connect("a")
     for step in range(901):

@@ -17,14 +17,14 @@ from tests.zoo.commands import command, environment
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served, picture, served
-from zoo.drive.poll_interval import MOST_POLLS, POLL_MS, Pace
+from zoo.drive.poll_interval import MOST_POLLS, POLL_MS, PollInterval
 
 Answer = tuple[int, str, bytes]
 
 
 @pytest.fixture(scope="module")
 def folder(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the driver runs: two runs' checkpoints below `outputs`, one broken."""
+    """Return the driver's folder, with checkpoints of two runs in `outputs`, one of them broken."""
     folder = tmp_path_factory.mktemp("page")
     for run in ("old", "new"):
         (folder / "outputs" / run / "checkpoints").mkdir(parents=True)
@@ -35,7 +35,7 @@ def folder(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def driver(folder: Path) -> Iterator[Served]:
-    """A driver of the first checkpoint, and the embedded simulator."""
+    """Yield a driver of the first checkpoint, with the embedded simulator."""
     options = ("outputs/old/checkpoints/best.ckpt", "drive.port=0", f"drive.record={folder}/drive")
     with served(folder / "drive", "zoo.drive", *options) as driver:
         url = f"url=http://127.0.0.1:{driver.port}"
@@ -54,13 +54,13 @@ def driver(folder: Path) -> Iterator[Served]:
 
 @pytest.fixture(autouse=True)
 def _driving(driver: Served) -> None:
-    """Each test begins with a car that drives by the first checkpoint."""
+    """Let each test begin with a car that drives by the first checkpoint."""
     order(driver, pause=False)
     until(driver, lambda state: state["telemetry"] > 5 and state["speed_mph"] > 0.5)
 
 
 def ask(driver: Served, method: str, path: str, body: object = None, **headers: str) -> Answer:
-    """Status, kind and body of an answer."""
+    """Return status, content type and body of an answer."""
     connection = http.client.HTTPConnection("127.0.0.1", driver.port, timeout=20)
     sent = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
     kind = {} if body is None else {"Content-Type": "application/json"}
@@ -219,7 +219,7 @@ def test_commands_of_another_origin_are_refused(driver: Served) -> None:
         assert status == 403, origin
     own = f"http://127.0.0.1:{driver.port}"
     assert ask(driver, "POST", "/command", {"pause": False}, Origin=own)[0] == 200
-    # What a form can send without asking, from a browser that sends no Origin with it.
+    # Content types that a form of another site can send, by a browser that sends no Origin.
     for kind in ("text/plain", "application/x-www-form-urlencoded", ""):
         status, _, _ = ask(driver, "POST", "/command", {"pause": True}, Content_Type=kind)
         assert status == 415, kind
@@ -243,12 +243,12 @@ def test_other_paths_and_methods_are_refused(
 
 
 def test_a_class_that_looks_on_asks_no_more_often_than_a_few() -> None:
-    pace, now_s = Pace(), 1000.0
+    interval, now_s = PollInterval(), 1000.0
     for pages, poll_ms in ((1, POLL_MS), (30, 30_000 / MOST_POLLS), (2, POLL_MS)):
         for _ in range(10 * MOST_POLLS):
-            now_s += pace.poll_ms / 1000 / pages
-            pace.asked(now_s)
-        assert pace.poll_ms == pytest.approx(poll_ms, rel=0.1)
+            now_s += interval.poll_ms / 1000 / pages
+            interval.asked(now_s)
+        assert interval.poll_ms == pytest.approx(poll_ms, rel=0.1)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
@@ -265,7 +265,7 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         assert browser.value(size.format("scrollHeight")) == 800, "it fits without scrolling"
 
         browser.click("#look")
-        browser.wait_for("document.getElementById('gaze').naturalWidth === 320")
+        browser.wait_for("document.getElementById('saliency').naturalWidth === 320")
         browser.screenshot(tmp_path / "page.png")
         assert Image.open(tmp_path / "page.png").size == (1280, 800)
         browser.click("#look")
@@ -284,10 +284,10 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         browser.click("#pause")
         browser.wait_for(f"{said('status-text')} === 'Paused'")
         assert read_state(driver)["paused"]
-        browser.wait_for(f"{said('status-text')} === 'Paused' && {said('pause')} === 'Drive on'")
+        browser.wait_for(f"{said('status-text')} === 'Paused' && {said('pause')} === 'Resume'")
         browser.click("#pause")
         browser.wait_for(f"{said('status-text')} === 'Driving'")
-        # The one thing that failed is what was asked for.
+        # Only the command that the test made fail has failed.
         assert [line for line in browser.errors if "/command" not in line] == []
 
 

@@ -1,4 +1,4 @@
-"""The clients of 2016 and of today, on real sockets."""
+"""The client of 2016 and a current one, on real sockets."""
 
 import json
 import socket
@@ -65,7 +65,7 @@ def test_replies_keep_the_order_of_a_burst(driver: Served) -> None:
 
 
 def modern_drive(port: int, replies: list, count: int, **values: object) -> None:
-    """A client of today: connects by polling, changes to a WebSocket, and drives `count` frames."""
+    """Drive `count` frames by a current client, which changes from polling to a WebSocket."""
     done = threading.Event()
     client = socketio.Client()
 
@@ -162,7 +162,7 @@ def test_a_steady_client_gets_a_reply_to_each_frame_in_each_loop(driver: Served)
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_QUICKACK"), reason="Linux alone has it")
 def test_each_read_is_acknowledged_at_once_and_replies_are_not_held_back() -> None:
-    """Delayed acknowledgements alone would hold a client to 25 frames a second in each loop."""
+    """Check a rate above 25 frames per second, the limit of delayed acknowledgements."""
     options: list[tuple[int, int, int]] = []
 
     class Noted(socket.socket):

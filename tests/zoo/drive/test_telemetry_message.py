@@ -1,4 +1,4 @@
-"""Telemetry of every locale, and of none."""
+"""Telemetry of every locale, and malformed telemetry."""
 
 import io
 import math
@@ -67,8 +67,8 @@ def test_what_is_put_up_with_is_named() -> None:
     odd = read_telemetry(telemetry(jpeg=picture((9, 9, 9), 640, 320), speed="-2.0000", cte=0.4))
     assert odd.frame.shape == (160, 320, 3)
     assert [kind for kind, _ in odd.oddities] == [
-        "picture of another size",
-        "speed is negative, taken as 0",
+        "image of another size",
+        "speed is negative; 0 is used",
     ]
     assert odd.oddities[0][1] == "640 x 320, resized to 320 x 160"
     assert (odd.speed_mph, odd.cross_track_m) == (0, 0.4)

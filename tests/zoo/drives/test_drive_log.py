@@ -1,4 +1,4 @@
-"""The Drive: what is written can be read, whatever cut it off."""
+"""Drives are readable after writing, also when a kill or a full disk cut them off."""
 
 import json
 import math
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from datamodules.errors import InputError
-from zoo.drive.drive_writer import Scribe
+from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import DriveWriter, read_drive, write_drive, write_summary
 from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET, Drive, DriveRow
@@ -45,10 +45,10 @@ def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:
 def test_a_drive_on_a_socket_has_the_metrics_of_one_in_the_embedded_world(tmp_path: Path) -> None:
     rows = [DriveRow(0.1 * number, speed_mph=9.0, cross_track_m=0.5) for number in range(4)]
     write_drive(tmp_path / "embedded", Drive.of(rows, source=EMBEDDED, track="lake"))
-    scribe = Scribe(tmp_path / "socket", Notices())
+    writer = BackgroundWriter(tmp_path / "socket", Notices())
     for row in rows:
-        scribe.put(row, None)
-    scribe.close({"track": "lake", **Tally().figures()})
+        writer.put(row, None)
+    writer.close({"track": "lake", **Tally().figures()})
     embedded, socket = (read_drive(tmp_path / name) for name in ("embedded", "socket"))
     assert (embedded.source, socket.source) == (EMBEDDED, SOCKET)
     assert embedded.track == socket.track == "lake"
@@ -97,10 +97,10 @@ def test_a_damaged_row_is_named(tmp_path: Path) -> None:
 
 
 def test_the_same_picture_is_recorded_once(tmp_path: Path) -> None:
-    scribe = Scribe(tmp_path / "drive", Notices())
+    writer = BackgroundWriter(tmp_path / "drive", Notices())
     for picture in (b"one", b"one", b"two", None):
-        scribe.put(DriveRow(0.0, speed_mph=9.0, throttle=-0.5), picture)
-    assert scribe.close(Tally().figures())
+        writer.put(DriveRow(0.0, speed_mph=9.0, throttle=-0.5), picture)
+    assert writer.close(Tally().figures())
     frames = read_drive(tmp_path / "drive").frame
     assert frames[0] == frames[1] != frames[2]
     assert frames[3] == ""
@@ -112,16 +112,16 @@ def test_the_same_picture_is_recorded_once(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_made_is_named_before_the_drive(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="Not a directory; name another folder"):
-        Scribe(tmp_path / "file" / "drive", Notices()).prepare()
+        BackgroundWriter(tmp_path / "file" / "drive", Notices()).prepare()
 
 
 def test_a_disk_that_is_too_slow_delays_nobody(tmp_path: Path) -> None:
     said: list[str] = []
-    scribe = Scribe(tmp_path / "drive", Notices(said.append))
+    writer = BackgroundWriter(tmp_path / "drive", Notices(said.append))
     for number in range(20_000):
-        scribe.put(DriveRow(float(number)), None)
-    scribe.close({})
+        writer.put(DriveRow(float(number)), None)
+    writer.close({})
     written = len(read_drive(tmp_path / "drive"))
-    dropped = scribe.notices.counts.total()
+    dropped = writer.notices.counts.total()
     assert written + dropped == 20_000
     assert len(said) == (dropped > 0)

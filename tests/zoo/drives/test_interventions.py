@@ -1,4 +1,4 @@
-"""The rule of interventions, by itself and on the socket."""
+"""The rule of interventions, alone and on a socket."""
 
 import json
 import math
@@ -11,7 +11,7 @@ import pytest
 
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
-from zoo.drive.drive_writer import Scribe
+from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import read_drive
@@ -24,18 +24,18 @@ FRAME_S = 0.1
 
 
 class Drive:
-    """A driver without a socket, and one simulator that sends telemetry at 10 Hz."""
+    """A driver without a socket, with one simulator that sends telemetry at 10 Hz."""
 
     def __init__(self, folder: Path, controller: SpeedController, **options: object) -> None:
         self.folder, self.lines = folder, []
         notices = Notices(self.lines.append)
-        scribe = Scribe(folder, notices)
-        self.driver = Driver(red_policy, controller, SteeringFilter(), scribe, notices, **options)
+        writer = BackgroundWriter(folder, notices)
+        self.driver = Driver(red_policy, controller, SteeringFilter(), writer, notices, **options)
         self.session = self.driver.connect("a")
         self.now_s = 100.0
 
     def send(self, seconds: float = FRAME_S, speed: str = "9.0000", **more: str) -> dict:
-        """Send telemetry for so long; the last reply's values."""
+        """Send telemetry for some seconds; return the values of the last reply."""
         for _ in range(round(seconds / FRAME_S)):
             message = {**telemetry(jpeg=GREY, speed=speed), **more}
             reply = self.driver.answer(self.session, message, self.now_s)
@@ -48,7 +48,7 @@ class Drive:
         self.now_s += FRAME_S
 
     def end(self) -> str:
-        """What is printed at the end."""
+        """End the drive; return what is printed."""
         self.lines.clear()
         self.driver.end(datetime.now())
         return "\n".join(self.lines)
@@ -67,7 +67,7 @@ def begin(tmp_path: Path) -> Callable[..., Drive]:
 
 
 def judge(rule: InterventionRule, seconds: float, **moment: float) -> list[str]:
-    """The interventions of so long a stretch of 10 Hz."""
+    """Return the interventions of some seconds at 10 Hz."""
     values = {"speed_mph": 9.0, "cross_track_m": 0.0} | moment
     found = [rule.judge(step / 10, **values) for step in range(round(10 * seconds) + 1)]
     return [one for one in found if one]

@@ -1,4 +1,4 @@
-"""The metrics of a drive: today's figures, and a new one that appears wherever metrics do."""
+"""The metrics of a drive: known values, and a new metric in tables and files."""
 
 import json
 import math
@@ -20,7 +20,7 @@ from zoo.results import print_results
 
 KEPT = Path(__file__).parents[1] / "runs" / "run_of_0_1_0" / "drives" / "lake-0"
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
-# Version 0.1.0 measured this of `drive_by_speed`.
+# Metrics of `drive_by_speed` in version 0.1.0.
 MEASURED = {
     "autonomy": 0.0,
     "interventions": 6,
@@ -74,7 +74,9 @@ def test_a_new_metric_is_measured_averaged_and_shown() -> None:
         figures = [measure(one) for one in drives]
         assert mean_and_spread(figures)["hardest_turn"][0] == 0.375
         assert table_rows()["hardest_turn"] == ("hardest turn, 1", "{:.2f}")
-        assert "| `hardest_turn` | hardest turn | 1 | lower is better | Greatest" in metrics_page()
+        page = metrics_page()
+        assert "hardest turn | 1 | 0 or more | lower is better | a test |" in page
+        assert "## `hardest_turn`\n\nGreatest steering either way.\n" in page
         assert leaderboard_metrics()[-1].column_heading("lake") == "hardest turn, lake (1)"
     finally:
         del METRICS["hardest_turn"]

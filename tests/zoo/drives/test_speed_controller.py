@@ -1,4 +1,4 @@
-"""Throttle: each way of choosing it, and what the car does with it."""
+"""Speed controllers, and the speed that a car reaches by them."""
 
 import pytest
 
@@ -9,7 +9,7 @@ STEP_S = 1 / 60
 
 
 def hold(controller: SpeedController, seconds: float, steering: float = 0.0) -> float:
-    """The speed in mph of a car as heavy as the original's after so long, from standing."""
+    """Return the speed in mph of a car like the original's, some seconds after a standing start."""
     speed_mph = 0.0
     for step in range(round(seconds / STEP_S)):
         throttle = controller.throttle(speed_mph, steering, None, step * STEP_S)

@@ -1,4 +1,4 @@
-"""Steering: off by default, then gain, low pass and rate limit by the clock."""
+"""The steering filter: off by default; gain, low pass and rate limit by elapsed time."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What another pose would have seen, held against geometry and against a world that is rendered."""
+"""Warped frames, compared with geometry and with frames of a rendered world."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ FRAMES = {camera: RNG.integers(0, 256, (160, 320, 3), np.uint8) for camera in CA
 
 
 def project(point: np.ndarray, at: np.ndarray, heading_rad: float) -> np.ndarray:
-    """Where a camera at a place sees a point (both right, up, ahead), in pixels."""
+    """Return the pixel at which a camera sees a point; both positions are right, up, ahead."""
     looks = camera_matrix(0, np.degrees(heading_rad), 0) @ camera_matrix(
         PITCH_DOWN_DEG, YAW_RIGHT_DEG, ROLL_DEG
     )

@@ -1,4 +1,4 @@
-"""What the plots of a drive look like, as far as a test can see."""
+"""Plots of a drive: sizes, marks and axes."""
 
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -11,7 +11,7 @@ from zoo.evaluate.many_drives import Setup, drive_setup
 
 @pytest.mark.parametrize("name", ["lake", "mountain"])
 def test_the_birds_eye_view_is_as_wide_and_high_as_its_track(name: str) -> None:
-    """One is higher than wide, the other half as high: neither leaves a third of it white."""
+    """Check a high and a wide track: white borders take less than a third of the plot."""
     world = open_world(name, renderer="none")
     expert = Expert(world.track)
     drive = drive_setup(lambda *_: (expert(world)[0], None), world, Setup(name, laps=0.05))

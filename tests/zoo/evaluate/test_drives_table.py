@@ -1,4 +1,4 @@
-"""The table of drives: a spread needs two drives, and a count its interval."""
+"""The table of drives: a deviation needs two drives, and a count has its interval."""
 
 import io
 

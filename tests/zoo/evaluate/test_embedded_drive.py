@@ -1,4 +1,4 @@
-"""Scored drives. Drivers that need no eyes drive in a world that nobody looks at."""
+"""Scored drives, by policies without a camera in a world that is not rendered."""
 
 import numpy as np
 import pytest

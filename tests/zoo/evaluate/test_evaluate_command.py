@@ -1,4 +1,4 @@
-"""`python -m zoo.evaluate`: its figures, files and what it says to a mistake."""
+"""`python -m zoo.evaluate`: its figures, its files and its errors."""
 
 import json
 from pathlib import Path
@@ -66,7 +66,7 @@ def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> Non
 def test_the_speed_is_not_swept_where_none_is_held() -> None:
     assert "speed" in perturbations_named("all")
     assert set(PERTURBATIONS) - set(perturbations_named("all", "network")) == {"speed"}
-    with pytest.raises(InputError, match="perturb=speed: with its own throttle it holds none"):
+    with pytest.raises(InputError, match=r"perturb=speed: .*use throttle=hold"):
         perturbations_named("fog,speed", "network")
 
 
@@ -128,7 +128,7 @@ def test_a_folder_that_holds_something_is_kept(checkpoint: str, tmp_path: Path) 
 def test_a_network_that_steers_nan_is_said_when_all_is_written(
     checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    """Weights that are finite, and overflow in the network."""
+    """Load a network with finite weights that overflow."""
     contents = torch.load(checkpoint, weights_only=True)
     for name, one in contents["state_dict"].items():
         if name.endswith("weight"):
@@ -156,7 +156,7 @@ def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
 
 
 def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
-    """`replay=` hands over to `zoo.replay`, with the options that are left."""
+    """Pass `replay=` and the other options on to `zoo.replay`."""
     line = only_line(run(tmp_path, checkpoint, "replay=nowhere", module="zoo.evaluate"))
     assert "nowhere" in line
     line = only_line(run(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.evaluate"))

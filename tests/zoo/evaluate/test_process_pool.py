@@ -13,12 +13,12 @@ from zoo.evaluate.process_pool import drive_in_processes
 
 
 def half(number: int, report: Callable[[float], None]) -> tuple[float, int]:
-    """Stands for a drive."""
+    """Return at once, in place of a drive."""
     return number / 2, os.getpid()
 
 
 def end(number: int, report: Callable[[float], None]) -> None:
-    """A process that the system ends, as where memory runs out."""
+    """Kill this process, as the system does when memory runs out."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -27,7 +27,7 @@ def refuse(number: int, report: Callable[[float], None]) -> None:
 
 
 def stop_half_way(go_on: Path, report: Callable[[float], None]) -> None:
-    """A drive that is half done until a file is there."""
+    """Report half of the drive, then wait for a file."""
     report(0.5)
     end_s = time.monotonic() + 60
     while not go_on.exists() and time.monotonic() < end_s:
@@ -64,7 +64,7 @@ def test_one_worker_is_this_process() -> None:
 
 
 def test_a_process_that_is_killed_is_told_with_what_to_try() -> None:
-    with pytest.raises(InputError, match="ended from outside; try workers=1"):
+    with pytest.raises(InputError, match=r"killed.* workers=1"):
         dict(drive_in_processes(end, [(1,), (2,)], workers=2))
 
 

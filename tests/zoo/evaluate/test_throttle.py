@@ -11,7 +11,7 @@ from zoo.evaluate.many_drives import Setup, check_throttle, drive_setup, expert_
 
 
 def speeds(setup: Setup, throttle: float | None) -> np.ndarray:
-    """Of a drive that steers like the expert, mph."""
+    """Return the speeds in mph of a drive that steers like the expert."""
     world = open_world("lake", renderer="none")
     expert = Expert(world.track)
     drive = drive_setup(lambda *_: (expert(world)[0], throttle), world, setup)
@@ -33,7 +33,7 @@ def test_otherwise_its_throttle_is_not_asked_for() -> None:
 
 
 def test_a_network_that_gives_none_is_refused() -> None:
-    with pytest.raises(InputError, match="this network gives no throttle"):
+    with pytest.raises(InputError, match=r"throttle=network: .*no throttle"):
         check_throttle(lambda frame, mph: (0.0, None), "network")
     check_throttle(lambda frame, mph: (0.0, 0.5), "network")
     check_throttle(lambda frame, mph: (0.0, None), "hold")
@@ -47,5 +47,5 @@ def test_the_expert_beside_it_drives_with_its_own_throttle_too() -> None:
 def test_it_is_said_in_one_line(run_folder, tmp_path) -> None:
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     line = only_line(run(tmp_path, checkpoint, "throttle=network", module="zoo.evaluate"))
-    assert "this network gives no throttle; train model=nvidia_speed" in line
+    assert "no throttle; train model=nvidia_speed" in line
     assert list(tmp_path.iterdir()) == []

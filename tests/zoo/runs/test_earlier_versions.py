@@ -1,7 +1,6 @@
 """A run folder and a checkpoint of version 0.1.0, from before classes moved to other modules."""
 
 import json
-import re
 import shutil
 from pathlib import Path
 
@@ -43,7 +42,7 @@ def test_it_is_ranked_and_reported(run: Path) -> None:
     assert [one.folder for one in found] == [run]
     assert not unranked
     page = write_report(run).read_text()
-    assert not re.search(r'class="missing">[^<]*Error: ', page)
+    assert "could not be written" not in page
 
 
 @pytest.mark.slow

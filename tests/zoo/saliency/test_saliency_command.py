@@ -1,4 +1,4 @@
-"""What a network looks at: for every model of the zoo, in the pixels of the frame."""
+"""Saliency maps of every model of the zoo, in the pixels of the frame."""
 
 from pathlib import Path
 

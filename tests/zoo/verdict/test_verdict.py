@@ -1,4 +1,4 @@
-"""The verdict: what it concludes from drives, which cause it names, what to type next."""
+"""The verdict: its level from the drives, its causes and its next commands."""
 
 import io
 import json
@@ -59,6 +59,11 @@ def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
             evidence({}, ("model=nvidia",), side_response={"val": 0.2, "test": 0.01}),
             "side cameras",
             "data.offset=0.3",
+        ),
+        (
+            evidence({"data": {"cameras": ["center"]}}, (), side_response={"test": 0.01}),
+            "centre camera",
+            "data.cameras=[center,left,right]",
         ),
         (
             evidence({}, (), train_samples=9_600, parameters=250_000, epochs=3),

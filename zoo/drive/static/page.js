@@ -1,23 +1,23 @@
 "use strict";
-// Polls how the drive stands. Nothing waits in line: what comes next is asked for once what came
-// last is shown, and it is then the latest.
+// Polls the state of the drive. The next state is requested once the last one is shown, so that it
+// is always the latest.
 
-const POLL_MS = 100; // until the driver says: the more pages there are, the less often each asks
-const GAZE_MS = 500;
-const HIDDEN_MS = 1000; // between polls while nobody sees the page
-const SILENT_S = 1.5;
-const LOST_S = 3; // that an intervention stays in the status, where the car is put back at once
+const POLL_MS = 100; // before the first answer; the driver sends a longer interval for many pages
+const SALIENCY_MS = 500;
+const HIDDEN_MS = 1000; // between polls while the page is hidden
+const SILENT_S = 1.5; // without telemetry, after which the status warns
+const LOST_S = 3; // that the status shows an intervention after which the car was put back at once
 const CHART_S = 30;
 const MAX_STEERING_DEG = 25; // of the front wheels, at a steering of 1
-const WHEEL_RATIO = 6; // the wheel shown turns so much further, as in the films
+const WHEEL_RATIO = 6; // angle of the drawn steering wheel per angle of the front wheels
 
 const $ = (id) => document.getElementById(id);
 const dash = "–";
 let state = null;
 let looking = false;
 let shownFrame = -1;
-let movedAt = 0; // state.time_s at which telemetry last came
-let lostAt = -Infinity; // state.time_s at which an intervention was last counted by the driver
+let movedAt = 0; // state.time_s of the last telemetry
+let lostAt = -Infinity; // state.time_s of the last intervention that the driver counted
 let lostWords = "";
 const counts = []; // [time_s, telemetry] of the last 2 s
 const trace = []; // [time_s, steering or null]
@@ -40,12 +40,12 @@ async function send(command) {
     show(answer);
     return true;
   } catch (error) {
-    tell(error instanceof TypeError ? "The driver does not answer" : error.message, true);
+    notify(error instanceof TypeError ? "The driver does not answer" : error.message, true);
     return false;
   }
 }
 
-// --- what is shown ---
+// --- display ---
 
 function number(value, digits, sign = false) {
   if (value === null || value === undefined) return dash;
@@ -124,7 +124,7 @@ function showStatus() {
   const silent = state.time_s - movedAt > SILENT_S;
   const [kind, words] =
     state.clients === 0 ? ["", "Waiting for a simulator"]
-    : silent ? ["warn", "The simulator is silent"]
+    : silent ? ["warn", "No telemetry"]
     : state.overridden ? ["warn", "A person drives"]
     : lost !== null ? ["bad", lost]
     : state.paused ? ["warn", "Paused"]
@@ -135,14 +135,14 @@ function showStatus() {
 
 function showControls() {
   press("pause", state.paused);
-  text("pause", state.paused ? "Drive on" : "Pause");
+  text("pause", state.paused ? "Resume" : "Pause");
   press("record", state.recording);
   const rows = state.recorded.toLocaleString("en");
   text("record-text", state.recording ? `Recording ${rows}` : "Record");
   $("record").title = `To ${state.folder}`;
   const fixed = state.set_mph === null;
   for (const id of ["slower", "faster", "set-mph"]) $(id).disabled = fixed;
-  $("set-speed").title = fixed ? "This drive holds no speed; drive with drive.speed=pi" : "Set speed";
+  $("set-speed").title = fixed ? "This drive holds no speed; restart with drive.speed=pi" : "Set speed";
   if (document.activeElement !== $("set-mph")) $("set-mph").value = state.set_mph ?? "";
   text("checkpoint-name", state.loading ? `loading ${shortName(state.loading)}` : shortName(state.checkpoint));
   $("checkpoint").title = state.checkpoint;
@@ -156,7 +156,7 @@ function press(id, pressed) {
 }
 
 function shortName(path) {
-  // The run tells checkpoints apart: all are called best or last.
+  // Keep the run's folder, since all checkpoints are called best or last.
   const parts = path.split("/").filter((part) => part !== "checkpoints" && part !== "outputs");
   return parts.slice(-3).join(" / ") || "no checkpoint";
 }
@@ -228,7 +228,7 @@ function drawChart() {
 }
 
 let messageEnds = 0;
-function tell(line, bad = false) {
+function notify(line, bad = false) {
   text("message-text", line);
   $("message").className = bad ? "bad" : "";
   $("message").hidden = false;
@@ -236,7 +236,7 @@ function tell(line, bad = false) {
   messageEnds = setTimeout(() => ($("message").hidden = true), bad ? 15000 : 4000);
 }
 
-// --- what is asked for, again and again ---
+// --- polling ---
 
 async function repeat(periodMs, task) {
   for (;;) {
@@ -244,7 +244,7 @@ async function repeat(periodMs, task) {
     try {
       await task();
     } catch {
-      await pause(500); // the next poll of the state says what is wrong
+      await pause(500); // the next poll of the state shows the error
     }
     const rest = document.hidden ? HIDDEN_MS : periodMs() - (performance.now() - began);
     await pause(Math.max(rest, 10));
@@ -271,20 +271,20 @@ async function pollFrame() {
   $("no-frame").hidden = true;
 }
 
-async function pollGaze() {
+async function pollSaliency() {
   if (!looking || document.hidden || !state?.has_frame) return;
   let blob;
   try {
     blob = await (await get(`saliency.jpg?n=${state.telemetry}`)).blob();
   } catch (error) {
-    if (looking) tell(error.message, true);
+    if (looking) notify(error.message, true);
     look(false);
     return;
   }
   const url = URL.createObjectURL(blob);
-  await load($("gaze"), url);
+  await load($("saliency"), url);
   URL.revokeObjectURL(url);
-  $("gaze").hidden = !looking;
+  $("saliency").hidden = !looking;
   $("camera").classList.toggle("looking", looking);
 }
 
@@ -303,7 +303,7 @@ function look(on) {
   looking = on;
   press("look", on);
   if (!on) {
-    $("gaze").hidden = true;
+    $("saliency").hidden = true;
     $("camera").classList.remove("looking");
   }
 }
@@ -314,7 +314,7 @@ function setSpeed(mph) {
 
 async function switchTo(path) {
   $("switch").close();
-  if (await send({ switch: path })) tell(`Driving with ${shortName(path)}`);
+  if (await send({ switch: path })) notify(`Driving with ${shortName(path)}`);
 }
 
 async function openSwitch() {
@@ -350,4 +350,4 @@ $("switch-form").onsubmit = (event) => {
 const pollMs = () => state?.poll_ms ?? POLL_MS;
 repeat(pollMs, pollState);
 repeat(pollMs, pollFrame);
-repeat(() => Math.max(GAZE_MS, pollMs()), pollGaze);
+repeat(() => Math.max(SALIENCY_MS, pollMs()), pollSaliency);
