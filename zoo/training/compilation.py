@@ -1,10 +1,9 @@
-"""Compile a training step (`trainer.compile`), or go on without.
+"""Compile a training step with torch.compile (`trainer.compile=true`).
 
-`auto` does not. Seven tenths of PilotNet's step on a CPU are convolutions, which a compiler leaves
-to the same library. Against the plain step, both with memory kept, channels last and the dropout of
-`zoo.models.layers`, the compiled one gave 10 % more samples a second on four threads, and 6 % in
-bf16, after 20 to 45 s of compiling: a run of five minutes would gain nothing. With torch's dropout
-it took two thirds more, since torch draws within the compiled loops.
+Seven tenths of PilotNet's step on a CPU are convolutions, which a compiler leaves to the same
+library. Both with memory kept, channels last and the dropout of `zoo.models.layers`, the compiled
+step took 10 % more samples per second than the plain one on four threads, and 6 % more in bf16,
+after 20 to 45 s of compiling: it does not pay in a run of five minutes.
 """
 
 import os
@@ -18,13 +17,13 @@ from datamodules.errors import InputError
 
 
 def resolve_compile(setting: object, device: torch.device, console: Console) -> bool:
-    """Whether to compile; not on a CPU without a C++ compiler, which is said in a line.
+    """Return whether to compile; on a CPU without a C++ compiler print why not.
 
     Raises:
-        InputError: the setting is not auto, true or false.
+        InputError: the setting is not true or false; `auto`, of older configs, is false.
     """
     if setting not in ("auto", True, False):
-        raise InputError(f"trainer.compile={setting} is not auto, true or false")
+        raise InputError(f"trainer.compile={setting} is not true or false")
     if setting is not True:
         return False
     if device.type == "cpu" and not find_compiler():
