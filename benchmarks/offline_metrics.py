@@ -9,7 +9,6 @@ Writes `docs/offline_metrics.md` and `docs/offline_metrics.png`.
 
 import csv
 import sys
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -55,15 +54,15 @@ RESAMPLINGS = 2_000
 FEWEST = 8
 
 
-def read_rows(path: Path = CSV) -> list[dict]:
+def read_rows() -> list[dict]:
     """The runs that were driven, figures as floats.
 
     Raises:
         InputError: no such file.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: is not there; python benchmarks/results.py writes it")
-    with path.open(newline="") as file:
+    if not CSV.is_file():
+        raise InputError(f"{CSV}: is not there; python benchmarks/results.py writes it")
+    with CSV.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["lake_autonomy"]]
     for row in rows:
         for key in (*METRICS, *RECOVERIES, *DRIVEN):

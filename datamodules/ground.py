@@ -23,12 +23,6 @@ def metres_ahead(rows: np.ndarray) -> np.ndarray:
     return CAMERA_HEIGHT_M / np.tan(np.maximum(below, np.arctan(CAMERA_HEIGHT_M / FARTHEST_M)))
 
 
-def row_of(ahead_m: np.ndarray) -> np.ndarray:
-    """The row of the recording's 160 in which ground so far ahead of the camera is seen."""
-    below = np.arctan(CAMERA_HEIGHT_M / ahead_m) - np.radians(PITCH_DOWN_DEG)
-    return (FRAME_HEIGHT - 1) / 2 + FOCAL_PX * np.tan(below)
-
-
 def depth_of(ahead_m: np.ndarray) -> np.ndarray:
     """How far along the lens's axis ground so far ahead of the camera is, metres: a metre to the
     side is `FOCAL_PX / depth` columns of the recording's 320."""

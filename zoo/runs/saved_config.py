@@ -24,7 +24,6 @@ from datamodules.errors import InputError
 
 TRUST = "trust"  # the key by which a person allows more
 RECIPE = "recipe.json"  # of a recording that the embedded simulator made for a config
-MAX_BYTES = 1_000_000  # of a config's file; a run's own has some 4,000
 
 Keys = tuple[str, ...]
 
