@@ -1,7 +1,5 @@
 """Batches as tensors: of training samples, and of rows to evaluate on."""
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import torch
 from torch.utils.data import Dataset
 
 from datamodules.augment import Augment
-from datamodules.balance import BalancedBatches, BatchKey
+from datamodules.balance import BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, LEFT, RIGHT, Samples
@@ -31,9 +29,7 @@ class TrainingBatches(Dataset):
     flip: float
     seed: int
 
-    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
-        if isinstance(key, tuple):
-            return [self[one] for one in key]  # type: ignore[misc]
+    def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.samples, key.own
         mirrored, steering, seed = self.draw(key)
         pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)
@@ -53,25 +49,6 @@ class TrainingBatches(Dataset):
         mirrored = self.samples.flipped[key.own] ^ drawn[key.share]
         steering = self.samples.steering[key.own]
         return mirrored, np.where(mirrored, -steering, steering), int(rng.integers(2**31))
-
-
-class BatchesTogether:
-    """A sampler of tuples of up to `count` of another's keys: a DataLoader then gives lists."""
-
-    def __init__(self, keys: BalancedBatches, count: int) -> None:
-        self.keys, self.count = keys, count
-
-    def set_epoch(self, epoch: int) -> None:
-        """Called by Lightning at the start of each epoch."""
-        self.keys.set_epoch(epoch)
-
-    def __len__(self) -> int:
-        return -(-len(self.keys) // self.count)
-
-    def __iter__(self) -> Iterator[tuple[BatchKey, ...]]:
-        keys = iter(self.keys)
-        while together := tuple(itertools.islice(keys, self.count)):
-            yield together
 
 
 def as_it_is(batch: Batch | list[Batch]) -> Batch | list[Batch]:

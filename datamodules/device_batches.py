@@ -40,9 +40,7 @@ class DeviceBatches(Dataset):
             self.resident = _copied(views, device)
             self.starts = np.cumsum([0, *map(len, views.files)])[:-1]
 
-    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
-        if isinstance(key, tuple):
-            return [self[one] for one in key]  # type: ignore[misc]
+    def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
         mirrored, steering, seed = self.batches.draw(key)
         pictures = self._pictures(samples.row[own], samples.camera[own])

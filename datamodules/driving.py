@@ -12,7 +12,8 @@ from torch.utils.data import DataLoader
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
-from datamodules.batches import BatchesTogether, EvaluationBatches, TrainingBatches, as_it_is
+from datamodules.batch_groups import BatchGroups, KeyGroups
+from datamodules.batches import EvaluationBatches, TrainingBatches, as_it_is
 from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
@@ -265,13 +266,13 @@ class DrivingData(lightning.LightningDataModule):
             sampler = self.sampler(self.trainer.global_rank, self.trainer.world_size)
             # A run that goes on takes its first batch before Lightning names the epoch.
             sampler.set_epoch(self.trainer.current_epoch)
-        if self.batches_per_step > 1:
-            sampler = BatchesTogether(sampler, self.batches_per_step)
         batches, workers = self.training_batches(), self.workers
         if self.features is not None:
             batches = FeatureBatches(batches, self.features)
         elif self._batch_device is not None:
             batches, workers = DeviceBatches(batches, self._batch_device), 0
+        if self.batches_per_step > 1:
+            batches, sampler = BatchGroups(batches), KeyGroups(sampler, self.batches_per_step)
         return DataLoader(
             batches,
             batch_size=None,

@@ -214,9 +214,7 @@ class FeatureBatches(Dataset):
     batches: TrainingBatches
     features: RowViews
 
-    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
-        if isinstance(key, tuple):
-            return [self[one] for one in key]  # type: ignore[misc]
+    def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
         mirrored, steering, _ = self.batches.draw(key)
         taken = self.features.take(samples.row[own], samples.camera[own] + MIRRORED * mirrored)

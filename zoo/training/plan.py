@@ -13,6 +13,7 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.balance import share_of
+from datamodules.batch_groups import GROUP
 from datamodules.cores import usable_cores
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
@@ -24,7 +25,6 @@ from zoo.training.host_settings import multiplies_bf16
 # A step of so small a network costs less than two threads' meeting: 52,000 samples/s with one
 # thread, 30,000 with two, and 1,200 with two on cores that another program is using.
 TINY_PARAMETERS = 1_000
-TOGETHER = 32  # batches to a step of Lightning's, whose own work takes as long as two of them
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def make_plan(
         precision=precision,
         threads=_threads(parameters, world),
         batch_device=batch_device,
-        batches_per_step=TOGETHER if is_overhead and _may_step_together(trainer) else 1,
+        batches_per_step=GROUP if is_overhead and _may_step_together(trainer) else 1,
         compiled_batch=compiled_batch,
         features=plan_cached_features(config, network, data, device, console),
     )
