@@ -2,13 +2,15 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import lightning
 import numpy as np
 import torch
 from rich.console import Console
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
@@ -65,7 +67,7 @@ class DrivingData(lightning.LightningDataModule):
         view: View,
         weights: list[float] | None = None,
         images: str | None = None,
-        cameras: list[str] = CAMERAS,
+        cameras: Sequence[str] = CAMERAS,
         offset: float = 0.275,
         recover_s: float | None = None,
         flip: float | str = 0.5,
@@ -97,7 +99,7 @@ class DrivingData(lightning.LightningDataModule):
             f"null, or a list of {roots} numbers above 0, one for each recording of data.root",
         )
         known = isinstance(cameras, list | tuple) and set(cameras) <= set(CAMERAS)
-        _check("cameras", cameras, known and cameras, f"a list of {', '.join(CAMERAS)}")
+        _check("cameras", cameras, known and len(cameras) > 0, f"a list of {', '.join(CAMERAS)}")
         _check("offset", offset, _is_in(offset, -1, 1), "a steering in -1..1")
         _check(
             "recover_s",
@@ -136,12 +138,12 @@ class DrivingData(lightning.LightningDataModule):
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
         self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
-        self.balance = {
+        self.balance: dict[str, Any] = {
             "samples_per_epoch": samples_per_epoch,
             "straight_cap": straight_cap,
             "straight_threshold": straight_threshold,
         }
-        self.split_settings = {
+        self.split_settings: dict[str, Any] = {
             "kind": split,
             "val_share": val_share,
             "test_share": test_share,
@@ -157,15 +159,12 @@ class DrivingData(lightning.LightningDataModule):
         self.augment_on = augment_on
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
-        self.recording: Recording | None = None
         self._batch_device: torch.device | None = None
         self.batches_per_step = 1
         self.features: RowViews | None = None
 
     def load(self, console: Console) -> None:
         """Read the recordings, decode what is not in the cache, and deal the rows."""
-        if self.recording is not None:
-            return
         recording = read_recordings(self.root, self.images, self.on_bad_image)
         # Validation and test look through the centre camera, whichever are trained on.
         views, faults = load_row_views(
@@ -173,7 +172,8 @@ class DrivingData(lightning.LightningDataModule):
         )
         if faults:
             recording, views = self._without(faults, recording, views)
-        self.recording, self.views = recording, views
+        self.recording: Recording = recording
+        self.views: RowViews = views
         for line in report_lines(recording):
             console.print(line, highlight=False, markup=False, emoji=False)
         self.split: Split = split_rows(recording, **self.split_settings)
@@ -219,8 +219,8 @@ class DrivingData(lightning.LightningDataModule):
 
     def training_batches(self) -> TrainingBatches:
         """Any training batch by its `BatchKey`, as it will be fed."""
-        chance = 0.0 if self.flip == "both" else self.flip
-        return TrainingBatches(self.views, self.samples, self.augment, chance, self.seed)
+        flip = 0.0 if self.flip == "both" else float(self.flip)
+        return TrainingBatches(self.views, self.samples, self.augment, flip, self.seed)
 
     def choose_batch_device(self, device: torch.device, console: Console) -> torch.device | None:
         """Return where training batches are made, as `augment_on` says; None for the CPU.
@@ -261,18 +261,20 @@ class DrivingData(lightning.LightningDataModule):
         return fed
 
     def train_dataloader(self) -> DataLoader:
-        sampler = self.sampler()
+        keys = self.sampler()
         if self.trainer is not None:
-            sampler = self.sampler(self.trainer.global_rank, self.trainer.world_size)
-            # A run that goes on takes its first batch before Lightning names the epoch.
-            sampler.set_epoch(self.trainer.current_epoch)
-        batches, workers = self.training_batches(), self.workers
+            keys = self.sampler(self.trainer.global_rank, self.trainer.world_size)
+            # A resumed run takes its first batch before Lightning sets the epoch.
+            keys.set_epoch(self.trainer.current_epoch)
+        training, workers = self.training_batches(), self.workers
+        batches: Dataset = training
+        sampler: BalancedBatches | KeyGroups = keys
         if self.features is not None:
-            batches = FeatureBatches(batches, self.features)
+            batches = FeatureBatches(training, self.features)
         elif self._batch_device is not None:
-            batches, workers = DeviceBatches(batches, self._batch_device), 0
+            batches, workers = DeviceBatches(training, self._batch_device), 0
         if self.batches_per_step > 1:
-            batches, sampler = BatchGroups(batches), KeyGroups(sampler, self.batches_per_step)
+            batches, sampler = BatchGroups(batches), KeyGroups(keys, self.batches_per_step)
         return DataLoader(
             batches,
             batch_size=None,
@@ -302,22 +304,15 @@ class DrivingData(lightning.LightningDataModule):
 
     def leaks(self) -> dict[str, Leak]:
         """How near validation and test rows are to training rows."""
-        pictures = _CenterPictures(self.views)
+
+        def center_image(row: int) -> np.ndarray:
+            return self.views.take(np.array([row]), CENTER)[0]
+
         return {
-            part: measure_leak(self.recording, self.split.train, rows, pictures)
+            part: measure_leak(self.recording, self.split.train, rows, center_image)
             for part in PARTS[1:]
             if len(rows := getattr(self.split, part))
         }
-
-
-class _CenterPictures:
-    """Centre views by row number."""
-
-    def __init__(self, views: RowViews) -> None:
-        self.views = views
-
-    def __getitem__(self, row: int) -> np.ndarray:
-        return self.views.take(np.array([row]), CENTER)[0]
 
 
 def _check(key: str, value: object, good: bool, wanted: str) -> None:
@@ -325,11 +320,11 @@ def _check(key: str, value: object, good: bool, wanted: str) -> None:
         raise InputError(f"data.{key}={value} is not {wanted}")
 
 
-def _are_weights(value: object, count: int) -> bool:
+def _are_weights(value: Any, count: int) -> bool:
     listed = isinstance(value, list | tuple) and len(value) == count
     return listed and all(_is_in(one, 0, 1000) and one > 0 for one in value)
 
 
-def _is_in(value: object, least: float, most: float = math.inf) -> bool:
+def _is_in(value: Any, least: float, most: float = math.inf) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return number and least <= value <= most
