@@ -33,32 +33,32 @@ AUGMENT_ON = ("auto", "cpu", "device")
 
 
 class DrivingData(lightning.LightningDataModule):
-    """Recordings as batches; `load()` first. The keys of `conf/data` are its arguments.
+    """Recordings as batches, after `load`; the keys of `conf/data` are its arguments.
 
     Args:
         root: the recordings' folder, or a list of them.
-        weights: how many times as often to draw each of several recordings' training samples.
+        weights: factors by which each recording's training samples are drawn more often.
         view: what the network sees (`data.crop`, `model.colour`, `model.size`).
-        images: where the pictures are, if not in `IMG` beside each log.
-        cameras: those to train on.
-        offset: steering added for the left camera, taken off for the right one.
-        recover_s: derive that from the rig and the speed instead (see `make_samples`).
-        flip: the probability of a mirrored sample; or `both`, for every sample in both ways.
-        straight_cap: the share of nearly straight samples that no batch exceeds; None for any.
-        straight_threshold: |steering| below this is nearly straight.
-        samples_per_epoch: draw so many; None takes every sample once.
-        batch_size: samples in a batch; several processes share each of them out.
-        split: how rows are dealt, with val_share, test_share, block_s, gap_s and split_seed.
-        augment: the transforms of `conf/augment`, by name.
-        augment_on: `cpu`, or `device`: what trains keeps the views, where they fit, and mirrors and
-            augments them; `auto` is `device` where that is no CPU and can do all of `augment`.
+        images: folder of the images, if not `IMG` next to each log.
+        cameras: names of the cameras to train on.
+        offset: steering added for the left camera and subtracted for the right one.
+        recover_s: seconds of recovery, from which the offset is derived (see `make_samples`).
+        flip: probability of mirroring a sample; or `both`, to feed each sample both ways.
+        straight_cap: largest share of nearly straight samples in a batch; None for no limit.
+        straight_threshold: limit of |steering| below which a sample is nearly straight.
+        samples_per_epoch: number of samples drawn; None takes each sample once.
+        batch_size: samples in a batch, of all processes together.
+        split: kind of split or a file, with val_share, test_share, block_s, gap_s and split_seed.
+        augment: transforms of `conf/augment`, by name.
+        augment_on: `cpu`, or `device`: the device that trains keeps the views, if they fit, and
+            augments them; `auto` is `device` if that is no CPU and can do all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
-        cache: the folder for decoded views; None keeps them in memory.
+        cache: folder of decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
-        seed: of order, draws, flips and augmentation.
+        seed: random seed of order, draws, flips and augmentation.
 
     Raises:
-        InputError: a value that cannot be; from `load`, a recording that cannot be read.
+        InputError: a value is wrong; from `load`, a recording cannot be read.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class DrivingData(lightning.LightningDataModule):
         }
         transforms = [transform for transform in (augment or {}).values() if transform]
         for transform in transforms:
-            if hasattr(transform, "crop"):  # it has to know which rows it is given
+            if hasattr(transform, "crop"):  # it needs the rows of its images
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
@@ -164,7 +164,7 @@ class DrivingData(lightning.LightningDataModule):
         self.features: RowViews | None = None
 
     def load(self, console: Console) -> None:
-        """Read the recordings, decode what is not in the cache, and deal the rows."""
+        """Read the recordings, decode images that are not cached, and split the rows."""
         recording = read_recordings(self.root, self.images, self.on_bad_image)
         # Validation and test look through the centre camera, whichever are trained on.
         views, faults = load_row_views(
@@ -194,7 +194,7 @@ class DrivingData(lightning.LightningDataModule):
                 f"data.batch_size={self.batch_size} is larger than the {count} training samples; "
                 f"set data.batch_size={count} or less"
             )
-        next(iter(self.sampler()))  # a cap that cannot be held is said now
+        next(iter(self.sampler()))  # to report a wrong straight_cap now
 
     def _without(
         self, faults: dict[int, str], recording: Recording, views: RowViews
@@ -212,13 +212,13 @@ class DrivingData(lightning.LightningDataModule):
         return recording.keep(good, lines), views.keep(good)
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
-        """The keys of an epoch's batches, of one process of several."""
+        """Return the sampler of an epoch's batch keys, of one rank."""
         return BalancedBatches(
             self.samples, self.batch_size, self.seed, rank, world, **self.balance
         )
 
     def training_batches(self) -> TrainingBatches:
-        """Any training batch by its `BatchKey`, as it will be fed."""
+        """Return training batches by `BatchKey`, as they are fed."""
         flip = 0.0 if self.flip == "both" else float(self.flip)
         return TrainingBatches(self.views, self.samples, self.augment, flip, self.seed)
 
@@ -226,7 +226,8 @@ class DrivingData(lightning.LightningDataModule):
         """Return where training batches are made, as `augment_on` says; None for the CPU.
 
         Args:
-            device: the one that trains.
+            device: device that trains.
+            console: console for transforms that keep it on the CPU.
 
         Raises:
             InputError: `augment_on=device` with a transform that only the CPU can do.
@@ -251,9 +252,9 @@ class DrivingData(lightning.LightningDataModule):
         """Return the same loaded data, fed in another way.
 
         Args:
-            batch_device: where training batches are made; None for the CPU.
-            batches_per_step: above 1, training batches come in lists of so many.
-            features: fed in place of images (`datamodules.features`).
+            batch_device: device that creates training batches; None for the CPU.
+            batches_per_step: number of training batches in a list; 1 for no lists.
+            features: features fed in place of images (`datamodules.features`).
         """
         fed = copy.copy(self)
         fed._batch_device, fed.batches_per_step = batch_device, batches_per_step
@@ -261,6 +262,7 @@ class DrivingData(lightning.LightningDataModule):
         return fed
 
     def train_dataloader(self) -> DataLoader:
+        """Return this rank's training batches."""
         keys = self.sampler()
         if self.trainer is not None:
             keys = self.sampler(self.trainer.global_rank, self.trainer.world_size)
@@ -285,12 +287,12 @@ class DrivingData(lightning.LightningDataModule):
         )
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:
-        """All rows of `train`, `val` or `test`, in order."""
+        """Return all rows of `train`, `val` or `test`, in order."""
         views = self.views if self.features is None else self.features
         return EvaluationBatches(views, self.recording, getattr(self.split, part))
 
     def val_dataloader(self) -> DataLoader | list:
-        """This process's share of the rows; `SteeringModule` puts what it predicts together."""
+        """Return this rank's validation rows; `SteeringModule` joins the predictions."""
         batches = self.evaluation_batches("val")
         if not len(batches):
             return []
@@ -299,11 +301,12 @@ class DrivingData(lightning.LightningDataModule):
         return DataLoader(batches, batch_size=None, shuffle=False)
 
     def test_dataloader(self) -> DataLoader | list:
+        """Return the test rows."""
         batches = self.evaluation_batches("test")
         return DataLoader(batches, batch_size=None, shuffle=False) if len(batches) else []
 
     def leaks(self) -> dict[str, Leak]:
-        """How near validation and test rows are to training rows."""
+        """Return the train/validation similarity, of `val` and `test`."""
 
         def center_image(row: int) -> np.ndarray:
             return self.views.take(np.array([row]), CENTER)[0]

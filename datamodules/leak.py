@@ -1,4 +1,4 @@
-"""How near validation frames are to training frames: what a random split hides."""
+"""Train/validation similarity: how close held-out frames are to training frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,10 +37,13 @@ def measure_leak(
     held_out: np.ndarray,
     image_of: Callable[[int], np.ndarray],
 ) -> Leak:
-    """The leak from `train` rows to `held_out` rows (int64 row numbers), both non-empty.
+    """Return the leak from training rows to held-out rows.
 
     Args:
-        image_of: returns a row's centre view, uint8 [H, W, C].
+        recording: recording of all rows.
+        train: training row numbers, int64, not empty.
+        held_out: held-out row numbers, int64, not empty.
+        image_of: function from a row number to its centre view, uint8 [H, W, C].
     """
     rng = np.random.default_rng(0)
     rows = np.sort(rng.choice(held_out, min(SAMPLED, len(held_out)), replace=False))
@@ -76,8 +79,10 @@ def _seconds_to_nearest(recording: Recording, train: np.ndarray, rows: np.ndarra
 def _differences(
     ours: np.ndarray, image_of: Callable[[int], np.ndarray], compared: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Of each of `ours` (float32 [n, pixels]), the mean difference to the most alike of the
-    `compared` rows' pictures, float64 [n]; and the median difference between any two."""
+    """Return each image's mean difference to the most similar compared one, float64 [n].
+
+    Also return the median difference of any two. `ours` is float32 [n, pixels].
+    """
     nearest, any_two = np.full(len(ours), np.inf), []
     step = -(-len(compared) // STRANGERS)
     for start in range(0, len(compared), AT_ONCE):
@@ -89,7 +94,7 @@ def _differences(
 
 
 def _thumbnails(image_of: Callable[[int], np.ndarray], rows: np.ndarray) -> np.ndarray:
-    """float32 [n, pixels] of small grey copies."""
+    """Return small grey copies, float32 [n, pixels]."""
     small = [cv2.resize(image_of(row), THUMBNAIL, interpolation=cv2.INTER_AREA) for row in rows]
     colours = np.stack(small).reshape(len(rows), THUMBNAIL[0] * THUMBNAIL[1], -1)
     return colours.mean(axis=2, dtype=np.float32)
