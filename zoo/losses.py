@@ -15,9 +15,10 @@ class SteeringWeightedMSE(nn.Module):
         self.weight = weight
 
     def forward(self, predicted: Tensor, true: Tensor) -> Tensor:
+        """Return the loss of predicted and true outputs, float32 [N, outputs] each."""
         weights = 1.0 + self.weight * true[:, :1].abs()
         return (weights * (predicted - true).square()).sum() / (weights.sum() * true.shape[1])
 
     def divisor(self, true: Tensor) -> Tensor:
-        """What a batch counts for among several, a share of each of which has a loss of its own."""
+        """Return the weight of a batch, or of a rank's shard, in the loss of all."""
         return (1.0 + self.weight * true[:, :1].abs()).sum()

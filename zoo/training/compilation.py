@@ -28,7 +28,8 @@ def resolve_compile(setting: object, device: torch.device, console: Console) -> 
         return False
     if device.type == "cpu" and not find_compiler():
         console.print(
-            "not compiled, for want of a C++ compiler (Debian, Ubuntu: apt install g++)",
+            "torch.compile disabled: no C++ compiler found; install one (Debian, Ubuntu: "
+            "apt install g++)",
             highlight=False,
         )
         return False
@@ -36,7 +37,7 @@ def resolve_compile(setting: object, device: torch.device, console: Console) -> 
 
 
 def find_compiler() -> str | None:
-    """The C++ compiler that torch would take."""
+    """Return the path of the C++ compiler that torch would use; None without one."""
     named = os.environ.get("CXX")
     return shutil.which(named) if named else next(filter(None, map(shutil.which, _COMPILERS)), None)
 
@@ -45,7 +46,7 @@ _COMPILERS = ("g++", "clang++", "c++")
 
 
 def compile_step(step: Callable, console: Console) -> Callable:
-    """`step` compiled at its first call; as it was, with a line, where that fails."""
+    """Return `step`, compiled at its first call; print why where compilation fails."""
     compiled = torch.compile(step, dynamic=False)
     works = False
 
@@ -57,9 +58,9 @@ def compile_step(step: Callable, console: Console) -> Callable:
             result = compiled(*arguments)
         except InputError:
             raise
-        except Exception as error:  # whatever a compiler says, training can go on
+        except Exception as error:  # of any kind: training continues without compilation
             reason = str(error).strip().splitlines()[0][:200] if str(error).strip() else error
-            console.print(f"not compiled: {reason}", highlight=False, markup=False)
+            console.print(f"torch.compile disabled: {reason}", highlight=False, markup=False)
             compiled = step
             result = step(*arguments)
         works = True
