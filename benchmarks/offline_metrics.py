@@ -9,7 +9,6 @@ recording of recoveries, the same for all networks (`benchmarks/recoveries.py`).
 
 import csv
 import sys
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -55,15 +54,15 @@ RESAMPLINGS = 2_000
 FEWEST = 8
 
 
-def read_rows(path: Path = CSV) -> list[dict]:
+def read_rows() -> list[dict]:
     """Return the runs with drives, figures as floats.
 
     Raises:
         InputError: the file is missing.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: not found; run python benchmarks/results.py first")
-    with path.open(newline="") as file:
+    if not CSV.is_file():
+        raise InputError(f"{CSV}: not found; run python benchmarks/results.py first")
+    with CSV.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["lake_autonomy"]]
     for row in rows:
         for key in (*METRICS, *RECOVERIES, *DRIVEN):

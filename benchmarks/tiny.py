@@ -71,7 +71,9 @@ def fit(config: object, data: DrivingData) -> float:
     console = Console(quiet=True)
     network = build_network(config, data.view, console)
     trainer = build_trainer(config, folder, has_validation=True)
-    trainer.callbacks = [one for one in trainer.callbacks if "pictures" not in type(one).__module__]
+    trainer.callbacks = [
+        one for one in trainer.callbacks if "training_images" not in type(one).__module__
+    ]
     plan = make_plan(config, data, network, trainer, console)
     module = build_module(config, network, plan, {}, console)
     set_up_process(plan.threads)

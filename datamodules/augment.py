@@ -1,16 +1,16 @@
-"""Augmentations, and the transforms of ours that albumentations lacks.
+"""Augmentations, and the transforms that albumentations lacks.
 
-A transform works on a view's picture and may change the steering. One more is a class that
-albumentations has, or one here, and a YAML in `conf/augment`.
+A transform changes a view's image and may change the steering. A new one is a class of
+albumentations, or a class here, and a YAML in `conf/augment`.
 
-Ours also take a whole batch, in place: `change_batch` draws what albumentations would draw picture
-by picture, and calls the same OpenCV functions, without its checks and copies, which cost ten times
-as much as the change itself: 50 us a picture of 66 x 200 for all three, against 600.
+Our transforms also change a whole batch in place: `draw_batch` draws for all images, and
+`change_one` calls the same OpenCV functions as albumentations, without its checks and copies, which
+cost ten times as much as the change: 50 us per image of 66 x 200 for all three, against 600.
 """
 
 import os
 
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # it asks the network for its own version
+os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # disables its version check online
 
 import albumentations
 import cv2
@@ -20,12 +20,12 @@ import numpy as np
 class Brightness(albumentations.ImageOnlyTransform):
     """Scale the V channel of HSV by a random factor, as the course's solutions do.
 
-    That is to scale red, green and blue alike, but never beyond white, so that hue and saturation
-    stay; a grey picture is scaled likewise.
+    Red, green and blue are scaled alike, but never beyond white: hue and saturation stay. A grey
+    image is scaled in the same way.
 
     Args:
-        scale: the range of the factor.
-        p: the probability of a sample to be changed.
+        scale: range of the factor.
+        p: probability that a sample is changed, 0..1.
     """
 
     lighting = True
@@ -35,30 +35,32 @@ class Brightness(albumentations.ImageOnlyTransform):
         self.scale = tuple(scale)
 
     def get_params(self) -> dict:
+        """Draw the factor."""
         return {"factor": self.py_random.uniform(*self.scale)}
 
     def apply(self, img: np.ndarray, factor: float, **_: object) -> np.ndarray:
+        """Return the image with another brightness."""
         lit = img.copy()
         _light(lit, factor)
         return lit
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """`apply`'s arguments for each of a batch of `shape`."""
+        """Return `apply`'s arguments for each image of a batch of `shape`."""
         low, high = self.scale
         return [{"factor": factor} for factor in rng.uniform(low, high, shape[0])]
 
     def change_one(self, picture: np.ndarray, factor: float) -> None:
-        """`apply`, in place."""
+        """Change one image in place, as `apply`."""
         _light(picture, factor)
 
 
 class Shadow(albumentations.RandomShadow):
-    """albumentations' shadow, known as a change of light: saturation does not see it."""
+    """The shadow of albumentations, marked as a change of light, which leaves saturation."""
 
     lighting = True
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """`apply`'s arguments for each of a batch of `shape`."""
+        """Return `apply`'s arguments for each image of a batch of `shape`."""
         left, top, right, bottom = self.shadow_roi
         low = np.array([left * shape[2], top * shape[1]], int)
         high = np.array([right * shape[2], bottom * shape[1]], int)
@@ -75,7 +77,7 @@ class Shadow(albumentations.RandomShadow):
     def change_one(
         self, picture: np.ndarray, vertices_list: np.ndarray, intensities: np.ndarray
     ) -> None:
-        """`apply`, in place; it rounds half a grey level otherwise."""
+        """Change one image in place, as `apply` but for rounding by half a grey level."""
         for vertices, intensity in zip(vertices_list, intensities, strict=True):
             mask = np.zeros(picture.shape[:2], np.uint8)
             cv2.fillPoly(mask, [vertices.astype(np.int32)], 255)
@@ -86,15 +88,15 @@ class Shadow(albumentations.RandomShadow):
 class Shift(albumentations.ImageOnlyTransform):
     """Shift sideways, with the steering corrected per pixel, and up or down, as slopes do.
 
-    Scenery that moved to the right is what a car too far to the left sees: it must steer right.
+    Scenery moved to the right is what a car sees that is too far left: it must steer right.
     From V. Yadav, "An augmentation based deep neural network approach to learn human driving
     behavior", 2016.
 
     Args:
-        pixels: the largest shift to either side, in pixels of the 320 wide recording.
-        rows: the largest shift up or down, in rows of the view.
-        steering_per_pixel: what a pixel of the recording adds to the steering.
-        p: the probability of a sample to be changed.
+        pixels: largest shift to either side, in columns of the recording's 320.
+        rows: largest shift up or down, in rows of the view.
+        steering_per_pixel: steering added per column of shift.
+        p: probability that a sample is changed, 0..1.
     """
 
     def __init__(
@@ -109,39 +111,43 @@ class Shift(albumentations.ImageOnlyTransform):
 
     @property
     def targets(self) -> dict:
+        """Return functions by target: images as usual, and `steering`."""
         return {**super().targets, "steering": self.apply_to_steering}
 
     def get_params(self) -> dict:
+        """Draw the shift."""
         return {
             "right": self.py_random.uniform(-self.pixels, self.pixels),
             "down": self.py_random.uniform(-self.rows, self.rows),
         }
 
     def apply(self, img: np.ndarray, right: float, down: float, **_: object) -> np.ndarray:
+        """Return the shifted image."""
         height, width = img.shape[:2]
-        # Outside stands what the edge has. Within a grey level of warpAffine, in half its time.
+        # Repeats the edge outside. Within a grey level of warpAffine, in half its time.
         center = (width - 1) / 2 - right * width / 320, (height - 1) / 2 - down
         return _shape_like(cv2.getRectSubPix(img, (width, height), center), img)
 
     def apply_to_steering(self, steering: float, right: float, **_: object) -> float:
+        """Return the corrected steering, -1..1."""
         return float(np.clip(steering + right * self.steering_per_pixel, -1, 1))
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """`apply`'s arguments for each of a batch of `shape`."""
+        """Return `apply`'s arguments for each image of a batch of `shape`."""
         right = rng.uniform(-self.pixels, self.pixels, shape[0])
         down = rng.uniform(-self.rows, self.rows, shape[0])
         return [{"right": x, "down": y} for x, y in zip(right, down, strict=True)]
 
     def change_one(self, picture: np.ndarray, right: float, down: float) -> None:
-        """`apply`, in place."""
+        """Change one image in place, as `apply`."""
         picture[:] = self.apply(picture, right, down)
 
 
 class Augment:
-    """Transforms in a row, for pictures of one colour.
+    """A sequence of transforms, for images of one colour.
 
-    A change of light happens to the colours of the scene, so a `yuv` picture is turned to RGB and
-    back for it, and saturation (`hsv_s`), which light does not change, is left alone.
+    A change of light applies to RGB: a `yuv` image is converted to RGB and back. Saturation
+    (`hsv_s`) is not changed by light.
     """
 
     def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
@@ -153,7 +159,7 @@ class Augment:
     def __call__(
         self, pictures: np.ndarray, steering: np.ndarray, seed: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """uint8 [N, H, W, C] and float32 [N] -> the same, changed as `seed` decides."""
+        """Return uint8 [N, H, W, C] images and float32 [N] steering, changed by `seed`."""
         if not self.changes:
             return pictures, steering
         changed, corrected = pictures.copy(), steering.copy()
@@ -167,19 +173,22 @@ class Augment:
         seed: int,
         place: tuple[int, int] | None = None,
     ) -> None:
-        """As a call, but into the arrays that are given.
+        """Change images and steering in place.
 
         Args:
-            place: of a share of a batch: where in it the share begins, and the batch's size. A
-                share is changed as it would be within the whole.
+            pictures: images, uint8 [n, H, W, C].
+            steering: steering, float32 [n].
+            seed: random seed of the batch.
+            place: first index of a shard in its batch, and the batch's size; a shard is changed
+                exactly as it would be within the whole batch. None for a whole batch.
         """
         if not self.changes or not len(pictures):
             return
         place = place or (0, len(pictures))
         if self.colour == "yuv":
             _convert(pictures, cv2.COLOR_YUV2RGB)
-        # A stream of draws for each transform: albumentations gives all of them the same, so that
-        # what is shifted would always be blurred too.
+        # A random stream for each transform: albumentations gives all of them the same one, so that
+        # every shifted image would be blurred, too.
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for change, stream in zip(self.changes, streams, strict=True):
             change(pictures, steering, np.random.default_rng(stream), place)
@@ -188,7 +197,7 @@ class Augment:
 
 
 class _OneByOne:
-    """A transform of albumentations, on a batch in place."""
+    """A transform of albumentations, applied to a batch in place."""
 
     def __init__(self, transform: albumentations.BasicTransform) -> None:
         self.transform = transform
@@ -211,7 +220,7 @@ class _OneByOne:
 
 
 class _AllAtOnce:
-    """One of our transforms, on a batch in place."""
+    """One of our transforms, applied to a batch in place."""
 
     def __init__(self, transform: albumentations.BasicTransform) -> None:
         self.transform = transform
@@ -228,7 +237,7 @@ class _AllAtOnce:
         chosen = np.flatnonzero(rng.random(whole) < self.transform.p)
         draws = self.transform.draw_batch((len(chosen), *pictures.shape[1:]), rng)
         ours = slice(*np.searchsorted(chosen, [first, first + len(pictures)]))
-        # One thread: several wait for each other, as Python has but one between OpenCV's calls.
+        # One thread: with several, Python's lock lets only one run between OpenCV's calls.
         for index, drawn in zip((chosen[ours] - first).tolist(), draws[ours], strict=True):
             self.transform.change_one(pictures[index], **drawn)
             if self.steers:
@@ -250,11 +259,11 @@ def _light(picture: np.ndarray, factor: float) -> None:
 
 
 def _convert(pictures: np.ndarray, code: int) -> None:
-    """Turn the colours of pictures uint8 [N, H, W, 3] in place, all as one tall picture."""
+    """Convert the colours of images uint8 [N, H, W, 3] in place, all as one tall image."""
     tall = pictures.reshape(-1, *pictures.shape[2:])
     cv2.cvtColor(tall, code, tall)
 
 
 def _shape_like(picture: np.ndarray, original: np.ndarray) -> np.ndarray:
-    """OpenCV drops a last axis of one; put it back."""
+    """Restore a last axis of one, which OpenCV drops."""
     return picture.reshape(original.shape)

@@ -1,4 +1,4 @@
-"""Which samples go in which batch: at most a set share of each is nearly straight."""
+"""Samplers of batches in which at most a set share of samples is nearly straight."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from datamodules.samples import Samples
 
 @dataclass(frozen=True)
 class BatchKey:
-    """Names a batch, or the share of it that one of several processes takes.
+    """The key of a batch, or of one rank's shard of it.
 
-    What is random in a batch is drawn for the whole of it, from the seed, the epoch and the number
-    alone: shares put together are the batch that one process would have had.
+    Random values are drawn for the whole batch, from the seed, the epoch and the number alone: all
+    shards together are the batch that one process would have.
 
     Attributes:
-        samples: int64 [N], of the whole batch.
-        rank, world: which process this is, and of how many.
+        samples: sample numbers of the whole batch, int64 [N].
+        rank, world: number of this process, and of all processes.
     """
 
     epoch: int
@@ -30,17 +30,17 @@ class BatchKey:
 
     @property
     def share(self) -> slice:
-        """Which of `samples` are this process's; none, in a batch with fewer than processes."""
+        """Return which of `samples` are this rank's; may be none."""
         return share_of(len(self.samples), self.rank, self.world)
 
     @property
     def own(self) -> np.ndarray:
-        """int64 [n], this process's samples."""
+        """Return this rank's samples, int64 [n]."""
         return self.samples[self.share]
 
 
 def share_of(count: int, rank: int, world: int) -> slice:
-    """The part of `count` that is one process's: as even as can be, nothing twice, nothing left.
+    """Return one rank's shard of `count` items; all shards together are all items.
 
     >>> [share_of(7, rank, 3) for rank in range(3)]
     [slice(0, 2, None), slice(2, 4, None), slice(4, 7, None)]
@@ -58,18 +58,18 @@ def epoch_batches(
     straight_threshold: float = 0.1,
     weights: np.ndarray | None = None,
 ) -> list[np.ndarray]:
-    """The batches of an epoch, each int64 [batch_size] (the last may be shorter).
+    """Return the batches of an epoch, each int64 [batch_size] (the last may be shorter).
 
-    Without `samples_per_epoch` every sample comes once, in a new order each epoch. With it, so many
-    are drawn: a row at random, then one of its cameras. No batch has more than
-    `floor(straight_cap * its size)` samples with |steering| below the threshold: those in excess
-    are drawn again from the rest, so that a batch never shrinks.
+    Without `samples_per_epoch` every sample comes once, in a new order each epoch. With it, that
+    many are drawn: a random row, then one of its cameras. No batch has more than
+    `floor(straight_cap * its size)` samples with |steering| below the threshold: excess samples are
+    replaced by random other ones, so that a batch never shrinks.
 
-    With `weights`, float64 [samples] above 0, a sample comes as many times instead of once; one of
-    2.5 comes two or three times. Draws, those for the cap too, are by weight.
+    With `weights`, float64 [samples] above 0, a sample comes that many times instead of once; with
+    2.5, two or three times. Random draws, also those for the cap, are by weight.
 
     Raises:
-        InputError: a cap that cannot be held, for want of samples that are not straight.
+        InputError: the cap cannot be kept because every sample is nearly straight.
     """
     rng = np.random.default_rng([seed, epoch])
     if samples_per_epoch is not None:
@@ -114,7 +114,7 @@ def _draw_rows_then_cameras(
 
 
 def _repeat_by_weight(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Each sample its weight's number of times, in a random order: `weighted_count` in all."""
+    """Repeat each sample by its weight, in random order: `weighted_count` samples total."""
     order = rng.permutation(len(weights))
     # Systematic resampling. In random order, or a weight of 1/3 would pick one camera of three.
     ends = np.cumsum(weights[order]) * (weighted_count(weights) / weights.sum())
@@ -124,7 +124,7 @@ def _repeat_by_weight(weights: np.ndarray, rng: np.random.Generator) -> np.ndarr
 
 
 def weighted_count(weights: np.ndarray) -> int:
-    """How many samples an epoch has where each comes its weight's number of times."""
+    """Return the samples in an epoch where each is repeated by its weight."""
     return max(1, round(float(weights.sum())))
 
 
@@ -135,11 +135,11 @@ def _chances(weights: np.ndarray) -> np.ndarray:
 class BalancedBatches:
     """A sampler of `BatchKey`s for a DataLoader with `batch_size=None`.
 
-    Several processes each take their share of every batch: an epoch has as many steps, and each
-    step the same samples, as with one process.
+    With several processes each takes its shard of every batch: an epoch has the same steps,
+    and each step the same samples, as with one process.
 
     Args:
-        batch_size: of the processes together.
+        batch_size: samples in a batch, of all processes together.
         balance: see `epoch_batches`.
     """
 
@@ -157,7 +157,7 @@ class BalancedBatches:
         self.epoch = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Called by Lightning at the start of each epoch."""
+        """Set the epoch; Lightning calls this at the start of each."""
         self.epoch = epoch
 
     def __len__(self) -> int:

@@ -1,7 +1,5 @@
 """Batches as tensors: of training samples, and of rows to evaluate on."""
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,12 +7,12 @@ import torch
 from torch.utils.data import Dataset
 
 from datamodules.augment import Augment
-from datamodules.balance import BalancedBatches, BatchKey
+from datamodules.balance import BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, LEFT, RIGHT, Samples
 
-# uint8 [N, C, H, W], in memory as [N, H, W, C], which is what convolutions run fastest on; the
+# uint8 [N, C, H, W], in memory as [N, H, W, C], the layout in which convolutions are fastest; the
 # speed in mph, float32 [N]; steering and throttle, float32 [N, 2].
 Batch = dict[str, torch.Tensor]
 
@@ -23,7 +21,7 @@ EVALUATION_BATCH = 256
 
 @dataclass(frozen=True)
 class TrainingBatches(Dataset):
-    """A batch by its key: pictures, flip and augmentation, all from the key's own seed."""
+    """Training batches by key: images, flips and augmentation, all from the key's seed."""
 
     views: RowViews
     samples: Samples
@@ -31,9 +29,7 @@ class TrainingBatches(Dataset):
     flip: float
     seed: int
 
-    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
-        if isinstance(key, tuple):
-            return [self[one] for one in key]  # type: ignore[misc]
+    def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.samples, key.own
         mirrored, steering, seed = self.draw(key)
         pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)
@@ -42,12 +38,14 @@ class TrainingBatches(Dataset):
         return make_batch(pictures, steering, samples.throttle[own], samples.speed_mph[own])
 
     def steering(self, key: BatchKey) -> np.ndarray:
-        """The batch's steering, float32 [n], flipped but before any augmentation."""
+        """Return the batch's steering, float32 [n], flipped but before any augmentation."""
         return self.draw(key)[1]
 
     def draw(self, key: BatchKey) -> tuple[np.ndarray, np.ndarray, int]:
-        """What is mirrored, bool [n], the steering with that, float32 [n], and the seed of the
-        augmentation: drawn for the whole batch, of which `n` samples are this process's."""
+        """Return mirrored, bool [n], the steering, float32 [n], and the augmentation's seed.
+
+        They are drawn for the whole batch, of which `n` samples are this rank's.
+        """
         rng = np.random.default_rng([self.seed, key.epoch, key.number])
         drawn = rng.random(len(key.samples)) < self.flip
         mirrored = self.samples.flipped[key.own] ^ drawn[key.share]
@@ -55,27 +53,8 @@ class TrainingBatches(Dataset):
         return mirrored, np.where(mirrored, -steering, steering), int(rng.integers(2**31))
 
 
-class BatchesTogether:
-    """A sampler of tuples of up to `count` of another's keys: a DataLoader then gives lists."""
-
-    def __init__(self, keys: BalancedBatches, count: int) -> None:
-        self.keys, self.count = keys, count
-
-    def set_epoch(self, epoch: int) -> None:
-        """Called by Lightning at the start of each epoch."""
-        self.keys.set_epoch(epoch)
-
-    def __len__(self) -> int:
-        return -(-len(self.keys) // self.count)
-
-    def __iter__(self) -> Iterator[tuple[BatchKey, ...]]:
-        keys = iter(self.keys)
-        while together := tuple(itertools.islice(keys, self.count)):
-            yield together
-
-
 def as_it_is(batch: Batch | list[Batch]) -> Batch | list[Batch]:
-    """For a DataLoader, which would look through a batch for arrays to make tensors of."""
+    """Return a batch as it is: a DataLoader would search it for arrays to convert."""
     return batch
 
 
@@ -87,19 +66,17 @@ class EvaluationBatches(Dataset):
     recording: Recording
     rows: np.ndarray
     camera: int = CENTER
-    least: int = 0  # batches, of which one is then empty
+    least: int = 0  # number of batches, at least; one without rows is empty
 
     def share(self, rank: int, world: int) -> "EvaluationBatches":
-        """The rows of one process of several, theirs in order of rank being all, in order.
+        """Return one rank's contiguous rows.
 
-        Who has none has an empty batch: a loop that is left out in one process only would leave the
-        others waiting.
+        A rank without rows has an empty batch: if it skipped the loop, the other ranks would wait.
         """
         return replace(self, rows=np.array_split(self.rows, world)[rank], least=1)
 
     def sides(self) -> tuple["EvaluationBatches", "EvaluationBatches"]:
-        """The rows as the left camera sees them, and as the right one does: those of which both
-        pictures were recorded, and loaded to train on."""
+        """Return the rows by the left and by the right camera, where both were loaded."""
         seen = (self.views.file[self.rows][:, [LEFT, RIGHT]] >= 0).all(axis=1)
         both = replace(self, rows=self.rows[seen])
         return replace(both, camera=LEFT), replace(both, camera=RIGHT)
@@ -123,7 +100,7 @@ class EvaluationBatches(Dataset):
 def make_batch(
     pictures: np.ndarray, steering: np.ndarray, throttle: np.ndarray, speed_mph: np.ndarray
 ) -> Batch:
-    """Arrays as the tensors of a `Batch`; the pictures uint8 [N, H, W, C]."""
+    """Return arrays as a `Batch`; the images are uint8 [N, H, W, C]."""
     return {
         "images": torch.from_numpy(pictures).permute(0, 3, 1, 2),
         "speed": torch.from_numpy(speed_mph.astype(np.float32)),
@@ -132,5 +109,5 @@ def make_batch(
 
 
 def make_targets(steering: np.ndarray, throttle: np.ndarray) -> np.ndarray:
-    """Float32 [N, 2], steering first."""
+    """Return targets, float32 [N, 2], steering first."""
     return np.stack([steering, throttle], axis=1).astype(np.float32)

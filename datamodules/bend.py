@@ -1,12 +1,12 @@
-"""An augmentation that bends the road, with the steering that the bend takes.
+"""An augmentation that bends the road, and adds the steering for that bend.
 
-A recording holds only the bends of its own track; a network has to steer round others. What a flat
-road would look like if it turned more, or the other way, follows from the camera alone.
+A recording holds only the bends of its own track; a network has to steer through others. The
+camera's geometry alone tells how a flat road looks when it bends more, or the other way.
 """
 
 import os
 
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # it asks the network for its own version
+os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # disables its version check online
 
 import albumentations
 import cv2
@@ -27,19 +27,19 @@ from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 class Bend(albumentations.ImageOnlyTransform):
     """Bend the road ahead as if it lay on flat ground, and steer accordingly.
 
-    A ground point s metres beyond the bend's begin moves sideways by curvature * s^2 / 2, and
-    beyond the bend's end straight on; what stands above the horizon moves with the farthest ground.
-    A bend that has begun adds the steering angle of its radius, arctan(wheelbase * curvature); one
-    that begins further ahead adds less, from 3 m on none: a network learns to turn in when it is
-    there. It is the counterpart, for bends, of the shifted and rotated views of Bojarski et al.
-    2016 ("End to End Learning for Self-Driving Cars").
+    A ground point s metres beyond the bend's start moves sideways by curvature * s^2 / 2, and
+    beyond the bend's end along its tangent. Image rows above the horizon move with the farthest
+    ground. A bend that has started adds the steering angle of its radius, arctan(wheelbase *
+    curvature); one further ahead adds less, and none from 3 m on: a network learns to steer when it
+    reaches the bend. It is the counterpart, for bends, of the shifted and rotated views of Bojarski
+    et al. 2016 ("End to End Learning for Self-Driving Cars").
 
     Args:
-        curvature: the largest, of either side, added to the road's own; 1/m.
-        length_m: the range of the bend's length.
-        ahead_m: how far ahead of the car's origin a bend may begin, at most.
-        begun: the share of bends that begin at the rear axle; the others, anywhere up to there.
-        p: the probability of a sample to be changed.
+        curvature: largest curvature added to either side, 1/m.
+        length_m: range of the bend's length, metres.
+        ahead_m: largest distance from the car's origin to a bend's start, metres.
+        begun: share of bends that start at the rear axle, 0..1; the others start up to `ahead_m`.
+        p: probability that a sample is changed, 0..1.
 
     Attributes:
         crop: rows off the top and the bottom of the recording's 160; `DrivingData` sets its view's.
@@ -60,14 +60,17 @@ class Bend(albumentations.ImageOnlyTransform):
 
     @property
     def targets(self) -> dict:
+        """Return functions by target: images as usual, and `steering`."""
         return {**super().targets, "steering": self.apply_to_steering}
 
     def get_params(self) -> dict:
+        """Draw a bend."""
         return self.draw_batch((1,), np.random.default_rng(self.py_random.getrandbits(64)))[0]
 
     def apply(
         self, img: np.ndarray, curvature: float, begin: float, length: float, **_: object
     ) -> np.ndarray:
+        """Return the bent image."""
         height, width = img.shape[:2]
         aside = self.columns_aside(height, curvature, begin, length) * width / FRAME_WIDTH
         source = np.arange(width, dtype=np.float32) - aside[:, None].astype(np.float32)
@@ -78,7 +81,8 @@ class Bend(albumentations.ImageOnlyTransform):
     def apply_to_steering(
         self, steering: float, curvature: float, begin: float, **_: object
     ) -> float:
-        # A command takes a frame to come, and the car some way to turn.
+        """Return the corrected steering, -1..1."""
+        # A command arrives a frame later, and the car needs some metres to turn.
         due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
         added = due * np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
         return float(np.clip(steering + added, -1, 1))
@@ -86,8 +90,10 @@ class Bend(albumentations.ImageOnlyTransform):
     def columns_aside(
         self, height: int, curvature: float, begin: float, length: float
     ) -> np.ndarray:
-        """How far each of a view's rows moves to the right, float64 [height], in columns of the
-        recording's 320."""
+        """Return how far each of a view's rows moves to the right, float64 [height].
+
+        The unit is a column of the recording's 320.
+        """
         top, bottom = self.crop
         rows = top + (np.arange(height) + 0.5) * (FRAME_HEIGHT - top - bottom) / height - 0.5
         ahead = metres_ahead(rows)  # what is above the horizon moves with the farthest
@@ -97,7 +103,7 @@ class Bend(albumentations.ImageOnlyTransform):
         return np.clip(FOCAL_PX * metres / depth_of(ahead), -FRAME_WIDTH / 2, FRAME_WIDTH / 2)
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """`apply`'s arguments for each of a batch of `shape`."""
+        """Return `apply`'s arguments for each image of a batch of `shape`."""
         count = shape[0]
         curvature = rng.uniform(-self.curvature, self.curvature, count)
         shortest, longest = self.length_m
@@ -112,5 +118,5 @@ class Bend(albumentations.ImageOnlyTransform):
     def change_one(
         self, picture: np.ndarray, curvature: float, begin: float, length: float
     ) -> None:
-        """`apply`, in place."""
+        """Change one image in place, as `apply`."""
         picture[:] = self.apply(picture, curvature, begin, length)

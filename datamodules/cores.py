@@ -1,4 +1,4 @@
-"""How many cores there are for us, which is not always how many the machine has."""
+"""The number of cores that this process may use."""
 
 import math
 import os
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def usable_cores() -> int:
-    """Cores that this process may use, by its affinity and its container's share of time."""
+    """Return the cores that this process may use, by affinity and container quota."""
     try:
         cores = len(os.sched_getaffinity(0))
     except AttributeError:  # macOS
@@ -15,7 +15,7 @@ def usable_cores() -> int:
 
 
 def _container_cores() -> float:
-    """What a container's quota comes to, of cgroups 2 or 1; infinity without one."""
+    """Return the cores of a container's quota, of cgroups 2 or 1; infinity without one."""
     try:
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
     except (OSError, ValueError):

@@ -1,9 +1,8 @@
 """Augmentations as torch operations on a whole batch, on the device that trains.
 
-Each has the draws of the one in `augment.py` or `bend.py` that it stands for, to the number, and
-does with them what OpenCV does, but for rounding: a picture is rounded once, after all
-changes. Draws are made by numpy, so that they are the same on every device, and steering is
-corrected there.
+Each uses exactly the random draws of its counterpart in `augment.py` or `bend.py`, and changes
+images as OpenCV does, but for rounding: an image is rounded once, after all changes. numpy draws
+and corrects the steering, so that both are the same on every device.
 """
 
 from collections.abc import Callable
@@ -29,10 +28,10 @@ class DeviceChange:
     """One augmentation of a batch.
 
     Attributes:
-        p: the chance of a picture to be changed.
-        draw: of a shape (n, height, width, channels) and a generator: float [n, K].
-        change: of pictures float32 [n, C, H, W], 0..255, and float32 [n, K]: changed ones.
-        steer: of steering float32 [n] and float [n, K]: corrected; None where it stays.
+        p: probability that an image is changed, 0..1.
+        draw: function from a shape (n, height, width, channels) and a generator to float [n, K].
+        change: function from images float32 [n, C, H, W], 0..255, and draws to changed images.
+        steer: function from steering float32 [n] and draws to steering; None if unchanged.
     """
 
     p: float
@@ -42,7 +41,7 @@ class DeviceChange:
 
 
 class DeviceAugment:
-    """What `Augment` does, on a device.
+    """The transforms of `Augment`, on a device.
 
     Raises:
         InputError: a transform that has no equivalent here.
@@ -65,8 +64,10 @@ class DeviceAugment:
         seed: int,
         place: tuple[int, int] | None = None,
     ) -> tuple[Tensor, np.ndarray]:
-        """uint8 [n, H, W, C] and float32 [n] -> the same, changed as `seed` decides; `place` as in
-        `Augment.in_place`."""
+        """Return uint8 [n, H, W, C] images and float32 [n] steering, changed by `seed`.
+
+        `place` is as in `Augment.in_place`.
+        """
         if not self.changes or not len(pictures):
             return pictures, steering
         changed = pictures.permute(0, 3, 1, 2).float()
@@ -84,7 +85,7 @@ class DeviceAugment:
 
 
 def without_equivalent(transforms: list[albumentations.BasicTransform]) -> list[str]:
-    """The names of those that only the CPU can do."""
+    """Return the names of transforms that only the CPU can do."""
     return [type(one).__name__ for one in transforms if type(one) not in EQUIVALENTS]
 
 
@@ -127,7 +128,7 @@ def _shadow(transform: Shadow) -> DeviceChange:
     corners = transform.shadow_dimension
 
     def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
-        """For each shadow its corners, column and row, and its intensity: 0 where there is none."""
+        """Return each shadow's corners (column, row) and intensity; 0 without a shadow."""
         drawn = transform.draw_batch(shape, rng)
         most = transform.num_shadows_limit[1]
         values = np.zeros((shape[0], most, 2 * corners + 1))
@@ -162,7 +163,7 @@ def _shift(transform: Shift) -> DeviceChange:
 
 def _bend(transform: Bend) -> DeviceChange:
     def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
-        """What it adds to the steering, and how far each row moves, in the view's columns."""
+        """Return the added steering, and how far each row moves, in the view's columns."""
         drawn = transform.draw_batch(shape, rng)
         names = ("curvature", "begin", "length")
         values = np.array([[one[name] for name in names] for one in drawn]).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Training batches that are made on the device that trains."""
+"""Training batches that are created on the device that trains."""
 
 import numpy as np
 import psutil
@@ -16,13 +16,14 @@ CHUNK = 4096  # pictures copied to the device at a time
 
 
 class DeviceBatches(Dataset):
-    """A batch by its key, as `TrainingBatches`, whose draws it has: pictures are picked, mirrored
-    and augmented on the device.
+    """The batches of `TrainingBatches`, selected, mirrored and augmented on the device.
 
-    All views stay there where they fit; else those of a batch are copied there, unchanged.
+    All views stay on the device if they fit; otherwise each batch's views are copied there.
 
     Args:
-        room: bytes that the views may take; None for half of what is free.
+        batches: batches by key, whose random draws are used.
+        device: device that trains.
+        room: bytes that the views may take; None for half of the free memory.
 
     Raises:
         InputError: a transform that has no equivalent on a device.
@@ -40,9 +41,7 @@ class DeviceBatches(Dataset):
             self.resident = _copied(views, device)
             self.starts = np.cumsum([0, *map(len, views.files)])[:-1]
 
-    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
-        if isinstance(key, tuple):
-            return [self[one] for one in key]  # type: ignore[misc]
+    def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
         mirrored, steering, seed = self.batches.draw(key)
         pictures = self._pictures(samples.row[own], samples.camera[own])

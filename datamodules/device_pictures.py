@@ -1,6 +1,6 @@
-"""What can be done to a batch of pictures with torch, on any device.
+"""Changes of a batch of images with torch, on any device.
 
-Pictures are float32 [n, C, H, W], 0..255; what is called a change gives new ones.
+Images are float32 [n, C, H, W], 0..255; each function returns new ones.
 """
 
 import torch
@@ -13,22 +13,25 @@ _RGB = ((1.0, 0.0, 1.140), (1.0, -0.395, -0.581), (1.0, 2.032, 0.0))
 
 
 def lit(pictures: Tensor, factor: Tensor) -> Tensor:
-    """Brighter or darker by a factor each, float32 [n]; no further than to where the brightest
-    channel is white, so that hue and saturation stay."""
+    """Scale each image by its factor, float32 [n].
+
+    The brightest channel stays at most white, so that hue and saturation stay.
+    """
     brightest = pictures.amax(1, keepdim=True).clamp(min=1.0)
     return pictures * torch.minimum(factor[:, None, None, None], 255.0 / brightest)
 
 
 def darkened(pictures: Tensor, corners: Tensor, intensity: Tensor) -> Tensor:
-    """Darker by a share each, float32 [n], within a polygon each, float32 [n, K, 2]."""
+    """Darken each image by a share, float32 [n], within its polygon, float32 [n, K, 2]."""
     mask = polygons(corners, *pictures.shape[2:])[:, None]
     return torch.where(mask, pictures * (1 - intensity)[:, None, None, None], pictures)
 
 
 def polygons(corners: Tensor, height: int, width: int) -> Tensor:
-    """bool [n, H, W]: where polygons are, float32 [n, K, 2] in whole columns and rows.
+    """Return the mask of polygons, bool [n, H, W].
 
-    As OpenCV fills them: what an odd number of edges lies beside is inside, and so is the outline.
+    Corners are float32 [n, K, 2], whole columns and rows. As in OpenCV, a pixel is inside where an
+    odd number of edges lies to its right, or where it is on the outline.
     """
     rows = torch.arange(height, device=corners.device)[None, :, None]
     columns = torch.arange(width, device=corners.device)[None, None, :]
@@ -51,12 +54,14 @@ def polygons(corners: Tensor, height: int, width: int) -> Tensor:
 
 
 def moved(pictures: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -> Tensor:
-    """Each row moved to the right by so many columns, float32 [n, H] or [n, 1], and all of a
-    picture down by so many rows, float32 [n].
+    """Move each row to the right, and each image down.
 
     Args:
-        beyond: what comes from where the picture ends: its `border` over and over, as OpenCV's
-            BORDER_REPLICATE, or its `reflection`, as BORDER_REFLECT_101.
+        pictures: images.
+        right: columns by row, float32 [n, H] or [n, 1].
+        down: rows by image, float32 [n].
+        beyond: source of pixels outside the image: its `border`, as OpenCV's BORDER_REPLICATE, or
+            its `reflection`, as BORDER_REFLECT_101.
     """
     count, _, height, width = pictures.shape
     columns = torch.arange(width, device=pictures.device, dtype=torch.float32)
@@ -74,13 +79,13 @@ def moved(pictures: Tensor, right: Tensor, down: Tensor, beyond: str = "border")
 
 
 def rgb_of_yuv(pictures: Tensor) -> Tensor:
-    """As OpenCV turns 8-bit YUV into RGB, without its rounding."""
+    """Convert YUV to RGB, as OpenCV for 8 bits, without rounding."""
     grey = pictures.new_tensor([0.0, 128.0, 128.0])[:, None, None]
     return _mixed(pictures - grey, _RGB).clamp(0, 255)
 
 
 def yuv_of_rgb(pictures: Tensor) -> Tensor:
-    """As OpenCV turns 8-bit RGB into YUV, without its rounding."""
+    """Convert RGB to YUV, as OpenCV for 8 bits, without rounding."""
     grey = pictures.new_tensor([0.0, 128.0, 128.0])[:, None, None]
     return _mixed(pictures.clamp(0, 255), _YUV) + grey
 

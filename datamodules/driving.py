@@ -2,17 +2,20 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import lightning
 import numpy as np
 import torch
 from rich.console import Console
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
-from datamodules.batches import BatchesTogether, EvaluationBatches, TrainingBatches, as_it_is
+from datamodules.batch_groups import BatchGroups, KeyGroups
+from datamodules.batches import EvaluationBatches, TrainingBatches, as_it_is
 from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
@@ -30,32 +33,32 @@ AUGMENT_ON = ("auto", "cpu", "device")
 
 
 class DrivingData(lightning.LightningDataModule):
-    """Recordings as batches; `load()` first. The keys of `conf/data` are its arguments.
+    """Recordings as batches, after `load`; the keys of `conf/data` are its arguments.
 
     Args:
         root: the recordings' folder, or a list of them.
-        weights: how many times as often to draw each of several recordings' training samples.
+        weights: factors by which each recording's training samples are drawn more often.
         view: what the network sees (`data.crop`, `model.colour`, `model.size`).
-        images: where the pictures are, if not in `IMG` beside each log.
-        cameras: those to train on.
-        offset: steering added for the left camera, taken off for the right one.
-        recover_s: derive that from the rig and the speed instead (see `make_samples`).
-        flip: the probability of a mirrored sample; or `both`, for every sample in both ways.
-        straight_cap: the share of nearly straight samples that no batch exceeds; None for any.
-        straight_threshold: |steering| below this is nearly straight.
-        samples_per_epoch: draw so many; None takes every sample once.
-        batch_size: samples in a batch; several processes share each of them out.
-        split: how rows are dealt, with val_share, test_share, block_s, gap_s and split_seed.
-        augment: the transforms of `conf/augment`, by name.
-        augment_on: `cpu`, or `device`: what trains keeps the views, where they fit, and mirrors and
-            augments them; `auto` is `device` where that is no CPU and can do all of `augment`.
+        images: folder of the images, if not `IMG` next to each log.
+        cameras: names of the cameras to train on.
+        offset: steering added for the left camera and subtracted for the right one.
+        recover_s: seconds of recovery, from which the offset is derived (see `make_samples`).
+        flip: probability of mirroring a sample; or `both`, to feed each sample both ways.
+        straight_cap: largest share of nearly straight samples in a batch; None for no limit.
+        straight_threshold: limit of |steering| below which a sample is nearly straight.
+        samples_per_epoch: number of samples drawn; None takes each sample once.
+        batch_size: samples in a batch, of all processes together.
+        split: kind of split or a file, with val_share, test_share, block_s, gap_s and split_seed.
+        augment: transforms of `conf/augment`, by name.
+        augment_on: `cpu`, or `device`: the device that trains keeps the views, if they fit, and
+            augments them; `auto` is `device` if that is no CPU and can do all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
-        cache: the folder for decoded views; None keeps them in memory.
+        cache: folder of decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
-        seed: of order, draws, flips and augmentation.
+        seed: random seed of order, draws, flips and augmentation.
 
     Raises:
-        InputError: a value that cannot be; from `load`, a recording that cannot be read.
+        InputError: a value is wrong; from `load`, a recording cannot be read.
     """
 
     def __init__(
@@ -64,7 +67,7 @@ class DrivingData(lightning.LightningDataModule):
         view: View,
         weights: list[float] | None = None,
         images: str | None = None,
-        cameras: list[str] = CAMERAS,
+        cameras: Sequence[str] = CAMERAS,
         offset: float = 0.275,
         recover_s: float | None = None,
         flip: float | str = 0.5,
@@ -96,7 +99,7 @@ class DrivingData(lightning.LightningDataModule):
             f"null, or a list of {roots} numbers above 0, one for each recording of data.root",
         )
         known = isinstance(cameras, list | tuple) and set(cameras) <= set(CAMERAS)
-        _check("cameras", cameras, known and cameras, f"a list of {', '.join(CAMERAS)}")
+        _check("cameras", cameras, known and len(cameras) > 0, f"a list of {', '.join(CAMERAS)}")
         _check("offset", offset, _is_in(offset, -1, 1), "a steering in -1..1")
         _check(
             "recover_s",
@@ -135,12 +138,12 @@ class DrivingData(lightning.LightningDataModule):
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
         self.flip, self.batch_size, self.workers, self.seed = flip, batch_size, workers, seed
-        self.balance = {
+        self.balance: dict[str, Any] = {
             "samples_per_epoch": samples_per_epoch,
             "straight_cap": straight_cap,
             "straight_threshold": straight_threshold,
         }
-        self.split_settings = {
+        self.split_settings: dict[str, Any] = {
             "kind": split,
             "val_share": val_share,
             "test_share": test_share,
@@ -150,21 +153,18 @@ class DrivingData(lightning.LightningDataModule):
         }
         transforms = [transform for transform in (augment or {}).values() if transform]
         for transform in transforms:
-            if hasattr(transform, "crop"):  # it has to know which rows it is given
+            if hasattr(transform, "crop"):  # it needs the rows of its images
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
         self.on_bad_image = on_bad_image
         self.cache = Path(cache).expanduser() if cache else None
-        self.recording: Recording | None = None
         self._batch_device: torch.device | None = None
         self.batches_per_step = 1
         self.features: RowViews | None = None
 
     def load(self, console: Console) -> None:
-        """Read the recordings, decode what is not in the cache, and deal the rows."""
-        if self.recording is not None:
-            return
+        """Read the recordings, decode images that are not cached, and split the rows."""
         recording = read_recordings(self.root, self.images, self.on_bad_image)
         # Validation and test look through the centre camera, whichever are trained on.
         views, faults = load_row_views(
@@ -172,7 +172,8 @@ class DrivingData(lightning.LightningDataModule):
         )
         if faults:
             recording, views = self._without(faults, recording, views)
-        self.recording, self.views = recording, views
+        self.recording: Recording = recording
+        self.views: RowViews = views
         for line in report_lines(recording):
             console.print(line, highlight=False, markup=False, emoji=False)
         self.split: Split = split_rows(recording, **self.split_settings)
@@ -193,7 +194,7 @@ class DrivingData(lightning.LightningDataModule):
                 f"data.batch_size={self.batch_size} is larger than the {count} training samples; "
                 f"set data.batch_size={count} or less"
             )
-        next(iter(self.sampler()))  # a cap that cannot be held is said now
+        next(iter(self.sampler()))  # to report a wrong straight_cap now
 
     def _without(
         self, faults: dict[int, str], recording: Recording, views: RowViews
@@ -211,21 +212,22 @@ class DrivingData(lightning.LightningDataModule):
         return recording.keep(good, lines), views.keep(good)
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
-        """The keys of an epoch's batches, of one process of several."""
+        """Return the sampler of an epoch's batch keys, of one rank."""
         return BalancedBatches(
             self.samples, self.batch_size, self.seed, rank, world, **self.balance
         )
 
     def training_batches(self) -> TrainingBatches:
-        """Any training batch by its `BatchKey`, as it will be fed."""
-        chance = 0.0 if self.flip == "both" else self.flip
-        return TrainingBatches(self.views, self.samples, self.augment, chance, self.seed)
+        """Return training batches by `BatchKey`, as they are fed."""
+        flip = 0.0 if self.flip == "both" else float(self.flip)
+        return TrainingBatches(self.views, self.samples, self.augment, flip, self.seed)
 
     def choose_batch_device(self, device: torch.device, console: Console) -> torch.device | None:
         """Return where training batches are made, as `augment_on` says; None for the CPU.
 
         Args:
-            device: the one that trains.
+            device: device that trains.
+            console: console for transforms that keep it on the CPU.
 
         Raises:
             InputError: `augment_on=device` with a transform that only the CPU can do.
@@ -250,9 +252,9 @@ class DrivingData(lightning.LightningDataModule):
         """Return the same loaded data, fed in another way.
 
         Args:
-            batch_device: where training batches are made; None for the CPU.
-            batches_per_step: above 1, training batches come in lists of so many.
-            features: fed in place of images (`datamodules.features`).
+            batch_device: device that creates training batches; None for the CPU.
+            batches_per_step: number of training batches in a list; 1 for no lists.
+            features: features fed in place of images (`datamodules.features`).
         """
         fed = copy.copy(self)
         fed._batch_device, fed.batches_per_step = batch_device, batches_per_step
@@ -260,18 +262,21 @@ class DrivingData(lightning.LightningDataModule):
         return fed
 
     def train_dataloader(self) -> DataLoader:
-        sampler = self.sampler()
+        """Return this rank's training batches."""
+        keys = self.sampler()
         if self.trainer is not None:
-            sampler = self.sampler(self.trainer.global_rank, self.trainer.world_size)
-            # A run that goes on takes its first batch before Lightning names the epoch.
-            sampler.set_epoch(self.trainer.current_epoch)
-        if self.batches_per_step > 1:
-            sampler = BatchesTogether(sampler, self.batches_per_step)
-        batches, workers = self.training_batches(), self.workers
+            keys = self.sampler(self.trainer.global_rank, self.trainer.world_size)
+            # A resumed run takes its first batch before Lightning sets the epoch.
+            keys.set_epoch(self.trainer.current_epoch)
+        training, workers = self.training_batches(), self.workers
+        batches: Dataset = training
+        sampler: BalancedBatches | KeyGroups = keys
         if self.features is not None:
-            batches = FeatureBatches(batches, self.features)
+            batches = FeatureBatches(training, self.features)
         elif self._batch_device is not None:
-            batches, workers = DeviceBatches(batches, self._batch_device), 0
+            batches, workers = DeviceBatches(training, self._batch_device), 0
+        if self.batches_per_step > 1:
+            batches, sampler = BatchGroups(batches), KeyGroups(keys, self.batches_per_step)
         return DataLoader(
             batches,
             batch_size=None,
@@ -282,12 +287,12 @@ class DrivingData(lightning.LightningDataModule):
         )
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:
-        """All rows of `train`, `val` or `test`, in order."""
+        """Return all rows of `train`, `val` or `test`, in order."""
         views = self.views if self.features is None else self.features
         return EvaluationBatches(views, self.recording, getattr(self.split, part))
 
     def val_dataloader(self) -> DataLoader | list:
-        """This process's share of the rows; `SteeringModule` puts what it predicts together."""
+        """Return this rank's validation rows; `SteeringModule` joins the predictions."""
         batches = self.evaluation_batches("val")
         if not len(batches):
             return []
@@ -296,27 +301,21 @@ class DrivingData(lightning.LightningDataModule):
         return DataLoader(batches, batch_size=None, shuffle=False)
 
     def test_dataloader(self) -> DataLoader | list:
+        """Return the test rows."""
         batches = self.evaluation_batches("test")
         return DataLoader(batches, batch_size=None, shuffle=False) if len(batches) else []
 
     def leaks(self) -> dict[str, Leak]:
-        """How near validation and test rows are to training rows."""
-        pictures = _CenterPictures(self.views)
+        """Return the train/validation similarity, of `val` and `test`."""
+
+        def center_image(row: int) -> np.ndarray:
+            return self.views.take(np.array([row]), CENTER)[0]
+
         return {
-            part: measure_leak(self.recording, self.split.train, rows, pictures)
+            part: measure_leak(self.recording, self.split.train, rows, center_image)
             for part in PARTS[1:]
             if len(rows := getattr(self.split, part))
         }
-
-
-class _CenterPictures:
-    """Centre views by row number."""
-
-    def __init__(self, views: RowViews) -> None:
-        self.views = views
-
-    def __getitem__(self, row: int) -> np.ndarray:
-        return self.views.take(np.array([row]), CENTER)[0]
 
 
 def _check(key: str, value: object, good: bool, wanted: str) -> None:
@@ -324,11 +323,11 @@ def _check(key: str, value: object, good: bool, wanted: str) -> None:
         raise InputError(f"data.{key}={value} is not {wanted}")
 
 
-def _are_weights(value: object, count: int) -> bool:
+def _are_weights(value: Any, count: int) -> bool:
     listed = isinstance(value, list | tuple) and len(value) == count
     return listed and all(_is_in(one, 0, 1000) and one > 0 for one in value)
 
 
-def _is_in(value: object, least: float, most: float = math.inf) -> bool:
+def _is_in(value: Any, least: float, most: float = math.inf) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return number and least <= value <= most

@@ -36,12 +36,17 @@ _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class LogRow:
-    """One row as written: its line number (1 is the first), three paths ('' where there is no such
-    camera), and steering -1..1, throttle, brake, speed in mph."""
+    """One row of a log.
+
+    Attributes:
+        line: line number, from 1.
+        paths: path for each of `CAMERAS`, '' without that camera.
+        numbers: steering -1..1, throttle, brake, speed in mph.
+    """
 
     line: int
-    paths: tuple[str, ...]  # one for each of `CAMERAS`
-    numbers: tuple[float, ...]  # one for each of `NUMBERS`
+    paths: tuple[str, ...]
+    numbers: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class LogColumns:
 
 
 def read_log_columns(log: Path) -> LogColumns:
-    """What `read_log` reads, five times as fast where a log is as the simulator writes it.
+    """Read a log as columns, five times as fast as `read_log` if the simulator wrote it.
 
     Raises:
         InputError: as `read_log`.
@@ -74,7 +79,7 @@ def read_log_columns(log: Path) -> LogColumns:
 
 
 def _read_plain_log(log: Path) -> LogColumns | None:
-    """The columns of a log of full rows with decimal points; None where anything is unusual."""
+    """Read a log of full rows with decimal points; return None if anything is unusual."""
     paths: tuple[list[str], ...] = tuple([] for _ in CAMERAS)
     lines, numbers, order = [], [], None
     with open_text(log, MOST_LOG_BYTES) as file:
@@ -119,7 +124,7 @@ def _read_plain_log(log: Path) -> LogColumns | None:
 
 
 def read_log(log: Path) -> Iterator[LogRow]:
-    """The rows of `driving_log.csv`, with or without a header, in any locale's numbers.
+    """Yield the rows of `driving_log.csv`, with or without header, in any locale's numbers.
 
     A decimal comma splits a number in two fields. The pieces are joined so that each number stays
     within its range; where two readings remain, one that does not press throttle and brake at once
@@ -154,7 +159,7 @@ def _is_header(fields: list[str]) -> bool:
 
 
 def _column_order(log: Path, fields: list[str]) -> list[str]:
-    """The names of the columns, from the header or, without one, from how many images a row has."""
+    """Return the columns' names, from the header or from the number of images in a row."""
     if _is_header(fields):
         names = [replace_undecoded(field).lower() for field in fields]
         names = ["center" if name == "centre" else name for name in names]
@@ -180,7 +185,7 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
 def _arrange(
     log: Path, line: int, fields: list[str], order: list[str]
 ) -> tuple[tuple[str, ...], list[str]]:
-    """A row's three paths, and the fields of its four numbers (more than four: decimal commas)."""
+    """Return a row's three paths and the fields of its numbers (over 4: decimal commas)."""
     if len(fields) == len(order):
         cells = dict(zip(order, fields, strict=True))
         paths = tuple(cells.get(camera, "") for camera in CAMERAS)

@@ -46,14 +46,13 @@ class Front:
 
     @property
     def picture_bytes(self) -> int:
-        """What is kept of a picture takes."""
+        """Return the bytes of one image's features."""
         return int(np.prod(self.shape)) * np.dtype(np.float16).itemsize
 
 
 @dataclass(frozen=True)
 class FeatureFile:
-    """A file of the cache: features of one recording's pictures of one camera, or of its mirrored
-    ones.
+    """A file of the cache: features of one recording's images of one camera, or mirrored.
 
     Attributes:
         rows: int64 [n], of the recording.
@@ -119,7 +118,7 @@ def plan_features(
     mirrored: bool,
     cache: Path | None,
 ) -> FeaturePlan:
-    """The files of all `views`; with `mirrored` also of the mirrored pictures of `cameras`."""
+    """Return the plan for all `views`; with `mirrored` also for `cameras`' mirrored images."""
     files = []
     for number, name in enumerate(recording.names):
         for camera, camera_name in enumerate(CAMERAS):
@@ -144,8 +143,9 @@ def plan_features(
 
 
 def load_features(plan: FeaturePlan, views: RowViews, console: Console) -> RowViews:
-    """Float16 features by row and camera, computed now or found in the cache. The mirrored picture
-    of camera `c` is at `c + MIRRORED`.
+    """Return float16 features by row and camera, from the cache or computed now.
+
+    The mirrored image of camera `c` is at `c + MIRRORED`.
 
     Raises:
         InputError: the cache cannot be written.
@@ -208,15 +208,15 @@ def _load(
 
 @dataclass(frozen=True)
 class FeatureBatches(Dataset):
-    """A batch by its key, as `TrainingBatches`, whose draws it has: `images` are the features,
-    float16 [n, c, h, w], of the pictures that it would be fed."""
+    """The batches of `TrainingBatches` with features in place of images.
+
+    `images` are float16 [n, c, h, w], of the images that would be fed.
+    """
 
     batches: TrainingBatches
     features: RowViews
 
-    def __getitem__(self, key: BatchKey | tuple[BatchKey, ...]) -> Batch | list[Batch]:
-        if isinstance(key, tuple):
-            return [self[one] for one in key]  # type: ignore[misc]
+    def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
         mirrored, steering, _ = self.batches.draw(key)
         taken = self.features.take(samples.row[own], samples.camera[own] + MIRRORED * mirrored)

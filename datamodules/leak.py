@@ -1,5 +1,6 @@
-"""How near validation frames are to training frames: what a random split hides."""
+"""Train/validation similarity: how close held-out frames are to training frames."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -34,15 +35,17 @@ def measure_leak(
     recording: Recording,
     train: np.ndarray,
     held_out: np.ndarray,
-    pictures: np.ndarray,
-    seed: int = 0,
+    image_of: Callable[[int], np.ndarray],
 ) -> Leak:
-    """The leak from `train` rows to `held_out` rows (int64 row numbers), both non-empty.
+    """Return the leak from training rows to held-out rows.
 
     Args:
-        pictures: uint8 [N, H, W, C], the centre views of all rows.
+        recording: recording of all rows.
+        train: training row numbers, int64, not empty.
+        held_out: held-out row numbers, int64, not empty.
+        image_of: function from a row number to its centre view, uint8 [H, W, C].
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     rows = np.sort(rng.choice(held_out, min(SAMPLED, len(held_out)), replace=False))
     seconds = _seconds_to_nearest(recording, train, rows)
     known = seconds[np.isfinite(seconds)]
@@ -52,7 +55,7 @@ def measure_leak(
         beside = np.searchsorted(train, rows)[:, None] + np.arange(-NEAR, NEAR)
         near = train[np.clip(beside, 0, len(train) - 1)]
         compared = np.union1d(rng.choice(train, COMPARED, replace=False), near)
-    nearest, stranger = _differences(_thumbnails(pictures, rows), pictures, compared)
+    nearest, stranger = _differences(_thumbnails(image_of, rows), image_of, compared)
     likeness = float(np.median(nearest) / stranger) if stranger else 0.0
     return Leak(float(np.median(known)) if len(known) else float("nan"), likeness)
 
@@ -74,22 +77,24 @@ def _seconds_to_nearest(recording: Recording, train: np.ndarray, rows: np.ndarra
 
 
 def _differences(
-    ours: np.ndarray, pictures: np.ndarray, compared: np.ndarray
+    ours: np.ndarray, image_of: Callable[[int], np.ndarray], compared: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """Of each of `ours` (float32 [n, pixels]), the mean difference to the most alike of the
-    `compared` rows' pictures, float64 [n]; and the median difference between any two."""
+    """Return each image's mean difference to the most similar compared one, float64 [n].
+
+    Also return the median difference of any two. `ours` is float32 [n, pixels].
+    """
     nearest, any_two = np.full(len(ours), np.inf), []
     step = -(-len(compared) // STRANGERS)
     for start in range(0, len(compared), AT_ONCE):
-        theirs = _thumbnails(pictures, compared[start : start + AT_ONCE])
+        theirs = _thumbnails(image_of, compared[start : start + AT_ONCE])
         differences = cdist(ours, theirs, "cityblock") / ours.shape[1]
         np.minimum(nearest, differences.min(axis=1), out=nearest)
         any_two.append(differences[:, ::step].copy())
     return nearest, float(np.median(np.concatenate(any_two, axis=1)))
 
 
-def _thumbnails(pictures: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """float32 [n, pixels] of small grey copies."""
-    small = [cv2.resize(pictures[row], THUMBNAIL, interpolation=cv2.INTER_AREA) for row in rows]
+def _thumbnails(image_of: Callable[[int], np.ndarray], rows: np.ndarray) -> np.ndarray:
+    """Return small grey copies, float32 [n, pixels]."""
+    small = [cv2.resize(image_of(row), THUMBNAIL, interpolation=cv2.INTER_AREA) for row in rows]
     colours = np.stack(small).reshape(len(rows), THUMBNAIL[0] * THUMBNAIL[1], -1)
     return colours.mean(axis=2, dtype=np.float32)

@@ -48,13 +48,13 @@ class Recording:
         return len(self.steering)
 
     def keep(self, mask: np.ndarray, bad_images: tuple[str, ...] = ()) -> "Recording":
-        """The rows where `mask` (bool [N]) holds; `bad_images` is added to what was skipped."""
+        """Return the rows of `mask` (bool [N]); add `bad_images` to the skipped ones."""
         columns = ("recording", "line", "images", "steering", "throttle", "brake")
         kept = {name: getattr(self, name)[mask] for name in (*columns, "speed_mph", "time_s")}
         return Recording(names=self.names, bad_images=self.bad_images + bad_images, **kept)
 
     def place(self, row: int) -> str:
-        """Where a row came from, for messages: `FOLDER/driving_log.csv, row 7`."""
+        """Return a row's place, for messages: `FOLDER/driving_log.csv, row 7`."""
         log = Path(self.names[self.recording[row]]) / LOG_NAME
         return f"{log}, row {self.line[row]}"
 
@@ -198,7 +198,7 @@ class ImageFinder:
         self._candidates: dict[str, list[Path]] = {}
 
     def find(self, written: str) -> str | None:
-        """The path of the image here, or None."""
+        """Return the image's path on this machine, or None."""
         name = file_name(written)
         if not name:
             return None
@@ -226,7 +226,7 @@ class ImageFinder:
         ]
 
     def searched(self) -> str:
-        """The first folder looked in, for messages."""
+        """Return the first folder searched, for messages."""
         return str(self.images or self.root / "IMG")
 
     def _folders(self, written: str) -> list[Path]:
@@ -252,7 +252,7 @@ class ImageFinder:
 
 
 def file_name(written: str) -> str:
-    r"""The last part of a path of any system.
+    r"""Return the last part of a path of any system.
 
     >>> file_name(r"C:\Users\me\IMG\center_1.jpg"), file_name(" IMG/left_1.jpg")
     ('center_1.jpg', 'left_1.jpg')

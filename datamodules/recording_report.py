@@ -24,7 +24,7 @@ class RecordingReport:
 
 
 def report_recordings(recording: Recording) -> list[RecordingReport]:
-    """A report on each recording, in order; the pauses between them are nobody's gaps."""
+    """Return a report on each recording; pauses between recordings are not gaps."""
     return [
         report_recording(recording, recording.recording == number, name)
         for number, name in enumerate(recording.names)
@@ -55,7 +55,7 @@ def report_recording(recording: Recording, mask: np.ndarray, name: str) -> Recor
 
 
 def report_lines(recording: Recording) -> list[str]:
-    """The reports as text, a line a recording, and what was skipped."""
+    """Return the reports as lines, one per recording, and a line for skipped images."""
     lines = []
     for report in report_recordings(recording):
         timing = "no times in the file names"

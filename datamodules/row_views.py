@@ -37,14 +37,16 @@ class RowViews:
     position: np.ndarray
 
     def keep(self, mask: np.ndarray) -> "RowViews":
-        """The views of the rows in `mask`, as `Recording.keep`."""
+        """Return the views of the rows in `mask`, as `Recording.keep`."""
         return RowViews(self.files, self.file[mask], self.position[mask])
 
     def take(
         self, rows: np.ndarray, cameras: np.ndarray | int, mirrored: np.ndarray | None = None
     ) -> np.ndarray:
-        """Pictures uint8 [n, H, W, C] of rows (int64 [n]) and cameras (int64 [n], or one); those of
-        `mirrored` (bool [n]) left to right."""
+        """Return images uint8 [n, H, W, C] of rows (int64 [n]) and cameras (int64 [n] or one).
+
+        Those of `mirrored` (bool [n]) are flipped left to right.
+        """
         positions = self.position[rows, cameras]
         turned = np.zeros(len(rows), bool) if mirrored is None else mirrored
         if len(self.files) == 1 and self.files[0][0].nbytes < SMALL_BYTES:
@@ -65,7 +67,7 @@ class RowViews:
         return out
 
     def resident(self) -> "RowViews":
-        """The same with all files in one array in memory."""
+        """Return the same views with all files in one array in memory."""
         starts = np.cumsum([0, *map(len, self.files)])[:-1]
         position = np.where(self.file >= 0, self.position + starts[self.file], -1)
         return RowViews([np.concatenate(self.files)], np.minimum(self.file, 0), position)
@@ -74,7 +76,7 @@ class RowViews:
 def load_row_views(
     recording: Recording, cameras: list[str], view: View, cache: Path | None, console: Console
 ) -> tuple[RowViews, dict[int, str]]:
-    """The views of all rows, decoded now or found in the cache, and what was wrong, by row.
+    """Return the views of all rows, from the cache or decoded now, and faults by row.
 
     Raises:
         InputError: the cache cannot be written.

@@ -50,13 +50,16 @@ def make_samples(
     recover_s: float | None = None,
     both_ways: bool = False,
 ) -> Samples:
-    """A sample for each of `rows` (int64) and each of its `cameras` that was recorded.
+    """Return a sample for each row and each of its recorded cameras.
 
     Args:
-        offset: added to the steering of left images and taken from that of right ones.
-        recover_s: derive the correction from the rig and each row's speed instead: the steering
-            that brings the side camera back to the centre line within so many seconds.
-        both_ways: every sample a second time, mirrored.
+        recording: recording of all rows.
+        rows: row numbers, int64.
+        cameras: names of the cameras to use.
+        offset: steering added to left images and subtracted from right ones.
+        recover_s: seconds in which the side camera returns to the centreline; derives the
+            correction from the rig and each row's speed, in place of `offset`.
+        both_ways: whether to add each sample a second time, mirrored.
 
     Raises:
         InputError: an unknown camera, or no image of any of them.
@@ -94,11 +97,11 @@ def make_samples(
 def recovery_steering(
     offset_m: float, speed_mph: np.ndarray | float, recover_s: float
 ) -> np.ndarray:
-    """The steering (-1..1) that brings a car `offset_m` right of the line back in `recover_s`.
+    """Return the steering (-1..1) that returns a car to the line in `recover_s` seconds.
 
-    The arc that meets the line at the distance driven in that time (pure pursuit: Coulter,
-    "Implementation of the Pure Pursuit Path Tracking Algorithm", 1992), by the bicycle model. A
-    car that hardly moves gets the arc of 4 m.
+    The car is `offset_m` right of the line. Its arc meets the line at the distance driven in that
+    time (pure pursuit: Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm",
+    1992), by the bicycle model. A nearly standing car gets the arc of 4 m.
 
     >>> float(recovery_steering(-0.806, 9.0, 2.0).round(3))
     0.162

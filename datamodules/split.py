@@ -43,7 +43,12 @@ def split_rows(
             they border on another part, since neighbouring frames are near copies; `random`: row by
             row, as the publications do; `recording`: whole recordings; or the path of a CSV with
             `image,part` rows, such as the `split.csv` that every run leaves.
-        seed: of the dealing alone, so that experiments with other seeds share their test rows.
+        recording: recording to split.
+        val_share: share of validation rows, 0..1.
+        test_share: share of test rows, 0..1.
+        block_s: length of a block, seconds.
+        gap_s: length of a gap, seconds.
+        seed: random seed of the split alone: experiments with other seeds share their test rows.
 
     Raises:
         InputError: an unknown kind, shares beyond 0..1, a part that gets no row.

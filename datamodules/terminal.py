@@ -1,5 +1,7 @@
 """Texts of files and folders on a terminal: their control characters are shown, not obeyed."""
 
+MOST = 4000  # characters of an error's line, beyond which its middle is left out
+
 
 def printable(text: str) -> str:
     r"""Return a text that cannot command a terminal: all but printable characters are escaped.
@@ -14,20 +16,19 @@ def printable(text: str) -> str:
     )
 
 
-def error_line(name: str, error: object, most: int = 4000) -> str:
+def error_line(name: str, error: object) -> str:
     r"""Return the one line that a command prints for an error.
 
     Args:
         name: command.
         error: exception or text; its ends of lines become blanks.
-        most: characters, beyond which the middle is left out.
 
     >>> print(error_line("check", "a\x1b[2J:\nno such folder"))
     check: a\x1b[2J: no such folder
     """
     line = printable(" ".join(str(error).split()))
-    if len(line) > most:
-        line = f"{line[: most // 2]} ... {line[-most // 2 :]}"
+    if len(line) > MOST:
+        line = f"{line[: MOST // 2]} ... {line[-MOST // 2 :]}"
     return f"{name}: {line}"
 
 

@@ -47,12 +47,12 @@ class View:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """`(height, width, channels)` of what comes out."""
+        """Return the output's `(height, width, channels)`."""
         size = self.size or (FRAME_HEIGHT - sum(self.crop), FRAME_WIDTH)
         return (*size, 3 if self.colour in ("rgb", "yuv") else 1)
 
     def __call__(self, frame: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Frame uint8 [160, 320, 3] RGB -> uint8 [height, width, channels], in `out` if given."""
+        """Return the view of a frame uint8 [160, 320, 3] RGB, written to `out` if given."""
         top, bottom = self.crop
         picture = CONVERSIONS[self.colour](frame[top : FRAME_HEIGHT - bottom])
         if self.size is not None:
@@ -67,17 +67,18 @@ class View:
         return out
 
     def to_dict(self) -> dict:
-        """Plain containers, for a checkpoint; `View.from_dict` reads them back."""
+        """Return plain containers, for a checkpoint; `View.from_dict` reads them."""
         plain = asdict(self)
         return plain | {"crop": list(self.crop), "size": list(self.size) if self.size else None}
 
     @classmethod
     def from_dict(cls, plain: dict) -> "View":
+        """Return the view that `to_dict` wrote."""
         return cls(**plain)
 
 
 def view_to_rgb(picture: np.ndarray, colour: str) -> np.ndarray:
-    """A view's picture uint8 [H, W, C] as RGB [H, W, 3] for a person to look at."""
+    """Return a view's image, uint8 [H, W, C], as RGB [H, W, 3] to show."""
     if colour == "yuv":
         return cv2.cvtColor(picture, cv2.COLOR_YUV2RGB)
     if picture.shape[2] == 1:

@@ -51,14 +51,17 @@ def load_views(
     progress: Progress | None = None,
     on_wait: Callable[[], None] | None = None,
 ) -> ViewFile:
-    """The views of `paths`, from the cache in `folder`, or decoded now and left there.
+    """Return the views of images, from the cache, or decoded now and cached.
 
     Two processes that want the same file do not build it twice: the second waits for the first.
     Without a folder the views are kept in memory.
 
     Args:
-        progress: called with (done, total) as images are decoded.
-        on_wait: called once if another process is building this file.
+        paths: image files.
+        view: what a network sees.
+        folder: cache's folder; None keeps the views in memory.
+        progress: function called with (done, total) as images are decoded.
+        on_wait: function called once if another process writes this file.
 
     Raises:
         InputError: the disk is full or cannot be written to.
@@ -89,12 +92,15 @@ def load_file(
     on_wait: Callable[[], None] | None,
     what: str,
 ) -> ViewFile:
-    """The array of `shape` in `target`, mapped; made there by `fill` if it is not whole yet.
+    """Return a mapped array; write it with `fill` if the file is not complete.
 
     Args:
-        fill: hands every row to the function that it gets, and returns the faults.
-        on_wait: called once if another process is building this file.
-        what: it is, for an error's words.
+        target: file of the array.
+        shape: shape of the array.
+        dtype: type of its elements.
+        fill: function that passes every row to its argument, and returns the faults.
+        on_wait: function called once if another process writes this file.
+        what: name of the contents, for errors.
 
     Raises:
         InputError: the disk is full or cannot be written to.
@@ -138,13 +144,15 @@ def decode_all(
     keep: Keep,
     progress: Progress | None = None,
 ) -> dict[int, str]:
-    """Decode on every core, and return why some could not be, by position; those are zeros.
+    """Decode images on all cores; return the faults by position, whose views are zeros.
 
     Args:
-        keep: called by several threads at once, with a position and uint8 [n, H, W, C] for there,
-            which is written over afterwards.
+        paths: image files.
+        view: what a network sees.
+        keep: function that several threads call with a position and views uint8 [n, H, W, C],
+            which are overwritten afterwards.
+        progress: function called with (done, total).
     """
-
     own = threading.local()  # one chunk a thread, so that no memory is cleared again and again
 
     def decode(start: int) -> tuple[int, dict[int, str]]:

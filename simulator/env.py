@@ -5,6 +5,11 @@
 >>> observation, info = env.reset(seed=1)
 >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 >>> env.close()
+
+Several at once, a process each (`reset(seed=7)` seeds them 7, 8, 9 ...), in a script with
+`if __name__ == "__main__":`, since Panda3D's and PyTorch's threads do not survive a fork:
+
+    gymnasium.make_vec("Lake-v0", 4, vectorization_mode="async", vector_kwargs={"context": "spawn"})
 """
 
 from typing import Any

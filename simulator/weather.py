@@ -1,7 +1,7 @@
 """Light and weather: conditions that change frames but not the road."""
 
 import difflib
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import yaml
@@ -63,10 +63,9 @@ class Weather:
 CLEAR = Weather()
 
 
-def random_weather(rng: np.random.Generator, usual: Weather = CLEAR) -> Weather:
+def random_weather(rng: np.random.Generator) -> Weather:
     """Draw a random day: any sun, sometimes fog, rain or a wet road."""
-    return replace(
-        usual,
+    return Weather(
         sun_azimuth_deg=rng.uniform(0, 360),
         sun_elevation_deg=rng.uniform(20, 80),
         sun=rng.uniform(0.6, 1.2),

@@ -26,7 +26,9 @@ def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature:
     for ahead in (4.0, 8.0, 15.0):
         along = ahead + rig.CAMERA_POSITIONS["center"][2] + rig.REAR_AXLE_M
         aside = (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
-        row, depth = ground.row_of(ahead), ground.depth_of(ahead)
+        below = np.arctan(ground.CAMERA_HEIGHT_M / ahead) - np.radians(ground.PITCH_DOWN_DEG)
+        row = 79.5 + ground.FOCAL_PX * np.tan(below)  # of 160
+        depth = ground.depth_of(ahead)
         assert np.interp(row, np.arange(160), moved) == pytest.approx(
             rig.FOCAL_PX * aside / depth, rel=0.1
         )

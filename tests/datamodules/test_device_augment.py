@@ -161,8 +161,6 @@ def test_without_augmentation_its_batches_are_the_cpus(data, room) -> None:
             assert torch.equal(tensor, other[name]), name
             assert tensor.dtype == other[name].dtype
     assert other["images"].is_contiguous(memory_format=torch.channels_last)
-    together = theirs[tuple(data.sampler())[:2]]
-    assert [len(one["images"]) for one in together] == [16, 16]
 
 
 def test_views_that_do_not_fit_stay_where_they_are(data) -> None:

@@ -102,9 +102,8 @@ def test_a_batch_holds_the_features_of_the_pictures_that_it_would_be_fed(
     data, halves = data_of(recorded, tmp_path), Halves()
     batches = data.training_batches()
     fed = FeatureBatches(batches, load_features(plan_of(data, halves.front()), data.views, console))
-    keys = list(data.sampler())
-    for key, features in zip(keys, fed[tuple(keys)], strict=True):
-        plain = batches[key]
+    for key in data.sampler():
+        features, plain = fed[key], batches[key]
         pictures = plain["images"].permute(0, 2, 3, 1).numpy()
         np.testing.assert_array_equal(
             features["images"].permute(0, 2, 3, 1).numpy(), halves(pictures)

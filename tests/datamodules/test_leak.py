@@ -22,7 +22,7 @@ def test_random_leaks_more_than_blocks(lake):
     leaks = {}
     for kind in ("random", "blocks"):
         split = split_rows(recording, kind, val_share=0.2, test_share=0.0, block_s=4)
-        leaks[kind] = measure_leak(recording, split.train, split.val, pictures)
+        leaks[kind] = measure_leak(recording, split.train, split.val, pictures.__getitem__)
     assert leaks["random"].seconds < leaks["blocks"].seconds
     assert leaks["random"].likeness < leaks["blocks"].likeness
 
@@ -30,7 +30,7 @@ def test_random_leaks_more_than_blocks(lake):
 def test_seconds_to_the_nearest_training_row():
     recording = recording_in_memory(np.zeros(100))
     pictures = np.zeros((100, 8, 16, 1), np.uint8)
-    leak = measure_leak(recording, np.arange(0, 41), np.array([70]), pictures)
+    leak = measure_leak(recording, np.arange(0, 41), np.array([70]), pictures.__getitem__)
     assert leak.seconds == pytest.approx(30 / 15)
 
 
@@ -39,7 +39,7 @@ def test_seconds_do_not_count_across_recordings():
     recording = recording_in_memory(np.zeros(100), sizes=(50, 50))
     pictures = np.zeros((100, 8, 16, 1), np.uint8)
     train = np.concatenate([np.arange(50), np.arange(65, 100)])
-    leak = measure_leak(recording, train, np.array([50]), pictures)
+    leak = measure_leak(recording, train, np.array([50]), pictures.__getitem__)
     assert leak.seconds == pytest.approx(1.0)
 
 
@@ -47,21 +47,25 @@ def test_seconds_are_unknown_without_times():
     recording = recording_in_memory(np.zeros(20))
     recording.time_s[:] = np.nan
     pictures = np.zeros((20, 8, 16, 1), np.uint8)
-    assert np.isnan(measure_leak(recording, np.arange(10), np.arange(10, 20), pictures).seconds)
+    assert np.isnan(
+        measure_leak(recording, np.arange(10), np.arange(10, 20), pictures.__getitem__).seconds
+    )
 
 
 def test_a_copy_in_training_has_likeness_zero():
     noise = np.random.default_rng(0).integers(0, 256, (10, 64, 128, 3), np.uint8)
     pictures = np.concatenate([noise, noise])
     leak = measure_leak(
-        recording_in_memory(np.zeros(20)), np.arange(10), np.arange(10, 20), pictures
+        recording_in_memory(np.zeros(20)), np.arange(10), np.arange(10, 20), pictures.__getitem__
     )
     assert leak.likeness == 0
 
 
 def test_strangers_have_likeness_near_one():
     flat = np.random.default_rng(0).integers(0, 256, (60, 8, 16, 1), np.uint8)
-    leak = measure_leak(recording_in_memory(np.zeros(60)), np.arange(30), np.arange(30, 60), flat)
+    leak = measure_leak(
+        recording_in_memory(np.zeros(60)), np.arange(30), np.arange(30, 60), flat.__getitem__
+    )
     assert 0.7 < leak.likeness < 1
 
 
@@ -73,7 +77,7 @@ def test_neighbours_are_found_in_a_long_recording(monkeypatch: pytest.MonkeyPatc
         recording_in_memory(np.zeros(1000)),
         np.arange(0, 1000, 2),
         np.arange(1, 1000, 2),
-        pairs.repeat(2, axis=0),
+        pairs.repeat(2, axis=0).__getitem__,
     )
     assert leak.likeness == 0
     assert leak.seconds == pytest.approx(1 / 15, abs=1e-3)

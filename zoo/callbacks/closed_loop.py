@@ -1,4 +1,4 @@
-"""Drives the weights while they learn: how far off the road is the figure that counts."""
+"""Drives in the embedded world during training."""
 
 import copy
 import time
@@ -18,28 +18,28 @@ DRIVEN = "driven.ckpt"
 
 
 class ClosedLoop(lightning.Callback):
-    """Drives in the embedded world after an epoch, and logs what it came to.
+    """A callback that drives in the embedded world after an epoch, and logs the figures.
 
     Logs `drive/autonomy` (0..1), `drive/interventions`, `drive/cte_mean` and `drive/cte_max`
     (metres), and `drive/score` (see `zoo.drives.driving_score`), which checkpoints and early
-    stopping can monitor. They keep their last value through epochs that are not driven.
+    stopping can monitor. In epochs without a drive they keep their last value.
 
     The weights with the highest `drive/score` are kept as `checkpoints/driven.ckpt`: a candidate
     for `best.ckpt` at the end of the run.
 
-    Drives a copy of the network on the CPU: training goes on as if nothing had been. Under several
-    processes the first one drives, the others wait for its figures.
+    A copy of the network drives on the CPU: training is not changed. Of several processes the first
+    drives, and the other ones wait for its figures.
 
     Args:
-        track: a name or a file.
-        every_n_epochs: the first is driven in any case, then every so many.
-        starts: so many drives from places evenly spaced along the lap, on the centre.
-        metres: driven from each.
-        speed: miles per hour to hold.
-        share: of the training's own time, which all driving but the first and the best
-            checkpoint's stays below by skipping epochs; null drives whatever it takes. What is
-            skipped depends on the machine's speed; with null, runs repeat.
-        quality: full, or simple pictures, which are a little quicker.
+        track: name or file of a track.
+        every_n_epochs: number of epochs from one drive to the next; the first epoch always drives.
+        starts: number of drives, from places evenly spaced along the centreline.
+        metres: length of each drive.
+        speed: speed to hold, mph.
+        share: largest time of driving, as a share of the training's own time, without the first
+            drive and the best checkpoint's; epochs are skipped to keep it. Which ones depends on
+            the machine's speed; with null none is skipped, and runs repeat exactly.
+        quality: `full`, or `simple` images, which render slightly faster.
     """
 
     def __init__(
@@ -66,27 +66,30 @@ class ClosedLoop(lightning.Callback):
         self.world = None
         self.drives, self.spent_s, self.last_s = 0, 0.0, 0.0
         self.best_score = float("-inf")
-        self.cost: dict[str, float] | None = None  # of all drives in training, once it is over
+        self.cost: dict[str, float] | None = None  # of all drives in training, set at its end
 
     def on_fit_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
-        said = self._open() if trainer.is_global_zero else None
-        said = trainer.strategy.broadcast(said)
-        if said is None:
+        """Open the world; report where that fails."""
+        problem = self._open() if trainer.is_global_zero else None
+        problem = trainer.strategy.broadcast(problem)
+        if problem is None:
             return
         for callback in trainer.callbacks:
             monitor = getattr(callback, "monitor", None) or ""
             if monitor.startswith(MONITORED):
-                raise InputError(f"{type(callback).__name__} monitors {monitor}, but {said}")
+                raise InputError(f"{type(callback).__name__} monitors {monitor}, but {problem}")
         if trainer.is_global_zero:
-            line = f"closed loop: not driven: {said}"
+            line = f"closed loop: not driven: {problem}"
             Console(soft_wrap=True).print(line, highlight=False, markup=False)
 
     def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        """Start the clock."""
         self.started = time.perf_counter()
 
     def on_train_epoch_end(
         self, trainer: lightning.Trainer, module: lightning.LightningModule
     ) -> None:
+        """Drive if it is due; log the figures and keep the best weights."""
         figures = None
         if trainer.is_global_zero and self.world is not None and self._due(trainer.current_epoch):
             figures = self.drive(module.network, trainer.datamodule.view)
@@ -105,12 +108,15 @@ class ClosedLoop(lightning.Callback):
                 trainer.save_checkpoint(Path(trainer.default_root_dir) / "checkpoints" / DRIVEN)
 
     def state_dict(self) -> dict:
+        """Return the best score, for checkpoints."""
         return {"best_score": self.best_score}
 
     def load_state_dict(self, state: dict) -> None:
+        """Restore the best score."""
         self.best_score = state.get("best_score", float("-inf"))
 
     def on_train_end(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        """Print what the drives took."""
         trained_s = self._trained_s()
         if self.drives and trained_s > 0:
             self.cost = {
@@ -126,7 +132,7 @@ class ClosedLoop(lightning.Callback):
             )
 
     def drive(self, network: nn.Module, view: View) -> dict[str, float]:
-        """What a copy of the network comes to; the same for the same weights."""
+        """Drive a copy of the network; return its figures, equal for equal weights."""
         from simulator.world import Start
         from zoo.checkpoints.checkpoint import Checkpoint
         from zoo.checkpoints.policy import Policy
@@ -136,7 +142,7 @@ class ClosedLoop(lightning.Callback):
         from zoo.evaluate.many_drives import speed_controller
 
         began, threads = time.perf_counter(), torch.get_num_threads()
-        torch.set_num_threads(1)  # a single picture is too little for two
+        torch.set_num_threads(1)  # one image is too little work for two threads
         try:
             policy = Policy(Checkpoint(copy.deepcopy(network).cpu().eval(), view, {}, {}))
             length = self.world.track.length
@@ -168,7 +174,7 @@ class ClosedLoop(lightning.Callback):
         }
 
     def _trained_s(self) -> float:
-        """Seconds of training so far, validation and all else but driving included."""
+        """Return the seconds of training so far, with validation, without driving."""
         return time.perf_counter() - self.started - self.spent_s
 
     def _due(self, epoch: int) -> bool:
@@ -179,7 +185,7 @@ class ClosedLoop(lightning.Callback):
         return self.share is None or self.spent_s + self.last_s <= self.share * self._trained_s()
 
     def _open(self) -> str | None:
-        """Open the world; what hinders that, in a line."""
+        """Open the world; return why it cannot be opened, or None."""
         from simulator.errors import SimulatorError
         from simulator.world import open_world
 
@@ -193,12 +199,14 @@ class ClosedLoop(lightning.Callback):
 def best_drive(
     trainer: lightning.Trainer, module: lightning.LightningModule, view: View
 ) -> dict | None:
-    """For `metrics.json`: how the weights in `module` drive, where `ClosedLoop` is among the
-    callbacks and could drive; and what its drives have cost."""
+    """Drive the weights in `module` with the run's `ClosedLoop`.
+
+    Return `closed_loop` of `metrics.json`; None without that callback, or where it could not drive.
+    """
     for callback in trainer.callbacks:
         if isinstance(callback, ClosedLoop) and callback.world is not None:
             figures = callback.drive(module.network, view)
-            callback.world.pictures.close()  # a sweep's next job opens its own
+            callback.world.pictures.close()  # a sweep's next job opens another world
             callback.world = None
             return {
                 "track": callback.track,

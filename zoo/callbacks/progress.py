@@ -1,4 +1,4 @@
-"""One progress bar for the whole training, or one line an epoch where nobody watches."""
+"""One progress bar for the whole training, and a line per epoch."""
 
 import time
 
@@ -8,12 +8,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 
 class TrainingProgress(lightning.Callback):
-    """Shows epoch, samples per second, training loss and validation MSE.
+    """A callback that shows epoch, samples per second, training loss and validation MSE.
 
-    Costs a look at the clock per step: the bar is drawn by a thread of its own.
+    A step costs one reading of the clock: another thread draws the bar.
 
     Args:
-        refresh_s: seconds between two looks at the figures.
+        refresh_s: seconds between two updates of the bar.
     """
 
     def __init__(self, refresh_s: float = 0.2) -> None:
@@ -22,6 +22,7 @@ class TrainingProgress(lightning.Callback):
         self.next_refresh = 0.0
 
     def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        """Show the bar on a terminal."""
         self.console = Console(soft_wrap=True)
         self.started, self.done = time.perf_counter(), 0
         self.steps = int(trainer.num_training_batches)
@@ -46,8 +47,9 @@ class TrainingProgress(lightning.Callback):
         batch: dict | list[dict],
         number: int,
     ) -> None:
-        together = batch if isinstance(batch, list) else [batch]
-        self.done += sum(len(one["images"]) for one in together) * trainer.world_size
+        """Count the samples and update the bar."""
+        group = batch if isinstance(batch, list) else [batch]
+        self.done += sum(len(one["images"]) for one in group) * trainer.world_size
         now = time.perf_counter()
         if self.progress is None or now < self.next_refresh:
             return
@@ -63,6 +65,7 @@ class TrainingProgress(lightning.Callback):
     def on_train_epoch_end(
         self, trainer: lightning.Trainer, module: lightning.LightningModule
     ) -> None:
+        """Print the epoch's line."""
         if not trainer.is_global_zero:
             return
         metrics = trainer.callback_metrics
@@ -77,6 +80,7 @@ class TrainingProgress(lightning.Callback):
     def teardown(
         self, trainer: lightning.Trainer, module: lightning.LightningModule, stage: str
     ) -> None:
+        """Remove the bar."""
         if self.progress is not None:
             self.progress.stop()
             self.progress = None

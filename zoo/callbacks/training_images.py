@@ -1,4 +1,4 @@
-"""Pictures of what is fed and what comes out: PNG files in the run's `plots/`, and TensorBoard."""
+"""Plots of batches and predictions: PNG files in the run's `plots/`, and TensorBoard."""
 
 from pathlib import Path
 
@@ -15,13 +15,14 @@ class FedBatch(lightning.Callback):
     """`plots/fed_batch.png`: the first samples of the first batches, with their labels.
 
     Args:
-        count: how many samples.
+        count: number of samples.
     """
 
     def __init__(self, count: int = 32) -> None:
         self.count = count
 
     def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        """Plot the samples."""
         if trainer.is_global_zero:
             publish(trainer, "fed_batch", figure_of_fed_batch(trainer.datamodule, self.count))
 
@@ -30,15 +31,16 @@ class SteeringHistogram(lightning.Callback):
     """`plots/steering_histogram.png`: steering before and after balancing and flipping."""
 
     def on_train_start(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
+        """Plot the steering."""
         if trainer.is_global_zero:
             publish(trainer, "steering_histogram", figure_of_steering(trainer.datamodule))
 
 
 class PredictedAgainstTrue(lightning.Callback):
-    """`plots/predicted_against_true_val.png` while training.
+    """`plots/predicted_against_true_val.png` during training.
 
     Args:
-        every_n_epochs: how often it is drawn anew.
+        every_n_epochs: number of epochs between two plots.
     """
 
     def __init__(self, every_n_epochs: int = 5) -> None:
@@ -47,6 +49,7 @@ class PredictedAgainstTrue(lightning.Callback):
     def on_validation_end(
         self, trainer: lightning.Trainer, module: lightning.LightningModule
     ) -> None:
+        """Plot the validation rows."""
         epoch = trainer.current_epoch + 1
         if epoch % self.every_n_epochs or not trainer.is_global_zero or module.validation is None:
             return
@@ -55,7 +58,7 @@ class PredictedAgainstTrue(lightning.Callback):
 
 
 def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figure:
-    """The first `count` samples as they come out of the datamodule, whatever the batch size."""
+    """Return the plot of the first `count` samples, as fed, for any batch size."""
     keys = iter(data.sampler())
     indices: list[np.ndarray] = []
     while sum(map(len, indices)) < min(count, len(data.samples)):
@@ -64,14 +67,14 @@ def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figu
             break
         indices.append(key.samples)
     batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
-    pictures = batch["images"].permute(0, 2, 3, 1).numpy()
-    height, width, channels = pictures.shape[1:]
+    images = batch["images"].permute(0, 2, 3, 1).numpy()
+    height, width, channels = images.shape[1:]
     title = f"as fed: {width} x {height} {data.view.colour}, {channels} channel(s), steering above"
-    return plots.fed_batch(pictures, batch["targets"][:, 0].numpy(), data.view.colour, title)
+    return plots.fed_batch(images, batch["targets"][:, 0].numpy(), data.view.colour, title)
 
 
 def figure_of_steering(data: lightning.LightningDataModule) -> Figure:
-    """Steering of all samples and of the first epoch as drawn, flips included, at most 50,000."""
+    """Plot the steering of all samples, and of up to 50,000 as drawn and flipped."""
     batches = data.training_batches()
     fed = []
     for key in data.sampler():
@@ -83,11 +86,11 @@ def figure_of_steering(data: lightning.LightningDataModule) -> Figure:
 
 
 def publish(trainer: lightning.Trainer, name: str, figure: Figure) -> None:
-    """Save as PNG and hand to TensorBoard, where that is on."""
+    """Save a plot as PNG; log it to TensorBoard if that is on."""
     path = plots.save_figure(figure, Path(trainer.default_root_dir) / "plots" / f"{name}.png")
     for logger in trainer.loggers:
         if isinstance(logger, TensorBoardLogger):
             from PIL import Image
 
-            picture = np.asarray(Image.open(path).convert("RGB"))
-            logger.experiment.add_image(name, picture, trainer.current_epoch, dataformats="HWC")
+            image = np.asarray(Image.open(path).convert("RGB"))
+            logger.experiment.add_image(name, image, trainer.current_epoch, dataformats="HWC")

@@ -20,8 +20,6 @@ from zoo.cli.compose import escape_interpolation
 from zoo.correct.correct_options import CorrectOptions
 from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys
 
-SPLIT_NAME = "split.csv"
-
 
 def own_config(
     checkpoint: Checkpoint, overrides: list[str], path: str, trusted: Collection[str] = ()

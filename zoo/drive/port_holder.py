@@ -1,11 +1,8 @@
 """Search for the process that listens on a port."""
 
-import os
-import shutil
-import subprocess
-from pathlib import Path
+from contextlib import suppress
 
-_LISTENS = "0A"
+import psutil
 
 
 def port_holder(port: int) -> str | None:
@@ -17,38 +14,9 @@ def port_holder(port: int) -> str | None:
     >>> port_holder(1) is None
     True
     """
-    if Path("/proc/net/tcp").is_file():
-        return _from_proc(port)
-    return _from_lsof(port)
-
-
-def _from_proc(port: int) -> str | None:
-    inodes = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        try:
-            lines = Path(table).read_text().splitlines()[1:]
-        except OSError:
-            continue
-        for fields in map(str.split, lines):
-            if fields[3] == _LISTENS and int(fields[1].rpartition(":")[2], 16) == port:
-                inodes.add(f"socket:[{fields[9]}]")
-    for process in Path("/proc").iterdir():
-        if not process.name.isdigit():
-            continue
-        try:
-            if any(os.readlink(one) in inodes for one in (process / "fd").iterdir()):  # noqa: PTH115
-                words = (process / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
-                return f"{' '.join(words).strip():.100} (process {process.name})"
-        except OSError:  # it has ended, or belongs to another user
-            continue
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):  # it has ended, or belongs to another user
+            for one in process.net_connections("tcp"):
+                if one.status == psutil.CONN_LISTEN and one.laddr.port == port:
+                    return f"{' '.join(process.cmdline()).strip():.100} (process {process.pid})"
     return None
-
-
-def _from_lsof(port: int) -> str | None:
-    lsof = shutil.which("lsof")
-    if lsof is None:
-        return None
-    command = [lsof, "-nP", f"-iTCP:{port}", "-sTCP:LISTEN", "-Fpc"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    found = {line[:1]: line[1:] for line in result.stdout.splitlines()}
-    return f"{found['c']} (process {found['p']})" if {"p", "c"} <= found.keys() else None

@@ -25,7 +25,6 @@ from datamodules.errors import InputError
 
 TRUST = "trust"  # key with which the user allows more
 RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a config
-MAX_BYTES = 1_000_000  # of a config's file; a run's has about 4,000
 
 Keys = tuple[str, ...]
 

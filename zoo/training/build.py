@@ -1,4 +1,4 @@
-"""From a config to the objects of an experiment; configs end here."""
+"""Build the objects of an experiment from its config."""
 
 import logging
 import os
@@ -30,18 +30,18 @@ from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
 
 QUICK_EPOCHS = 3
-QUICK_SAMPLES_BEFORE = 3_200  # of runs from before config.quick_samples, which resume and repeat
-PLACES = ("root", "images", "cache", "split")  # of `data`
-OWN_KEYS = ("compile",)  # of `trainer`, which Lightning's does not know
+QUICK_SAMPLES_BEFORE = 3_200  # for configs without quick_samples, of older versions
+PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
+OWN_KEYS = ("compile",)  # keys of `trainer` that are not arguments of Lightning's Trainer
 
 
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
-    """Return the config to train by: quick where asked for, of a recording that is there."""
+    """Return the config to train with: apply `quick`, make the recording of `data.record`."""
     return with_recording(with_quick(config), console)
 
 
 def with_quick(config: DictConfig) -> DictConfig:
-    """Return a config whose epochs and samples are capped where `quick=true`, for a first try.
+    """Return a config whose epochs and samples are capped if `quick=true`.
 
     Raises:
         InputError: `quick_samples` is not a whole number above 0.
@@ -58,13 +58,13 @@ def with_quick(config: DictConfig) -> DictConfig:
     ):
         if node[key] is None:
             node[key] = most
-        elif isinstance(node[key], int | float):  # what is no number is refused further on
+        elif isinstance(node[key], int | float):  # anything else is refused later
             node[key] = min(node[key], most)
     return config
 
 
 def build_data(config: DictConfig) -> DrivingData:
-    """The datamodule, not loaded yet."""
+    """Return the datamodule; call its `load` before use."""
     if type(config.seed) is not int or config.seed < 0:
         raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
@@ -72,7 +72,7 @@ def build_data(config: DictConfig) -> DrivingData:
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     places = {key: settings.pop(key) for key in PLACES if key in settings}
-    # Hydra would turn the view, a dataclass, into a config of its own.
+    # Hydra would turn the view, a dataclass, into a config.
     make = _instantiate("data", settings, _partial_=True)
     return make(view=view, seed=config.seed, **places)
 
@@ -83,16 +83,19 @@ def build_network(
     """Return the network with the weights that training begins with.
 
     Args:
-        weights: those of a run that is resumed, in place of `model.weights`.
+        config: experiment's config.
+        view: what the network sees.
+        console: console for the line about loaded weights.
+        weights: checkpoint of a resumed run, used in place of `model.weights`.
     """
     torch.manual_seed(config.seed)
     network = make_network(OmegaConf.to_container(config.model, resolve=True), view)
     if weights is not None:
         load_weights(network, str(weights))
     elif config.model.weights is not None:
-        said = load_weights(network, str(config.model.weights))
-        console.print(f"weights: {said}", highlight=False, markup=False)
-    # The layout of the images; weights in another would be converted at every step.
+        loaded = load_weights(network, str(config.model.weights))
+        console.print(f"weights: {loaded}", highlight=False, markup=False)
+    # The layout of the images: weights in another one would be converted at every step.
     return network.to(memory_format=torch.channels_last)
 
 
@@ -122,9 +125,9 @@ def build_module(
         compiled_batch=plan.compiled_batch,
     )
     try:
-        module.configure_optimizers()  # says now what it would refuse when training starts
+        module.configure_optimizers()  # to report wrong settings before training starts
     except (TypeError, ValueError) as error:
-        raise InputError(f"optim or schedule: {error}; mend its settings") from None
+        raise InputError(f"optim or schedule: {error}; correct its settings") from None
     return module
 
 
@@ -135,7 +138,7 @@ def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> Drivi
 
 
 def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lightning.Trainer:
-    """The Trainer with its callbacks and loggers, all writing in the run's folder."""
+    """Return the Trainer with callbacks and loggers that write in the run's folder."""
     silence_libraries()
     if type(config.trainer.max_epochs) is not int or config.trainer.max_epochs < 0:
         raise InputError(
@@ -176,7 +179,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
 
 
 def _check_drives(callbacks: list[lightning.Callback]) -> None:
-    """Raises InputError where a figure of driving is monitored and nothing drives."""
+    """Raise InputError if a driving figure is monitored but no callback drives."""
     if any(isinstance(one, ClosedLoop) for one in callbacks):
         return
     for callback in callbacks:
@@ -189,33 +192,33 @@ def _check_drives(callbacks: list[lightning.Callback]) -> None:
 
 
 def keep_earlier_log(folder: Path) -> None:
-    """Put a stopped run's `metrics.csv` aside as `metrics.1.csv` ...: CSVLogger would delete it."""
+    """Rename a stopped run's `metrics.csv` to `metrics.1.csv` ...: CSVLogger would delete it."""
     log = folder / "metrics.csv"
     if log.is_file():
         log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
 
 
 def silence_libraries() -> None:
-    """What libraries say and a user cannot act on, one by one."""
+    """Silence library messages that a user cannot act on."""
     # "GPU available: ...", "TPU ...", tips of the day: the run prints its device itself.
-    # With several processes each would announce itself as well.
+    # With several processes each process would print them.
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
     ignored = [
-        # Batches are prepared in the main process on purpose: workers would fight for its cores.
+        # Batches are prepared in the main process: workers would compete for its cores.
         ".*does not have many workers.*",
         # An epoch can be shorter than log_every_n_steps; figures are logged by epoch.
         ".*number of training batches .* is smaller than the logging interval.*",
         # Resuming writes to the folder it resumes from.
         ".*Checkpoint directory .* exists and is not empty.*",
         ".*Experiment logs directory .* exists and is not empty.*",
-        # Lightning steps the scheduler by epoch after resuming; torch takes that for a mistake.
+        # Lightning steps the scheduler by epoch after resuming, which torch warns about.
         ".*Detected call of `lr_scheduler.step\\(\\)` before `optimizer.step\\(\\)`.*",
-        # Lightning's own use of a part of torch that is on its way out.
+        # Lightning itself uses this deprecated part of torch.
         ".*`isinstance\\(treespec, LeafSpec\\)` is deprecated.*",
-        # On a cluster's login node, and in a job that means to use one process.
+        # On a cluster's login node, and in a job with one process.
         ".*The `srun` command is available on your system but is not used.*",
-        # Every process has the first one's figures.
+        # Every process has the first process's figures.
         ".*when logging on epoch level in distributed setting to accumulate the metric.*",
         # data.val_share=0 is allowed.
         ".*Total length of `list` across ranks is zero.*",
@@ -225,9 +228,9 @@ def silence_libraries() -> None:
 
 
 def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
-    """`hydra.utils.instantiate`, whose failures name the config's key in one line."""
+    """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
-    # Hydra would resolve a path with ${ in it, whatever escapes it: such go in at the call.
+    # Hydra resolves ${ in a path even if it is escaped: such paths are passed at the call.
     late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
     more = {name: one for name, one in more.items() if name not in late}
     try:

@@ -1,8 +1,8 @@
-"""The choice of `best.ckpt` at the end of a run: its candidates are driven, the best driver stays.
+"""The choice of `best.ckpt` at the end of a run: the candidate that drives best.
 
 Validation error is a poor guide to driving (`docs/offline_metrics.md`): the epoch with the lowest
-one is often the first, which hardly steers. The candidates start in another place than the drives
-of the score, so that the score is not the best of several tries.
+error is often the first, which hardly steers. The candidates do not start where the drives of the
+score start, so that the score is not the best of several attempts.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from zoo.evaluate.many_drives import Setup, drive_all
 from zoo.evaluate.track_scores import RunScore
 from zoo.runs.whole_file import write_whole
 
-START_SEED = 1000  # far from those of the score, which count from 0
+START_SEED = 1000  # far from the seeds of the score, which count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
 # In the order in which ties are broken.
 SOURCES = {BEST: "", DRIVEN: "best drive while training", "last.ckpt": "last epoch"}
@@ -30,9 +30,9 @@ class Candidate:
     """A checkpoint that may become `best.ckpt`.
 
     Attributes:
-        file: its name in the folder of checkpoints.
-        what: why it is a candidate, such as `lowest val/mse`.
-        epoch: the epoch after which it was saved, 1 is the first.
+        file: name in the folder of checkpoints.
+        what: reason why it is a candidate, such as `lowest val/mse`.
+        epoch: epoch after which it was saved, counted from 1.
     """
 
     file: str
@@ -42,12 +42,12 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Choice:
-    """What became `best.ckpt`.
+    """The checkpoint that became `best.ckpt`.
 
     Attributes:
-        epoch: the epoch after which it was saved, 1 is the first.
-        why: in a sentence.
-        drives: of each candidate that was driven, `file`, `what`, `epoch`, `score` and the figures
+        epoch: epoch after which it was saved, counted from 1.
+        why: reason, a sentence.
+        drives: for each candidate that was driven, `file`, `what`, `epoch`, `score` and the figures
             `autonomy`, `interventions`, `cte_mean_m`, `driven_s`; the best first.
     """
 
@@ -63,16 +63,17 @@ class Choice:
 def choose_best(
     score: RunScore | None, monitor: str | None, folder: Path, console: Console
 ) -> Choice | None:
-    """Drive a run's candidates and make the best driver `best.ckpt`; print which and why.
+    """Make the candidate that drives best `best.ckpt`; print which one and why.
 
-    The checkpoint that the monitored figure chose is kept as `monitored.ckpt` where another one
-    drives better.
+    Where another candidate drives better than the checkpoint that the monitored figure chose, that
+    checkpoint is kept as `monitored.ckpt`.
 
     Args:
-        score: how the run is scored; each candidate drives `candidate_laps` on the first track.
-            None, and 0 laps, drive nothing and keep the monitored checkpoint.
-        monitor: the figure that chose `best.ckpt` while training, such as `val/mse`.
-        folder: the run's.
+        score: settings of the run's score; each candidate drives `candidate_laps` on the first
+            track. With None or 0 laps nothing is driven and the monitored checkpoint is kept.
+        monitor: name of the figure that chose `best.ckpt` during training, such as `val/mse`.
+        folder: run's folder.
+        console: console for the choice.
 
     Returns:
         The choice; None where the run keeps no `best.ckpt`.
@@ -86,7 +87,7 @@ def choose_best(
     else:
         try:
             drives = _drive(score, checkpoints, candidates, console)
-        except InputError as error:  # no simulator: a training of hours is not lost for it
+        except InputError as error:  # no simulator: the trained network is kept
             choice = Choice(candidates[0].epoch, f"{candidates[0].what}; not driven: {error}")
         else:
             choice = _decide(candidates[0], drives)
@@ -98,7 +99,7 @@ def choose_best(
 
 
 def find_candidates(checkpoints: Path, monitor: str | None) -> list[Candidate]:
-    """List the checkpoints of a run that differ, the monitored one first."""
+    """Return a run's distinct checkpoints, the monitored one first."""
     found: dict[int, Candidate] = {}
     for file, what in SOURCES.items():
         path = checkpoints / file
@@ -109,7 +110,7 @@ def find_candidates(checkpoints: Path, monitor: str | None) -> list[Candidate]:
 
 
 def monitored_as(monitor: str | None) -> str:
-    """Name what a monitored figure chooses.
+    """Return what a monitored figure chooses, in words.
 
     >>> monitored_as("val/mse"), monitored_as("drive/autonomy"), monitored_as(None)
     ('lowest val/mse', 'best drive/autonomy', 'last epoch')
@@ -121,7 +122,7 @@ def monitored_as(monitor: str | None) -> str:
 
 
 def take(checkpoints: Path, file: str) -> None:
-    """Make a candidate `best.ckpt`; a kill at any moment leaves a whole one."""
+    """Make a candidate `best.ckpt`; a kill at any moment leaves a whole file."""
     best, monitored = checkpoints / BEST, checkpoints / MONITORED
     monitored.unlink(missing_ok=True)
     if file == BEST:
@@ -132,8 +133,10 @@ def take(checkpoints: Path, file: str) -> None:
 
 
 def restore_monitored(folder: Path) -> None:
-    """Undo the choice of a finished run that trains on: its next epochs compare with the monitored
-    checkpoint, as if the run had never ended."""
+    """Undo the choice of a finished run that is trained further.
+
+    Its next epochs compare with the monitored checkpoint, as if the run had not ended.
+    """
     monitored = folder / "checkpoints" / MONITORED
     if monitored.is_file():
         monitored.replace(folder / "checkpoints" / BEST)

@@ -1,10 +1,9 @@
-"""Compile a training step (`trainer.compile`), or go on without.
+"""Compile a training step with torch.compile (`trainer.compile=true`).
 
-`auto` does not. Seven tenths of PilotNet's step on a CPU are convolutions, which a compiler leaves
-to the same library. Against the plain step, both with memory kept, channels last and the dropout of
-`zoo.models.layers`, the compiled one gave 10 % more samples a second on four threads, and 6 % in
-bf16, after 20 to 45 s of compiling: a run of five minutes would gain nothing. With torch's dropout
-it took two thirds more, since torch draws within the compiled loops.
+Seven tenths of PilotNet's step on a CPU are convolutions, which a compiler leaves to the same
+library. Both with memory kept, channels last and the dropout of `zoo.models.layers`, the compiled
+step took 10 % more samples per second than the plain one on four threads, and 6 % more in bf16,
+after 20 to 45 s of compiling: it does not pay in a run of five minutes.
 """
 
 import os
@@ -18,18 +17,19 @@ from datamodules.errors import InputError
 
 
 def resolve_compile(setting: object, device: torch.device, console: Console) -> bool:
-    """Whether to compile; not on a CPU without a C++ compiler, which is said in a line.
+    """Return whether to compile; on a CPU without a C++ compiler print why not.
 
     Raises:
-        InputError: the setting is not auto, true or false.
+        InputError: the setting is not true or false; `auto`, of older configs, is false.
     """
     if setting not in ("auto", True, False):
-        raise InputError(f"trainer.compile={setting} is not auto, true or false")
+        raise InputError(f"trainer.compile={setting} is not true or false")
     if setting is not True:
         return False
     if device.type == "cpu" and not find_compiler():
         console.print(
-            "not compiled, for want of a C++ compiler (Debian, Ubuntu: apt install g++)",
+            "torch.compile disabled: no C++ compiler found; install one (Debian, Ubuntu: "
+            "apt install g++)",
             highlight=False,
         )
         return False
@@ -37,7 +37,7 @@ def resolve_compile(setting: object, device: torch.device, console: Console) -> 
 
 
 def find_compiler() -> str | None:
-    """The C++ compiler that torch would take."""
+    """Return the path of the C++ compiler that torch would use; None without one."""
     named = os.environ.get("CXX")
     return shutil.which(named) if named else next(filter(None, map(shutil.which, _COMPILERS)), None)
 
@@ -46,7 +46,7 @@ _COMPILERS = ("g++", "clang++", "c++")
 
 
 def compile_step(step: Callable, console: Console) -> Callable:
-    """`step` compiled at its first call; as it was, with a line, where that fails."""
+    """Return `step`, compiled at its first call; print why where compilation fails."""
     compiled = torch.compile(step, dynamic=False)
     works = False
 
@@ -58,9 +58,9 @@ def compile_step(step: Callable, console: Console) -> Callable:
             result = compiled(*arguments)
         except InputError:
             raise
-        except Exception as error:  # whatever a compiler says, training can go on
+        except Exception as error:  # of any kind: training continues without compilation
             reason = str(error).strip().splitlines()[0][:200] if str(error).strip() else error
-            console.print(f"not compiled: {reason}", highlight=False, markup=False)
+            console.print(f"torch.compile disabled: {reason}", highlight=False, markup=False)
             compiled = step
             result = step(*arguments)
         works = True

@@ -1,4 +1,4 @@
-"""The end of a run: what evaluates, plots, drives, writes and prints its best checkpoint."""
+"""Evaluate a run's best checkpoint; plot, drive, write and print the results."""
 
 import platform
 import time
@@ -41,12 +41,12 @@ PACKAGES = ("drivezoo", "torch", "lightning", "albumentations", "opencv-python-h
 
 @dataclass(frozen=True)
 class TrainedRun:
-    """A trained network, with the weights of its best checkpoint, and what it was trained with.
+    """A trained network with its best checkpoint's weights, and what it was trained with.
 
     Attributes:
-        folder: the run's.
+        folder: run's folder.
         card: see `zoo.checkpoints.checkpoint.make_card`.
-        leaks: train/validation similarity of `val` and `test`.
+        leaks: train/validation similarity, of `val` and `test`.
     """
 
     folder: Path
@@ -64,9 +64,9 @@ class OpenLoop:
 
     Attributes:
         figures: see `open_loop_metrics`.
-        baselines: the same of networks that look at nothing.
-        responses: of `val` and `test`, see `side_response`.
-        steering: of `val` and `test`, predicted and true, float32 [N].
+        baselines: the same figures of networks that ignore the image.
+        responses: recovery response of `val` and `test`, see `side_response`.
+        steering: predicted and true, float32 [N] each, of `val` and `test`.
     """
 
     figures: dict[str, dict]
@@ -76,7 +76,7 @@ class OpenLoop:
 
 
 def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -> OpenLoop:
-    """Predict the rows of each part of the split, and of its side cameras but in training."""
+    """Predict each part's rows; of `val` and `test` also the side cameras' rows."""
     train_mean = float(data.recording.steering[data.split.train].mean())
     found = OpenLoop({}, {}, {}, {})
     for part in PARTS:
@@ -114,13 +114,13 @@ def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     console.print(metrics_table(name, open_loop.figures, open_loop.baselines))
     if (response := open_loop.responses.get("test")) is not None:
         console.print(
-            f"response to the side cameras, test rows: {response:+.3f} (turns back if above 0)",
+            f"recovery response, test rows: {response:+.3f} (above 0: steers back)",
             highlight=False,
         )
 
 
 def drive_best(run: TrainedRun, score: RunScore | None, console: Console) -> dict:
-    """Drive the best checkpoint as training's callback does and as `score` says, and print how.
+    """Drive the best checkpoint as the training callback does, and as `score` says.
 
     Returns:
         `closed_loop` and `drive` of `metrics.json`.
@@ -135,7 +135,11 @@ def write_metrics(
     """Write `metrics.json`; return it and the verdict that it holds.
 
     Args:
-        started: by `time.perf_counter`.
+        run: trained run.
+        choice: choice of `best.ckpt`; None where the run keeps none.
+        open_loop: open-loop evaluation.
+        drives: `closed_loop` and `drive`, as `drive_best` returns them.
+        started: start of the run, by `time.perf_counter`, seconds.
     """
     folder, module, data, trainer = run.folder, run.module, run.data, run.trainer
     samples, seconds = module.train_samples, module.train_seconds
@@ -176,18 +180,18 @@ def write_metrics(
 
 
 def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Console) -> None:
-    """Write the report; print what training took, what was written, and the verdict."""
+    """Write the report; print the training's cost, the files written and the verdict."""
     best = metrics["best_epoch"]
     if metrics["samples_per_second"]:
         console.print(
             f"{metrics['epochs']} epochs, {metrics['samples_per_second']:,.0f} samples/s, "
-            f"{metrics['wall_s']:.0f} s in all" + (f"; best after epoch {best}" if best else ""),
+            f"{metrics['wall_s']:.0f} s total" + (f"; best after epoch {best}" if best else ""),
             highlight=False,
         )
     try:
         with working("writing the report", console):
             page = short_name(write_report(folder))
-    except Exception as error:  # of whatever kind: no training is lost for its report
+    except Exception as error:  # of any kind: a failed report must not lose the training
         page = f"no report: {' '.join(str(error).split()) or type(error).__name__}"
     best_path = folder / "checkpoints" / "best.ckpt"
     for line in [short_name(best_path), page] if best_path.is_file() else [page]:
@@ -196,15 +200,15 @@ def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Con
 
 
 def _best_epoch(folder: Path) -> int | None:
-    """Of `best.ckpt`, whatever it went by; 1 is the first."""
+    """Return the epoch of `best.ckpt`, counted from 1."""
     path = folder / "checkpoints" / "best.ckpt"
     return read_checkpoint_file(path)["epoch"] + 1 if path.is_file() else None
 
 
 def read_curves(folder: Path) -> dict[str, dict[int, float]]:
-    """`train/loss` and `val/mse` by epoch (1 is the first), of all the run's `metrics*.csv`.
+    """Return `train/loss` and `val/mse` by epoch (from 1), from the run's `metrics*.csv`.
 
-    A resumed run repeats an epoch that was cut off: the later figure counts.
+    A resumed run repeats the interrupted epoch: its later figure counts.
     """
     curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
     return curves | curves_files.read_curves(folder, curves)

@@ -1,4 +1,4 @@
-"""Processes that train together (`trainer=ddp_cpu`): when one is gone the others end, in a line."""
+"""Processes that train together (`trainer=ddp_cpu`): when one ends, end the others."""
 
 import os
 import signal
@@ -18,19 +18,21 @@ from datamodules.terminal import error_line
 from zoo.cli.stop_errors import PrunedError, StoppedError
 from zoo.runs.status import write_status
 
-# Whoever waits for another in a collective operation may learn of its end, or may wait on.
+# A process that waits in a collective operation may or may not learn that another one ended.
 LOOK_S, GRACE_S = 0.5, 15.0
 
 
 @contextmanager
 def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Iterator[None]:
-    """Around a training: an error of any process becomes one of the first, which alone speaks.
+    """Turn an error of any process into one of the first process, which alone prints it.
 
     Args:
-        go_on: how to go on with what was saved.
+        trainer: Lightning's trainer.
+        folder: run's folder.
+        go_on: command that resumes the run.
 
     Raises:
-        InputError: another process failed, for its reason, or was ended from outside.
+        InputError: another process failed or was killed; the message holds its reason.
         SystemExit: in a process that is not the first, in place of any error.
     """
     if trainer.world_size == 1:
@@ -46,7 +48,7 @@ def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Ite
             if isinstance(error, InputError | StoppedError):
                 _write_note(folder, trainer, error)
             elif not (is_lost_connection(error) or isinstance(error, PrunedError)):
-                raise  # nothing that a user did: with its trace
+                raise  # a bug, not a user's mistake: keep its traceback
             sys.exit(0)
         reason = watch.reason(wait_s=3.0) if is_lost_connection(error) else None
         if reason:
@@ -57,10 +59,10 @@ def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Ite
 
 
 class Watch(lightning.Callback):
-    """Looks, from a thread, whether the processes beside this one are still there.
+    """A thread that checks whether the other processes still run.
 
-    A process that waits for one that is gone gets an error from gloo at once, but none from NCCL
-    for minutes, and Lightning's own watch kills the first process before it has said why.
+    A process that waits for one that has ended gets an error from gloo at once, but none from NCCL
+    for minutes. Lightning's own watch kills the first process before it can print why.
     """
 
     def __init__(self, folder: Path, go_on: str) -> None:
@@ -69,20 +71,21 @@ class Watch(lightning.Callback):
         self.over = threading.Event()
 
     def setup(self, trainer: lightning.Trainer, module: object, stage: str) -> None:
+        """Start the thread."""
         if self.over.is_set():
             return
         if trainer.is_global_zero:
             self.others = list(getattr(trainer.strategy.launcher, "procs", []))
             for thread in threading.enumerate():
                 if thread.name == "child-process-observer":
-                    thread._child_processes = []  # it then takes them all for finished
+                    thread._child_processes = []  # it then takes all of them for finished
             self._start(self._failed_other)
         elif os.environ.get("LOCAL_RANK", "0") != "0":
             parent = os.getppid()
             self._start(lambda: os.getppid() != parent)
 
     def reason(self, wait_s: float = 0.0) -> str | None:
-        """Why another process failed; None where none did."""
+        """Return why another process failed; None where none did."""
         until = time.monotonic() + wait_s
         while not self._failed_other() and not self._notes() and time.monotonic() < until:
             time.sleep(0.1)
@@ -94,12 +97,12 @@ class Watch(lightning.Callback):
                 how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
                 return (
                     f"process {number + 1} of the {len(self.others) + 1} that train together ended "
-                    f"({how}); the epochs that were complete are saved; go on with: {self.go_on}"
+                    f"({how}); the epochs that were complete are saved; resume with: {self.go_on}"
                 )
         return None
 
     def end(self) -> None:
-        """Nobody is left waiting for this process, or for a note that was read."""
+        """Stop the thread, end the other processes after an error, and delete their notes."""
         self.over.set()
         for process in self.others:
             if sys.exc_info()[0] is not None:
@@ -126,7 +129,7 @@ class Watch(lightning.Callback):
                 print(error_line("zoo", reason), file=sys.stderr, flush=True)
             for process in self.others:
                 process.kill()
-            os._exit(1)  # the main thread waits in a collective operation, for ever
+            os._exit(1)  # the main thread waits forever in a collective operation
 
 
 def _end_process(process: subprocess.Popen) -> None:
@@ -138,15 +141,15 @@ def _end_process(process: subprocess.Popen) -> None:
 
 
 def _write_note(folder: Path, trainer: lightning.Trainer, error: Exception) -> None:
-    """What a process leaves that failed for a reason of its own."""
-    said = str(error)
+    """Write why this process failed, for the first process to read."""
+    reason = str(error)
     if isinstance(error, StoppedError):
-        said = f"process {trainer.global_rank + 1} of the {trainer.world_size} was {error}"
-    (folder / f"process-{trainer.global_rank}.txt").write_text(said)
+        reason = f"process {trainer.global_rank + 1} of the {trainer.world_size} was {error}"
+    (folder / f"process-{trainer.global_rank}.txt").write_text(reason)
 
 
 def is_lost_connection(error: Exception) -> bool:
-    """Whether another process went away in the middle of a collective operation."""
+    """Return whether another process ended during a collective operation."""
     return isinstance(error, torch.distributed.DistError) or (
         isinstance(error, RuntimeError) and "gloo" in str(error)
     )

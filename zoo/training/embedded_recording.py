@@ -1,4 +1,4 @@
-"""`data=lake`: a recording that the embedded simulator makes on first use, and never again."""
+"""`data=lake`: a recording that the embedded simulator makes once, on first use."""
 
 import json
 import shutil
@@ -14,13 +14,13 @@ from zoo.runs.saved_config import RECIPE
 
 
 def with_recording(config: DictConfig, console: Console) -> DictConfig:
-    """Return a config whose `data.root`, if not set, is the recording of `data.record`, made here.
+    """Return a config whose `data.root` is set; record `data.record` if it is not.
 
-    Two runs that start at once make it once. A recording that was stopped is begun anew.
+    Of two runs that start at once only one records. A recording that was stopped is repeated.
 
     Raises:
-        InputError: an option of `data.record` that cannot be, a folder that can't be written, or
-            one that was recorded with other options.
+        InputError: an option of `data.record` is wrong, the folder cannot be written, or it was
+            recorded with other options.
     """
     wanted = config.data.get("record")
     if wanted is None or config.data.root is not None:
@@ -42,14 +42,14 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
 
 
 def _record(folder: Path, recipe: dict, console: Console) -> None:
-    """Into a folder beside, which takes its name when all is there."""
-    # Panda3D need not be there for those who train on recordings of their own.
+    """Record into `FOLDER.part`, and rename it when the recording is complete."""
+    # Training on other recordings must work without Panda3D.
     from simulator.errors import SimulatorError
     from simulator.record import RecordOptions, record_laps
 
     if folder.exists():
         raise InputError(
-            f"{folder}: is in the way and holds no {RECIPE}: remove it, or name your own recording "
+            f"{folder}: exists and holds no {RECIPE}; remove it, or name your own recording "
             "with data.root=FOLDER"
         )
     unfinished = Path(f"{folder}.part")
@@ -86,5 +86,5 @@ def _check_recipe(folder: Path, recipe: dict) -> None:
     if other:
         raise InputError(
             f"{path}: {other[0]} is not data.record.{other[0]}: {folder} was recorded with other "
-            "options than data.record now has: remove it, or set data.record.out to another folder"
+            "options than data.record now has; remove it, or set data.record.out to another folder"
         )

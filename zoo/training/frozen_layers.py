@@ -1,8 +1,9 @@
-"""A network's frozen front is computed once a picture instead of in every epoch
-(`model.cache_features`): its features are kept beside the views, and fed in their place.
+"""Cached features of a network's frozen layers (`model.cache_features`).
 
-That changes no gradient and no draw: the frozen weights make the same of the same picture. Kept in
-half precision, features differ by up to 1/2048 of themselves; the README says what that does.
+They are computed once for each image instead of in every epoch, kept in the views' cache, and fed
+in place of the images. That changes no gradient and no random draw: frozen weights give the same
+features for the same image. Half precision changes features by up to 1/2048 of their value; the
+README says what effect that has.
 """
 
 import hashlib
@@ -18,7 +19,9 @@ from datamodules.errors import InputError
 from datamodules.features import FeaturePlan, Front, plan_features
 
 KEY = "model.cache_features"
-AUTO_BYTES = 16_000_000_000  # `auto` takes no more of a disk or memory, nor more than half of it
+AUTO_BYTES = (
+    16_000_000_000  # most that `auto` uses of a disk or memory; also at most half of what is free
+)
 
 
 def plan_cached_features(
@@ -31,15 +34,18 @@ def plan_cached_features(
     """Return which features of the frozen front to train on, as `model.cache_features` says.
 
     Args:
-        network: with the weights that it will be trained with.
-        device: where features are computed, and the network trains.
+        config: experiment's config.
+        network: network with the weights that training starts from.
+        data: loaded data.
+        device: device that computes features and trains.
+        console: console for the decision.
 
     Returns:
         The plan, nothing of which is computed yet; None to train on images.
 
     Raises:
-        InputError: the setting is not auto, true or false; it is true where nothing is frozen, each
-            picture is another, or there is no room; or features are too large to be kept.
+        InputError: the setting is not auto, true or false; or it is true and nothing is frozen,
+            images are augmented, or there is no room; or features exceed half precision.
     """
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
@@ -58,11 +64,14 @@ def plan_cached_features(
         listed = ",".join(changes)
         if setting is True:
             raise InputError(
-                f"{KEY}=true: augment=[{listed}] makes every picture another, and features are "
-                f"of the recorded ones, and mirrored; set augment=[], or {KEY}=false"
+                f"{KEY}=true: augment=[{listed}] changes every image, and features are "
+                f"of recorded and mirrored images; set augment=[], or {KEY}=false"
             )
-        _say(console, f"frozen blocks are computed anew in every epoch, for augment=[{listed}]; "
-             "with augment=[] they are once")  # fmt: skip
+        _print(
+            console,
+            f"frozen blocks are computed again in every epoch, because of augment=[{listed}]; "
+            "with augment=[] they are computed once",
+        )
         return None
     plan = plan_features(
         data.recording,
@@ -77,10 +86,11 @@ def plan_cached_features(
 
 
 def random_front_lines(weights: str | None, network: nn.Module) -> list[str]:
-    """A line where frozen weights are as they were drawn, which is seldom meant.
+    """Return a warning line if frozen layers have random weights.
 
     Args:
-        weights: `model.weights`.
+        weights: value of `model.weights`.
+        network: network to train.
     """
     if weights is not None or getattr(network, "frozen_front", None) is None:
         return []
@@ -106,7 +116,7 @@ def _front(network: nn.Module, frozen: nn.Module, data: DrivingData) -> Front:
 
 
 def fingerprint(frozen: nn.Module) -> str:
-    """Of a module's layers and weights."""
+    """Return the hash of a module's layers and weights."""
     digest = hashlib.sha256(repr(frozen).encode())
     for name, tensor in (*frozen.named_parameters(), *frozen.named_buffers()):
         digest.update(f"{name} {tensor.dtype} {list(tensor.shape)}".encode())
@@ -115,22 +125,22 @@ def fingerprint(frozen: nn.Module) -> str:
 
 
 def _draws(config: DictConfig, data: DrivingData) -> int:
-    """How many pictures the whole training looks at; a run that goes on counts the same."""
+    """Return the number of images that the whole training reads, also for a resumed run."""
     epoch = len(data.sampler()) * data.batch_size + len(data.split.val)
     return config.trainer.max_epochs * epoch + len(data.recording)
 
 
 def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console) -> bool:
-    """Whether to go on, having said what that takes.
+    """Return whether to cache features; print what that takes, or why not.
 
     Raises:
-        InputError: it was insisted on, and there is no room.
+        InputError: `model.cache_features=true`, and there is no room.
     """
     if setting == "auto" and draws < plan.pictures:
-        _say(
+        _print(
             console,
-            f"frozen blocks are computed as they are needed: the training looks at {draws:,} "
-            f"pictures, and there are {plan.pictures:,} ({KEY}=true computes all, for other runs)",
+            f"frozen blocks are computed when needed: the training reads {draws:,} images of "
+            f"{plan.pictures:,} ({KEY}=true computes all of them, for other runs)",
         )
         return False
     where = f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
@@ -140,15 +150,21 @@ def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console)
         remedy = "a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
         if setting is True:
             raise InputError(f"{KEY}=true: {words}; set {remedy}")
-        _say(console, f"frozen blocks are computed anew in every epoch: to keep them would take "
-             f"{words}; {remedy} would help")  # fmt: skip
+        _print(
+            console,
+            f"frozen blocks are computed again in every epoch: keeping them would take "
+            f"{words}; set {remedy}",
+        )
         return False
-    size = f"{plan.pictures:,} pictures, {plan.front.picture_bytes / 1e3:.1f} kB each"
+    size = f"{plan.pictures:,} images, {plan.front.picture_bytes / 1e3:.1f} kB each"
     if plan.missing:
-        _say(console, f"frozen blocks: computing the features of {plan.missing:,} of {size}, "
-             f"{_size(needed)} {where}")  # fmt: skip
+        _print(
+            console,
+            f"frozen blocks: computing the features of {plan.missing:,} of {size}, "
+            f"{_size(needed)} {where}",
+        )
     else:
-        _say(console, f"frozen blocks: the features of {size}, are in {plan.folder}")
+        _print(console, f"frozen blocks: the features of {size}, are in {plan.folder}")
     return True
 
 
@@ -156,5 +172,5 @@ def _size(count: int) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
 
 
-def _say(console: Console, line: str) -> None:
+def _print(console: Console, line: str) -> None:
     console.print(line, highlight=False, markup=False)

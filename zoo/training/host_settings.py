@@ -1,4 +1,4 @@
-"""Settings of this process that decide how fast it trains, on Linux with glibc most of all."""
+"""Settings of this process that make training faster, mostly on Linux with glibc."""
 
 import ctypes
 import platform
@@ -14,17 +14,17 @@ _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
 def set_up_process(threads: int) -> None:
     """Set memory and threads of this process for training."""
     keep_freed_memory()
-    # With trainer.deterministic torch fills all memory that it takes, so that no memory is read
-    # before it is written: 4 to 7 % of PilotNet's step.
+    # With trainer.deterministic torch fills all memory that it allocates, which takes 4 to 7 % of
+    # PilotNet's step.
     torch.utils.deterministic.fill_uninitialized_memory = False
     torch.set_num_threads(threads)
 
 
 def keep_freed_memory() -> bool:
-    """Let the allocator keep what is freed, and say whether it does.
+    """Make the allocator keep freed memory; return whether it does.
 
-    glibc gives large blocks back to the kernel, which clears each page anew when a training step
-    asks for the same blocks again: up to 14,000 page faults a step, a fifth of its time.
+    glibc gives large blocks back to the kernel, which clears each page again when a training step
+    allocates the same blocks: up to 14,000 page faults a step, a fifth of its time.
     """
     if platform.libc_ver()[0] != "glibc":
         return False
@@ -34,7 +34,7 @@ def keep_freed_memory() -> bool:
 
 
 def multiplies_bf16(cpuinfo: Path = Path("/proc/cpuinfo")) -> bool | None:
-    """Whether this processor has instructions for bfloat16; None where Linux does not tell."""
+    """Return whether this processor has bfloat16 instructions; None where unknown."""
     try:
         words = set(cpuinfo.read_text().split())
     except OSError:

@@ -1,4 +1,4 @@
-"""What a run that is stopped, or loses its disk, reports: what is kept, and how to resume."""
+"""Errors of a stopped run or a lost disk: what is kept, and how to resume."""
 
 import io
 import shlex
@@ -15,9 +15,9 @@ from zoo.runs.status import read_status
 
 @contextmanager
 def naming_lost_files(folder: Path) -> Iterator[None]:
-    """Raise InputError for a full disk, or a folder that was removed: which file, what is kept."""
+    """Raise InputError for a full disk or a removed folder; name the file and what is kept."""
     before = threading.excepthook
-    # TensorBoard writes in a thread, and raises in ours what has failed there.
+    # TensorBoard writes in a thread, and raises its errors in the main thread.
     threading.excepthook = lambda failed: isinstance(failed.exc_value, OSError) or before(failed)
     try:
         yield
@@ -29,14 +29,14 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
             last = folder / "checkpoints" / "last.ckpt"
             kept = f"{last} is kept" if last.is_file() else kept_without_last(folder)
             again = resume_command(folder)
-            remedy = f"{kept}; free some space, or correct that, and go on with: {again}"
+            remedy = f"{kept}; free some space, and resume with: {again}"
         raise InputError(f"{place}: {error.strerror or error}; {remedy}") from error
     finally:
         threading.excepthook = before
 
 
 def _open_file(error: OSError) -> str | None:
-    """Return the file that the failed code had open: an error of writing names none."""
+    """Return the file that the failed code had open: a write error does not name it."""
     for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
         for one in frame.f_locals.values():
             if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):
@@ -54,14 +54,14 @@ def kept_without_last(folder: Path) -> str:
     best = folder / "checkpoints" / "best.ckpt"
     if not best.is_file():
         return "no epoch was complete yet"
-    return f"{best} is kept, but there is no last.ckpt to go on from"
+    return f"{best} is kept, but there is no last.ckpt to resume from"
 
 
 def stopped_error(folder: Path, epoch: int) -> StoppedError:
-    """Return the error of a training that was stopped in `epoch`, 1 is the first."""
+    """Return the error of a training that was stopped in `epoch`, counted from 1."""
     done = f"the epochs before {epoch} are saved"
     if not (folder / "checkpoints" / "last.ckpt").is_file():
         done = kept_without_last(folder)
     if (finished := read_status(folder).get("finished_epochs")) is not None:
-        done += f"; metrics.json holds the figures of when it had finished {finished}"
-    return StoppedError(f"stopped; {done}; go on with: {resume_command(folder)}")
+        done += f"; metrics.json holds the figures of {finished} finished epochs"
+    return StoppedError(f"stopped; {done}; resume with: {resume_command(folder)}")

@@ -1,6 +1,6 @@
-"""Open-loop figures: how near the predicted steering is to the recorded one.
+"""Open-loop figures: the difference between predicted and recorded steering.
 
-They do not say whether the car stays on the road; they say what a recording can.
+They do not show whether the car stays on the road.
 """
 
 import numpy as np
@@ -13,11 +13,11 @@ BIN_EDGES = np.linspace(-1.05, 1.05, 22)
 
 
 def open_loop_metrics(predicted: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Figures of steering, both float [N] in -1..1.
+    """Return figures of steering, predicted and true, float [N] each, in -1..1.
 
-    `mse` and `mae` as usual; `balanced_mae` is the mean over steering bins of each bin's MAE, so
-    that a log that goes straight 72 % of the time cannot be answered by going straight; `bias` is
-    the mean of predicted less true, positive to the right.
+    `mse` and `mae` are the mean squared and the mean absolute error. `balanced_mae` is the mean of
+    the MAEs of 21 steering bins: driving straight does not score well on a log that is straight for
+    72 % of its rows. `bias` is the mean of predicted minus true, positive to the right.
     """
     error = np.asarray(predicted, np.float64) - np.asarray(true, np.float64)
     bins = np.digitize(true, BIN_EDGES)
@@ -30,7 +30,7 @@ def open_loop_metrics(predicted: np.ndarray, true: np.ndarray) -> dict[str, floa
 
 
 def baseline_metrics(true: np.ndarray, train_mean: float) -> dict[str, dict[str, float]]:
-    """What two networks that look at nothing would get: always zero, always the training mean."""
+    """Return the figures of two constant outputs: always zero, always the training mean."""
     return {
         "always zero": open_loop_metrics(np.zeros_like(true), true),
         "mean": open_loop_metrics(np.full_like(true, train_mean), true),
@@ -38,10 +38,11 @@ def baseline_metrics(true: np.ndarray, train_mean: float) -> dict[str, dict[str,
 
 
 def side_response(left: np.ndarray, right: np.ndarray) -> float | None:
-    """How hard a network turns back: half of what the left camera's pictures make it steer more
-    than the right one's, -1..1 (the cameras stand 0.8 m aside); None without such pictures.
+    """Return a network's recovery response, -1..1; None without side images.
 
-    It needs no label. Of all figures that need no drive it was the best guide to who drives well
+    It is half of the mean difference in steering between the left camera's images and the right
+    camera's (0.8 m to each side), and needs no label. Of all figures that need no drive it was the
+    best predictor of driving
     (`docs/offline_metrics.md`).
     """
     return float((left - right).mean() / 2) if len(left) else None
@@ -49,9 +50,9 @@ def side_response(left: np.ndarray, right: np.ndarray) -> float | None:
 
 @torch.inference_mode()
 def predict_steering(module: torch.nn.Module, batches: EvaluationBatches) -> np.ndarray:
-    """The steering (float32 [N]) that a `SteeringModule` gives for rows, on its own device."""
+    """Return a `SteeringModule`'s steering of rows, float32 [N], computed on its device."""
     module.eval()
-    steering: list[float] = []  # small arrays, kept between batches, would break up the heap
+    steering: list[float] = []  # small arrays, kept between batches, would fragment the heap
     for batch in batches:
         batch = {name: tensor.to(module.device) for name, tensor in batch.items()}
         steering += module(batch)[:, 0].float().tolist()

@@ -1,10 +1,10 @@
-"""How threads wait for each other in a training's steps: they spin on a quiet machine, else sleep.
+"""The OpenMP wait policy during training: spin on a quiet machine, sleep on a busy one.
 
-A thread that spins goes on at once when it may; one that sleeps has to be woken, hundreds of times
-a step. But on a core that another program wants, a thread that spins holds that program up, and
-all wait for a thread that has lost its core. OpenMP decides it once, when torch is imported. GNU's,
-which torch has on Linux, gives up spinning at once while it has more threads than there are cores,
-though: a team of idle ones makes it so at any time.
+A spinning thread continues at once; a sleeping thread has to be woken, hundreds of times a step.
+But on a core that another program needs, a spinning thread delays that program, and all threads
+wait for the thread that lost its core. OpenMP fixes the policy when torch is imported. GNU OpenMP,
+which torch uses on Linux, stops spinning while it has more threads than there are cores: a team of
+idle threads switches spinning off at any time.
 """
 
 import ctypes
@@ -17,17 +17,19 @@ from pathlib import Path
 
 STAT, MAPS = Path("/proc/stat"), Path("/proc/self/maps")
 LOOK_EVERY_S = 0.5
-QUIET_LOOKS = 2  # in a row, before threads spin
-SPARE_CORES = 0.7  # that others may use of those which our threads take
+QUIET_LOOKS = 2  # quiet measurements in a row before threads spin
+SPARE_CORES = 0.7  # of our threads' cores, which other programs may use
 
 
 def choose_waiting() -> None:
-    """Let threads sleep where `spinning_while_quiet` can't choose later. Before torch is imported.
+    """Let threads sleep where `spinning_while_quiet` cannot switch; call before importing torch.
 
-    Who has said how threads wait is heeded.
+    An existing OMP_WAIT_POLICY or GOMP_SPINCOUNT is kept.
     """
     if not _was_chosen():
-        os.environ.setdefault("KMP_BLOCKTIME", "0")  # Intel's and LLVM's; GNU's does not know it
+        os.environ.setdefault(
+            "KMP_BLOCKTIME", "0"
+        )  # of Intel's and LLVM's OpenMP; GNU's ignores it
         if not STAT.exists():
             os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
 
@@ -38,10 +40,10 @@ def _was_chosen() -> bool:
 
 @contextmanager
 def spinning_while_quiet(threads: int) -> Iterator[None]:
-    """Within it, so many threads spin while other programs leave them their cores, or else sleep.
+    """Make threads spin while other programs leave their cores free, and sleep otherwise.
 
-    With one thread, without GNU's OpenMP, or where the user has said how threads wait, nothing is
-    changed. What is computed never is.
+    Nothing changes with one thread, without GNU OpenMP, or where the user set the wait policy.
+    Results never change.
     """
     openmp = _find_openmp()
     if threads < 2 or openmp is None or not os.access(STAT, os.R_OK) or _was_chosen():
@@ -58,7 +60,7 @@ def spinning_while_quiet(threads: int) -> Iterator[None]:
 
 
 def _watch(openmp: ctypes.CDLL, threads: int, over: threading.Event) -> None:
-    """Keep an idle team while others are busy, and for the first second, until that is known."""
+    """Keep an idle team in the first second and while other programs are busy."""
     cores = openmp.omp_get_num_procs()
     team: IdleTeam | None = IdleTeam(openmp, cores)
     before, quiet_looks = _usage(), 0
@@ -77,45 +79,46 @@ def _watch(openmp: ctypes.CDLL, threads: int, over: threading.Event) -> None:
 
 
 class IdleTeam:
-    """So many threads of OpenMP's that do nothing but be there, until `end`."""
+    """A team of idle OpenMP threads, until `end`."""
 
     def __init__(self, openmp: ctypes.CDLL, count: int) -> None:
         self._openmp, self._count = openmp, count
         self._there, self._over = threading.Event(), threading.Event()
-        # A team belongs to the thread that has called for it, and ends with that.
+        # A team belongs to the thread that started it, and ends with that thread.
         self._thread = threading.Thread(target=self._hold, daemon=True)
         self._thread.start()
         self._there.wait()
 
     def _hold(self) -> None:
-        # What every thread of the team calls: free(NULL), which does nothing.
+        # Each thread of the team calls free(NULL), which does nothing.
         nothing = ctypes.CDLL(None).free
         self._openmp.GOMP_parallel(nothing, None, ctypes.c_uint(self._count), ctypes.c_uint(0))
         self._there.set()
         self._over.wait()
 
     def end(self) -> None:
+        """End the team's threads."""
         self._over.set()
         self._thread.join()
 
 
 def _usage() -> tuple[float, float, float]:
-    """Seconds by the clock, of this process's threads, and of all that ran on our cores."""
+    """Return seconds by the clock, of this process, and of all programs on our cores."""
     ours = {f"cpu{number}" for number in os.sched_getaffinity(0)}
     rows = (line.split() for line in STAT.read_text().splitlines())
-    # All columns but idle and iowait, up to what other virtual machines stole.
+    # All columns but idle and iowait, up to steal.
     ticks = sum(sum(map(int, r[1:4])) + sum(map(int, r[6:9])) for r in rows if r[0] in ours)
     return time.perf_counter(), time.process_time(), ticks / os.sysconf("SC_CLK_TCK")
 
 
 def _find_openmp() -> ctypes.CDLL | None:
-    """GNU's OpenMP, if that is what torch has loaded."""
+    """Return GNU OpenMP if torch has loaded it, else None."""
     try:
         lines = MAPS.read_text().splitlines()
         # The sixth column is a path, which may have spaces.
         found = sorted({line.split(maxsplit=5)[-1] for line in lines if "libgomp" in line})
-        # Other packages may have brought their own.
+        # Other packages may have loaded another copy.
         torchs = [path for path in found if "/torch/" in path] or found
         return ctypes.CDLL(torchs[0]) if torchs else None
-    except OSError:  # of a system that has no such file, or a library that was replaced since
+    except OSError:  # no such file on this system, or the library was replaced meanwhile
         return None

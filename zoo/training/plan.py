@@ -1,6 +1,6 @@
-"""A training's plan: all of it that depends on the machine, worked out once.
+"""A training's plan: everything that depends on the machine, decided once.
 
-What a network learns does not depend on it.
+It does not change what a network learns.
 """
 
 import os
@@ -13,6 +13,7 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.balance import share_of
+from datamodules.batch_groups import GROUP
 from datamodules.cores import usable_cores
 from datamodules.driving import DrivingData
 from datamodules.errors import InputError
@@ -21,10 +22,9 @@ from zoo.training.compilation import resolve_compile
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
 
-# A step of so small a network costs less than two threads' meeting: 52,000 samples/s with one
-# thread, 30,000 with two, and 1,200 with two on cores that another program is using.
+# Below this, a step costs less than synchronizing two threads: 52,000 samples/s with one thread,
+# 30,000 with two, and 1,200 with two on cores that another program uses.
 TINY_PARAMETERS = 1_000
-TOGETHER = 32  # batches to a step of Lightning's, whose own work takes as long as two of them
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class TrainingPlan:
     """How a training runs on its machine.
 
     Attributes:
-        device: what this process trains on.
-        processes: how many train together.
-        precision: Lightning's name of it.
-        threads: of this process.
-        batch_device: where training batches are augmented; None for the CPU.
-        batches_per_step: how many batches a step of Lightning's takes, an optimizer step each.
-        compiled_batch: the size of the batches whose loss is compiled; None for none.
+        device: device of this process.
+        processes: number of processes that train together.
+        precision: precision by Lightning's name, such as `bf16-mixed`.
+        threads: number of threads of this process.
+        batch_device: device that augments training batches; None for the CPU.
+        batches_per_step: batches in a step of Lightning's, an optimizer step each.
+        compiled_batch: size of the batches whose loss is compiled; None without compilation.
         features: cached features of frozen layers, fed in place of images; None for images.
     """
 
@@ -52,7 +52,7 @@ class TrainingPlan:
     features: FeaturePlan | None = None
 
     def line(self) -> str:
-        """Return what to print."""
+        """Return the line to print."""
         processes = f", {self.processes} processes" if self.processes > 1 else ""
         together = f", {self.batches_per_step} batches per step"
         return (
@@ -72,22 +72,24 @@ def make_plan(
     trainer: lightning.Trainer,
     console: Console,
 ) -> TrainingPlan:
-    """Return the plan of a training; print what it does not do, and why.
+    """Return the plan of a training; print which settings it cannot follow, and why.
 
     Args:
-        data: loaded.
-        network: with the weights that training begins with.
-        trainer: Lightning's, which knows the devices and the processes.
+        config: experiment's config.
+        data: loaded data.
+        network: network with the weights that training starts from.
+        trainer: Lightning's trainer, which knows devices and processes.
+        console: console for these lines.
 
     Raises:
-        InputError: `trainer.compile` or `model.cache_features` has a value that cannot be, or a
-            batch has fewer samples than there are processes to share it.
+        InputError: `trainer.compile` or `model.cache_features` is wrong, or a batch has fewer
+            samples than there are processes.
     """
     world = trainer.world_size
     if data.batch_size < world:
         raise InputError(
-            f"data.batch_size={data.batch_size} is for all processes together, of which there are "
-            f"{world} (trainer.devices); set it to {world} or more"
+            f"data.batch_size={data.batch_size} is shared by {world} processes (trainer.devices); "
+            f"set it to {world} or more"
         )
     parameters = sum(p.numel() for p in network.parameters())
     device, precision = trainer.strategy.root_device, trainer.precision
@@ -110,7 +112,7 @@ def make_plan(
         precision=precision,
         threads=_threads(parameters, world),
         batch_device=batch_device,
-        batches_per_step=TOGETHER if is_overhead and _may_step_together(trainer) else 1,
+        batches_per_step=GROUP if is_overhead and _may_step_together(trainer) else 1,
         compiled_batch=compiled_batch,
         features=plan_cached_features(config, network, data, device, console),
     )
@@ -119,12 +121,12 @@ def make_plan(
 def _threads(parameters: int, processes: int) -> int:
     if parameters < TINY_PARAMETERS:
         return 1
-    told = os.environ.get("OMP_NUM_THREADS", "")
-    return int(told) if told.isdigit() and int(told) else max(1, usable_cores() // processes)
+    wanted = os.environ.get("OMP_NUM_THREADS", "")
+    return int(wanted) if wanted.isdigit() and int(wanted) else max(1, usable_cores() // processes)
 
 
 def _may_step_together(trainer: lightning.Trainer) -> bool:
-    """Whether nothing was asked for that Lightning does, or counts, step by step."""
+    """Return whether no setting needs Lightning to see every optimizer step."""
     return (
         trainer.world_size == 1
         and trainer.accumulate_grad_batches == 1

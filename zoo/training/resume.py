@@ -1,4 +1,4 @@
-"""`python -m zoo resume=FOLDER`: resume a run that was stopped, or train a finished one further."""
+"""`python -m zoo resume=FOLDER`: resume a stopped run, or train a finished run further."""
 
 import re
 import shlex
@@ -15,14 +15,15 @@ from zoo.runs.whole_file import refuse_links_out
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
-    """Train on with a run's own config, plus such overrides as `trainer.max_epochs=60`.
+    """Resume a run with its own config, plus overrides such as `trainer.max_epochs=60`.
 
-    A finished run is left as it is, unless the overrides ask for more epochs. The folder may be a
-    stranger's: `trust=my.Loss` among the overrides allows what `check_saved_config` refuses.
+    A finished run is left as it is, unless the overrides ask for more epochs. The folder may
+    come from another person: `trust=my.Loss` among the overrides allows what `check_saved_config`
+    refuses.
 
     Raises:
-        InputError: no run's folder, an override that a run cannot take, a config that names what
-            it must not, or no checkpoint to train on from; see `run_experiment` for the rest.
+        InputError: the folder holds no run, an override is wrong, the config names something that
+            is not allowed, or there is no checkpoint to resume from; see also `run_experiment`.
         StoppedError: on Ctrl-C.
     """
     saved_path = folder / ".hydra" / "config.yaml"
@@ -32,7 +33,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
     chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
     if chosen:
         raise InputError(
-            f"{chosen[0]}: a run goes on with what it chose; give single values, such as "
+            f"{chosen[0]}: a resumed run keeps its config groups; set single values, such as "
             "trainer.max_epochs=60, or start a new run"
         )
     from zoo.runs.config_files import load_config
@@ -50,7 +51,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
             return
         if not finished.last.is_file():
             raise InputError(
-                f"{finished.last}: is not there to train on from; start a new run with "
+                f"{finished.last}: missing, so the run cannot be resumed; start a new run with "
                 f"model.weights={finished.best}"
             )
     with loading():
@@ -67,7 +68,7 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
         if one.is_delete():
             value = None
         elif one.is_sweep_override():
-            raise InputError(f"{one.input_line}: a run has one value for a key")
+            raise InputError(f"{one.input_line}: a run takes one value for a key")
         else:
             value = one.value()
         OmegaConf.update(
@@ -78,7 +79,7 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
 
 
 class FinishedRun:
-    """A finished run: what it has, and how it can be trained further."""
+    """A finished run: its files, and how to train it further."""
 
     def __init__(self, folder: Path, config: DictConfig, metrics: dict) -> None:
         self.folder, self.config, self.metrics = folder, config, metrics
@@ -88,17 +89,17 @@ class FinishedRun:
 
     @property
     def stopped_early(self) -> bool:
-        """Whether early stopping ended it before its last epoch."""
+        """Return whether early stopping ended it before its last epoch."""
         return _stops_early(self.config) and self.epochs < _max_epochs(self.config)
 
     def is_less_than(self, config: DictConfig) -> bool:
-        """Return whether a config asks for more epochs than were trained, or could have been."""
+        """Return whether a config asks for more epochs than this run's config or training."""
         if self.stopped_early and not _stops_early(config):
             return True
         return _max_epochs(config) > max(_max_epochs(self.config), self.epochs)
 
     def lines(self, overrides: list[str]) -> list[str]:
-        """Return what to print: what is there, and how to train on."""
+        """Return the lines to print: the run's files, and how to train further."""
         early = f" of {_max_epochs(self.config)}, stopped early" if self.stopped_early else ""
         lines = [f"{self.folder}: is finished, after {self.epochs} epochs{early}; nothing to do"]
         if overrides:
@@ -110,7 +111,7 @@ class FinishedRun:
         lines += [f"report: {page}"] if page.is_file() else []
         if self.last.is_file():
             command = ["python", "-m", "zoo", f"resume={self.folder}", *self._more()]
-            lines.append(f"train on: {shlex.join(command)}")
+            lines.append(f"train further: {shlex.join(command)}")
         if self.best.is_file():
             lines.append(f"or start a new run from its weights: model.weights={self.best}")
         return lines
@@ -133,7 +134,7 @@ def _stops_early(config: DictConfig) -> bool:
 
 
 def _max_epochs(config: DictConfig) -> float:
-    """Return how many epochs a config asks for; what is no number is refused before training."""
+    """Return how many epochs a config asks for; infinity for a value that is no number."""
     from zoo.training.build import with_quick
 
     most = with_quick(config).trainer.max_epochs

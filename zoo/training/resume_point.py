@@ -1,4 +1,4 @@
-"""The checkpoint that a stopped run resumes from, checked against what is to be trained."""
+"""The checkpoint that a stopped run resumes from, checked against the new training."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,31 +16,33 @@ class ResumePoint:
     """A run's `last.ckpt`.
 
     Attributes:
-        path: the file.
-        group_sizes: how many parameters are in each group of its optimizer.
+        path: checkpoint file.
+        group_sizes: number of parameters in each group of its optimizer.
     """
 
     path: Path
     group_sizes: list[int]
 
     def check_optimizer(self, module: SteeringModule) -> None:
-        """Raise InputError where the optimizer to be has other groups than the saved one."""
+        """Raise InputError if the new optimizer has other groups than the saved one."""
         made = module.configure_optimizers()["optimizer"].param_groups
         now = [len(group["params"]) for group in made]
         if self.group_sizes != now:
             raise InputError(
                 f"{self.path}: its optimizer held groups of {self.group_sizes} parameters, with "
-                f"these settings (optim, model) and this version of drivezoo they are {now}: it "
-                "cannot go on; set what it was begun with, or start a new run with "
+                f"these settings (optim, model) and this version of drivezoo they are {now}; set "
+                "the values that the run was started with, or start a new run with "
                 f"model.weights={self.path}"
             )
 
 
 def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint | None:
-    """Return where a run resumes; None where no epoch was complete, which is printed.
+    """Return where a run resumes; where no epoch was complete, print that and return None.
 
     Args:
-        card: of the training to be, see `zoo.checkpoints.checkpoint.make_card`.
+        folder: run's folder.
+        card: card of the new training, see `zoo.checkpoints.checkpoint.make_card`.
+        console: console for that line.
 
     Raises:
         InputError: the checkpoint cannot be read, or was trained on another recording.
@@ -48,16 +50,16 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
     last = folder / "checkpoints" / "last.ckpt"
     if not last.is_file():
         if (last.parent / "best.ckpt").is_file():
-            line = f"begins again: {kept_without_last(folder)}"
+            line = f"starts again from the first epoch: {kept_without_last(folder)}"
             console.print(line, highlight=False, markup=False)
         return None
-    checkpoint = read_checkpoint_file(last)  # runs nothing that is in it
+    checkpoint = read_checkpoint_file(last)  # executes no code from the file
     before = checkpoint["drivezoo"]["data"]
     if before != card["data"]:
         raise InputError(
             f"{last}: was trained on {before['rows']} rows ({before['fingerprint']}), "
-            f"data.root now holds {card['data']['rows']} ({card['data']['fingerprint']}); bring "
-            f"the recording back, or start a new run with model.weights={last}"
+            f"data.root now holds {card['data']['rows']} ({card['data']['fingerprint']}); restore "
+            f"the recording, or start a new run with model.weights={last}"
         )
     saved = checkpoint["optimizer_states"][0]["param_groups"]
     return ResumePoint(last, [len(group["params"]) for group in saved])

@@ -1,4 +1,4 @@
-"""One experiment, from its config to its figures: the main job."""
+"""Run one experiment, from its config to its figures."""
 
 import time
 from pathlib import Path
@@ -49,17 +49,17 @@ from zoo.training.steering_module import SteeringModule
 def run_experiment(
     config: DictConfig, folder: Path, resume: bool = False, keep_config: bool = False
 ) -> float:
-    """Run what `config` says in `folder`; with `resume`, from its last checkpoint.
+    """Run an experiment in `folder`; with `resume`, from its last checkpoint.
 
-    With `keep_config` it replaces the folder's config once it is known to fit the checkpoint, so
-    that a run that is stopped again is resumed with it.
+    With `keep_config`, `config` replaces the folder's config once it is known to fit the
+    checkpoint: a run that is stopped again resumes with it.
 
     Returns the validation MSE of the best checkpoint (NaN without validation rows), which a
     sweeper can minimise.
 
     Raises:
-        InputError: anything wrong with the config, the recording or a file; another process is
-            training in the folder.
+        InputError: the config, the recording or a file is wrong, or another process trains in the
+            folder.
         StoppedError: on Ctrl-C.
     """
     if resume:
@@ -73,7 +73,7 @@ def run_experiment(
 
 def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_config: bool) -> float:
     started = time.perf_counter()
-    code_fingerprint()  # of what is imported now; who edits it while it trains changes nothing
+    code_fingerprint()  # of the code as imported: edits during training do not count
     console = Console(soft_wrap=True, quiet=not first)
     score = run_options(config.get("score"))
     asked, config = config, settle_config(config, console)
@@ -121,7 +121,7 @@ def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_confi
 def _prepare_folder(
     folder: Path, asked: DictConfig | None, data: DrivingData, resumed: ResumePoint | None
 ) -> None:
-    """Write what is known before training, and put away what training would overwrite."""
+    """Write the config and the split; move files that training would overwrite."""
     if resumed is not None:
         restore_monitored(folder)
     if asked is not None:
@@ -147,13 +147,13 @@ def _fit(
         pass
     if trainer.interrupted:
         raise stopped_error(folder, trainer.current_epoch + 1)
-    if trainer.max_epochs == 0:  # nothing to learn: only carry the weights over to a checkpoint
+    if trainer.max_epochs == 0:  # no training: only write the weights to checkpoints
         for name in ("best", "last"):
             trainer.save_checkpoint(folder / "checkpoints" / f"{name}.ckpt")
 
 
 def _monitor(trainer: lightning.Trainer) -> str | None:
-    """Return the figure by which `best.ckpt` was kept; None where the last epoch's was."""
+    """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
     names = {
         Path(one.filename or "").stem: one.monitor
         for one in trainer.callbacks

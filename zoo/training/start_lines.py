@@ -18,7 +18,7 @@ def print_start(
     device: torch.device,
     console: Console,
 ) -> None:
-    """Print what will be trained, on which rows, and how alike these are."""
+    """Print the network, the split, and train/validation similarity."""
     height, width, _ = data.view.shape
     model, parameters = card["config"]["model"], sum(p.numel() for p in network.parameters())
     split = ", ".join(f"{len(getattr(data.split, part)):,} {part}" for part in PARTS)

@@ -12,31 +12,31 @@ from datamodules.batches import Batch
 from datamodules.errors import InputError
 from zoo.training.open_loop import open_loop_metrics
 
-CHECK_EVERY = 20  # steps between looks at the loss: each look waits for the device
+CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
 
 
 class SteeringModule(lightning.LightningModule):
-    """Trains a network of the zoo on batches of `DrivingData`.
+    """A LightningModule that trains a network of the zoo on batches of `DrivingData`.
 
     Args:
-        network: uint8 images (and speed) to steering (and throttle).
-        loss: called with predicted and true, float32 [N, outputs].
-        optimizer: makes a torch optimizer of parameter groups.
-        schedule: makes a torch scheduler of an optimizer, stepped each epoch.
-        l2: the weight of the sum of squared weights (not biases) in the loss, as Keras' `l2(...)`.
-        backbone_lr: the learning rate of the network's `backbone`, where it has one.
-        seed: of dropout, by epoch, so that a resumed run repeats an unbroken one.
-        card: plain containers that every checkpoint carries (see `zoo.checkpoints.checkpoint`).
-        skips_front: batches hold features of the network's frozen front in place of images.
-        compile_loss: compiles the loss of a batch, a function of it; None for no compilation.
-        compiled_batch: the size of the batches whose loss is compiled; others are few.
+        network: network from uint8 images (and speed) to steering (and throttle).
+        loss: loss of predicted and true outputs, float32 [N, outputs] each.
+        optimizer: function from parameter groups to a torch optimizer.
+        schedule: function from an optimizer to a torch scheduler, stepped each epoch.
+        l2: factor of the sum of squared weights (not biases) in the loss, as Keras' `l2(...)`.
+        backbone_lr: learning rate of the network's `backbone`, if it has one.
+        seed: random seed of dropout in each epoch: a resumed run repeats an uninterrupted one.
+        card: plain containers that every checkpoint holds (see `zoo.checkpoints.checkpoint`).
+        skips_front: whether batches hold features of the frozen layers in place of images.
+        compile_loss: function that compiles the loss of a batch; None without compilation.
+        compiled_batch: size of the batches whose loss is compiled.
 
-    A step of Lightning's may take several batches, a list of them, one optimizer step each: for a
-    small network Lightning's own work costs more than the network's.
+    A step of Lightning's may take a list of batches, one optimizer step each (see
+    `datamodules.batch_groups`).
 
-    Of several processes each has its share of a batch, perhaps a sample more or less than another,
-    or none. Their mean gradient is that of the whole batch's loss: each loss is weighted by its
-    share of what the whole is divided by.
+    With several processes, each rank has a shard of each batch, which may be empty.
+    Each rank's loss is weighted by its part of the whole batch's divisor: the mean gradient is that
+    of the whole batch's loss.
 
     Logs `train/loss` (mean over the epoch, of the loss without l2) and, over the validation rows,
     `val/mse`, `val/mae`, `val/balanced_mae`, `val/bias` (see `zoo.training.open_loop`).
@@ -60,7 +60,7 @@ class SteeringModule(lightning.LightningModule):
         self.network, self.loss = network, loss
         self.optimizer, self.schedule = optimizer, schedule
         self.l2, self.backbone_lr, self.seed, self.card = l2, backbone_lr, seed, card or {}
-        # Of this process alone: a run that goes on counts anew.
+        # Of this process alone: a resumed run counts from 0.
         self.train_epochs, self.train_seconds = 0, 0.0
         self._samples_before = 0
         self._loss_sum: Tensor | float = 0.0
@@ -70,11 +70,11 @@ class SteeringModule(lightning.LightningModule):
         self._compiled = compile_loss(self._plain_loss()) if compile_loss else None
 
     def forward(self, batch: Batch) -> Tensor:
-        """Float32 [N, outputs], steering first."""
+        """Return the outputs, float32 [N, outputs], steering first."""
         return predict(self.network, batch, self.skips_front)
 
     def _plain_loss(self) -> Callable[[Batch], Tensor]:
-        """Return the loss of a batch as a function of all that a compiler is to look at."""
+        """Return a function from a batch to its loss, without `self`, to compile."""
         network, loss, skips_front = self.network, self.loss, self.skips_front
 
         def batch_loss(batch: Batch) -> Tensor:
@@ -84,25 +84,28 @@ class SteeringModule(lightning.LightningModule):
         return batch_loss
 
     def on_train_epoch_start(self) -> None:
+        """Start counting samples and loss of the epoch."""
         self._samples_before = self.train_samples
         self._loss_sum, self._loss_count = 0.0, 0
         self._clock = time.perf_counter()
 
     def on_train_batch_start(self, batch: Batch | list[Batch], number: int) -> None:
+        """Keep the group's first batches; seed dropout at the epoch's start."""
         self._ahead = batch[:-1] if isinstance(batch, list) else []
         if number == 0:
-            # Dropout's draws depend on the epoch alone, so that a resumed run repeats them. Not
-            # earlier: making a loader's iterator draws too, and a resumed run makes it before.
+            # Dropout depends on the epoch alone, so that a resumed run repeats it. Not earlier:
+            # creating a loader's iterator draws too, and a resumed run creates it before.
             torch.manual_seed(self.seed * 1_000_003 + self.current_epoch * 1_009 + self.global_rank)
 
     def training_step(self, batch: Batch | list[Batch], number: int) -> Tensor:
+        """Return the loss of the batch, or of a group's last batch."""
         loss = self._counted_loss(batch[-1] if isinstance(batch, list) else batch)
         if number % CHECK_EVERY == 0:
             self._check_finite()
         return loss
 
     def optimizer_step(self, epoch: int, number: int, optimizer: object, closure: Callable) -> None:
-        """Steps for all batches of this one but the last, and then Lightning's, for the last."""
+        """Step for each batch of the group but the last; then take Lightning's step."""
         if self._ahead:
             plain = optimizer.optimizer
             for batch in self._ahead:
@@ -115,7 +118,7 @@ class SteeringModule(lightning.LightningModule):
 
     def _counted_loss(self, batch: Batch) -> Tensor:
         count = len(batch["images"])
-        if not count:  # of a batch that is smaller than there are processes
+        if not count:  # a rank without samples returns a zero loss
             loss = sum(0.0 * p.sum() for p in self.network.parameters() if p.requires_grad)
         else:
             compiled = self._compiled and count == self._compiled_batch
@@ -128,11 +131,13 @@ class SteeringModule(lightning.LightningModule):
         return loss
 
     def _share_of_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
-        """This process's loss, such that the processes' mean is the loss of the whole batch; all of
-        them count that, so that all stop where it is not finite."""
-        divisor = getattr(self.loss, "divisor", None)  # of a mean: the number of samples
+        """Return this rank's loss, weighted so that the ranks' mean is the whole batch's loss.
+
+        All ranks sum the whole loss: all stop where it is not finite.
+        """
+        divisor = getattr(self.loss, "divisor", None)  # without one, a mean over samples
         share = loss.new_tensor(count) if divisor is None else divisor(targets).to(loss)
-        # In double precision: a sum of counts is exact in it.
+        # In double precision, in which a sum of counts is exact.
         sums = torch.stack([loss.detach() * share, share, loss.new_tensor(count)]).double()
         torch.distributed.all_reduce(sums)
         whole, divided_by, samples = sums
@@ -142,32 +147,35 @@ class SteeringModule(lightning.LightningModule):
 
     @property
     def train_samples(self) -> int:
-        """Samples trained on by this process and those beside it."""
+        """Return the number of samples that all processes have trained on."""
         return self._samples_before + int(self._loss_count)
 
     def _loss(self, batch: Batch) -> Tensor:
         return self.loss(self(batch), batch["targets"][:, : self.network.outputs])
 
     def on_train_batch_end(self, *_: object) -> None:
-        # From the end of a step to the end of the next: validation and pictures do not count.
+        """Count the time of the step."""
+        # From the end of a step to the end of the next: validation and plots do not count.
         now = time.perf_counter()
         self.train_seconds += now - self._clock
         self._clock = now
 
     def on_validation_start(self) -> None:
-        # Before anything of this epoch is saved: the last checkpoint stays a good one.
+        """Check that the loss and the weights are finite."""
+        # Before this epoch is saved: the last checkpoint stays finite.
         if not self.trainer.sanity_checking:
             self._check_finite()
             self._check_weights()
 
     def on_train_epoch_end(self) -> None:
+        """Check that all is finite, and log the mean loss."""
         self._check_finite()
         self._check_weights()
         self.train_epochs += 1
         self.log("train/loss", float(self.mean_loss()), sync_dist=True)
 
     def mean_loss(self) -> Tensor:
-        """The mean loss of the epoch so far, of all processes' samples."""
+        """Return the mean loss of the epoch so far, over all processes' samples."""
         return self._loss_sum / self._loss_count
 
     def _check_finite(self) -> None:
@@ -179,7 +187,7 @@ class SteeringModule(lightning.LightningModule):
             )
 
     def _check_weights(self) -> None:
-        """The last step's loss is that of the weights before it: it does not show what they are."""
+        """Check the weights, too: the last loss was computed before the last step."""
         if not all(bool(torch.isfinite(one).all()) for one in self.network.parameters()):
             raise InputError(
                 f"the weights are not finite after epoch {self.current_epoch + 1}: training "
@@ -188,29 +196,34 @@ class SteeringModule(lightning.LightningModule):
             )
 
     def on_validation_epoch_start(self) -> None:
-        # Numbers, not tensors: a few kept bytes between each batch's activations break up the heap.
+        """Start with no predictions."""
+        # Numbers, not tensors: small tensors between the batches' activations fragment the heap.
         self._predicted: list[float] = []
         self._true: list[float] = []
 
     def validation_step(self, batch: Batch, _: int) -> None:
-        if not len(batch["targets"]):  # of fewer rows than there are processes
+        """Collect predicted and true steering."""
+        if not len(batch["targets"]):  # fewer rows than processes
             return
         self._predicted += self(batch)[:, 0].float().tolist()
         self._true += batch["targets"][:, 0].tolist()
 
     def on_validation_epoch_end(self) -> None:
+        """Log the figures of all validation rows."""
         own = [np.array(one, np.float32) for one in (self._predicted, self._true)]
         self.validation = predicted, true = self._all_rows(own)
-        # Processes on other machines may sum in another order; what is decided by these figures
-        # must not differ by a hair.
+        # Processes on other machines may sum in another order; decisions by these figures must be
+        # the same everywhere.
         metrics = self.trainer.strategy.broadcast(open_loop_metrics(predicted, true))
         self.log_dict(
             {f"val/{name}": value for name, value in metrics.items()}, rank_zero_only=False
         )
 
     def _all_rows(self, own: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """What all processes have predicted, and what is true, float32 [N], in order of rows: each
-        has a run of them, the first process the first."""
+        """Return predicted and true steering of all processes, float32 [N], in order of rows.
+
+        Each rank has contiguous rows, in order of ranks.
+        """
         shares = [own]
         if self.trainer.world_size > 1:
             shares = [None] * self.trainer.world_size
@@ -219,6 +232,7 @@ class SteeringModule(lightning.LightningModule):
         return predicted, true
 
     def configure_optimizers(self) -> dict:
+        """Return the optimizer and its scheduler, as Lightning expects them."""
         optimizer = self.optimizer(self._parameter_groups())
         if self.schedule is None:
             return {"optimizer": optimizer}
@@ -228,8 +242,10 @@ class SteeringModule(lightning.LightningModule):
         return {"optimizer": optimizer, "lr_scheduler": scheduler}
 
     def _parameter_groups(self) -> list[dict]:
-        """Weights decay and biases do not; a backbone may learn at its own rate. As few as can be:
-        each is another call of the optimizer's."""
+        """Return parameter groups: weights decay, biases do not; a backbone may have its own rate.
+
+        Each group costs another call of the optimizer, so there are as few as possible.
+        """
         backbone = getattr(self.network, "backbone", None)
         slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()
         groups: dict[tuple[bool, bool], list[nn.Parameter]] = {}
@@ -239,7 +255,7 @@ class SteeringModule(lightning.LightningModule):
                 key = own_rate, parameter.ndim > 1 and self.l2 > 0
                 groups.setdefault(key, []).append(parameter)
         if not groups:
-            raise InputError("no parameter is left to train; set model.trainable_blocks above 0")
+            raise InputError("no parameter can be trained; set model.trainable_blocks above 0")
         return [
             {
                 "params": parameters,
@@ -251,11 +267,12 @@ class SteeringModule(lightning.LightningModule):
         ]
 
     def on_save_checkpoint(self, checkpoint: dict) -> None:
+        """Add the card to the checkpoint."""
         checkpoint["drivezoo"] = self.card
 
 
 def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:
-    """Float32 [N, outputs], steering first; with `skips_front`, of features (`network.rest`)."""
+    """Return outputs, float32 [N, outputs], steering first; with `skips_front`, of features."""
     if skips_front:
         return network.rest(batch["images"])
     if network.takes_speed:

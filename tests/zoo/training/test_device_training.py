@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 import torch
 
+from datamodules.batch_groups import GROUP
 from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
-from zoo.training.plan import TOGETHER
 
 ALL = "augment=[brightness,shadow,shift,bend]"
 
@@ -42,7 +42,7 @@ def test_without_augmentation_it_learns_the_same_to_the_bit(
 ) -> None:
     """Mirrored and balanced alike; and several batches at a time, as on a GPU."""
     plain, _ = train(recorded, tmp_path, "augment=[]", "data.augment_on=cpu")
-    for together in (1, TOGETHER):
+    for together in (1, GROUP):
         there, _ = train(
             recorded, tmp_path, "augment=[]", "data.augment_on=device", together=together
         )

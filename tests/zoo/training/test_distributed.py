@@ -214,7 +214,7 @@ def test_when_a_process_dies_the_first_says_so_in_a_line_and_ends(
     assert first.returncode == 1
     assert said.count("\n") == 1, said
     assert "process 2 of the 2 that train together ended (SIGKILL)" in said
-    assert "go on with: python -m zoo resume=" in said
+    assert "resume with: python -m zoo resume=" in said
     assert read_status(tmp_path / "run")["status"] == "failed"
 
 

@@ -173,7 +173,7 @@ def test_a_run_that_goes_on_is_fed_the_features_of_its_own_front(
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("augment=[brightness,shift]", r"augment=\[brightness,shift\] makes every picture another"),
+        ("augment=[brightness,shift]", r"augment=\[brightness,shift\] changes every image"),
         ("model.trainable_blocks=5", r"no block of the network is frozen"),
         ("model.cache_features=maybe", r"cache_features=maybe is not auto, true or false"),
     ],
@@ -189,8 +189,11 @@ def test_what_cannot_be_cached_is_refused_in_words(
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (("augment=[brightness]",), "computed anew in every epoch, for augment=[brightness]"),
-        (("trainer.max_epochs=1",), "and there are 240"),
+        (
+            ("augment=[brightness]",),
+            "computed again in every epoch, because of augment=[brightness]",
+        ),
+        (("trainer.max_epochs=1",), "of 240"),
         (("model.trainable_blocks=5",), ""),
     ],
 )
@@ -221,4 +224,4 @@ def test_a_disk_without_room_is_said_before_anything_is_computed(
     else:
         module, _, _ = prepare(config, tmp_path / "run", console)
         assert not module.skips_front
-        assert "to keep them would take" in console.file.getvalue()
+        assert "keeping them would take" in console.file.getvalue()

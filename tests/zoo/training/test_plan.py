@@ -9,13 +9,13 @@ import torch
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from datamodules.batch_groups import GROUP
 from tests.recordings import Written
 from tests.zoo.trainings import planned, train_here
 from zoo.cli.compose import compose_config
 from zoo.training import plan
 from zoo.training.build import build_data
 from zoo.training.compilation import find_compiler
-from zoo.training.plan import TOGETHER
 
 
 @pytest.fixture(autouse=True)
@@ -54,7 +54,7 @@ def test_batches_that_come_together_are_a_step_each(
     overrides = ("model=tiny", "data.crop=[50,0]", f"schedule={schedule}")
     together, count = train(recorded, tmp_path / "a", *overrides)
     alone, _ = train(recorded, tmp_path / "b", *overrides, together=1)
-    assert count == TOGETHER
+    assert count == GROUP
     assert same(together, alone)
 
 
@@ -107,7 +107,7 @@ def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> 
     loaded.load(Console(quiet=True))
     before = config.copy()
     module, data, _ = planned(config, loaded, tmp_path)
-    assert (loaded.batches_per_step, data.batches_per_step) == (1, TOGETHER)
+    assert (loaded.batches_per_step, data.batches_per_step) == (1, GROUP)
     assert data.recording is loaded.recording
     assert not module.skips_front
     assert torch.get_num_threads() == 1

@@ -195,7 +195,7 @@ def test_ctrl_c_saves_and_says_how_to_go_on(recorded: Written, tmp_path: Path) -
         assert process.wait(timeout=60) == 130
     said = log.read_text().strip().splitlines()[-1]
     assert said.startswith("zoo: stopped; the epochs before ")
-    assert said.endswith(f"go on with: python -m zoo resume={tmp_path / 'run'}")
+    assert said.endswith(f"resume with: python -m zoo resume={tmp_path / 'run'}")
     assert "Traceback" not in log.read_text()
     load_checkpoint(tmp_path / "run" / "checkpoints" / "last.ckpt")
     assert json.loads((tmp_path / "run" / "status.json").read_text())["status"] == "failed"
@@ -460,7 +460,7 @@ def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: P
     [
         ("model.width=2", "set model and data.crop as it was trained"),
         ("optim.l2=0.001", "its optimizer held groups of [4] parameters, with these settings"),
-        ("model=lenet", "a run goes on with what it chose"),
+        ("model=lenet", "a resumed run keeps"),
     ],
 )
 def test_resuming_as_what_it_was_not_is_refused(
