@@ -5,26 +5,22 @@ from typing import Any
 
 from simulator.errors import SimulatorError
 from simulator.legacy_socket import websocket_address
-from simulator.weather import read_weather
+from simulator.world_settings import WorldSettings
 
 
 @dataclass(frozen=True)
-class ClientOptions:
+class ClientOptions(WorldSettings):
     """Drive as a driver on the socket commands: the original's autonomous mode.
 
     On the wire it behaves like the original client of 2016, but for one thing: where nobody listens
     or a driver sends it away, it tries twice a second, not thousands of times.
 
     Args:
-        track: its name, or the path of a track's YAML file.
         url: of the driver.
         protocol: legacy, as the original speaks, or modern, as today's libraries do.
         clock: lockstep advances a frame for each reply; realtime drives on meanwhile.
-        frame_rate: frames per second of simulated time, up to 50.
         seed: of the weather.
-        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
         start: metres along the lap.
-        direction: 1, or -1 for the other way round.
         laps: ends after so many; 0 never does.
         seconds: ends after so many of simulated time; 0 never does.
         film: a path ending in .mp4; null for none.
@@ -36,20 +32,14 @@ class ClientOptions:
             not.
         decimal_comma: write and read numbers as in a German locale.
         drop_at: the second in which the connection is dropped once; null for never.
-        delay_s: from a command to the wheels.
         renderer: auto, software or opengl.
-        quality: full or simple.
     """
 
-    track: str = "lake"
     url: str = "http://127.0.0.1:4567"
     protocol: str = "legacy"
     clock: str = "lockstep"
-    frame_rate: float = 15.0
     seed: int = 0
-    weather: str = "clear"
     start: float = 0.0
-    direction: int = 1
     laps: float = 0.0
     seconds: float = 0.0
     film: str | None = None
@@ -59,15 +49,13 @@ class ClientOptions:
     put_back: bool = False
     decimal_comma: bool = False
     drop_at: float | None = None
-    delay_s: float = 0.0
     renderer: str = "auto"
-    quality: str = "full"
 
 
 def check_options(options: ClientOptions) -> None:
     """Raises SimulatorError, in one line, for an option that cannot be."""
     choices = {"protocol": ("legacy", "modern"), "clock": ("lockstep", "realtime")}
-    read_weather(options.weather)
+    options.check()
     for key, known in choices.items():
         if getattr(options, key) not in known:
             raise SimulatorError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")

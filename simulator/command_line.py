@@ -54,10 +54,13 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
 
 def options_help(kind: type) -> str:
     """What a dataclass of options is for, and a line for each: its default, and its meaning, which
-    stands under `Args:` in the docstring."""
-    intro, _, args = inspect.getdoc(kind).partition("Args:")
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
-    meanings = {name: " ".join(meaning.split()) for name, meaning in found}
+    stands under `Args:` in its docstring or in that of a class before it."""
+    intro = inspect.getdoc(kind).partition("Args:")[0]
+    meanings: dict[str, str] = {}
+    for one in reversed(kind.__mro__[:-1]):
+        args = inspect.cleandoc(one.__doc__ or "").partition("Args:")[2]
+        found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
+        meanings |= {name: " ".join(meaning.split()) for name, meaning in found}
     lines = []
     for one in fields(kind):
         default = one.default

@@ -4,7 +4,7 @@ import datetime
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -14,25 +14,24 @@ from simulator.command_line import read_options
 from simulator.drive_loop import Drive
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.errors import SimulatorError
-from simulator.record_report import print_report, train_command
+from simulator.record_report import print_report, print_written, train_command
 from simulator.recorder import LOG_NAME, Recorder, check_free
 from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
+from simulator.world_settings import WorldSettings
 
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
 
 
 @dataclass(frozen=True)
-class DriveOptions:
+class DriveOptions(WorldSettings):
     """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
 
     Args:
-        track: its name, or the path of a track's YAML file.
         out: the folder to record to; auto is recordings/ and the time when R is first pressed.
         direction: forward or backward.
-        weather: clear, random for a day drawn from the seed, or {fog: 0.4, wet: 1}.
         seed: of the weather.
         start: metres along the lap.
         frame_rate: rows per second, up to 50.
@@ -43,13 +42,10 @@ class DriveOptions:
         seconds: quit after so much driving; 0 never.
     """
 
-    track: str = "lake"
     out: str = "auto"
-    direction: str = "forward"
-    weather: str = "clear"
+    direction: str = field(default="forward", kw_only=True)
     seed: int = 0
     start: float = 0.0
-    frame_rate: float = 15.0
     width: int = 1280
     renderer: str = "auto"
     header: bool = False
@@ -91,29 +87,22 @@ def main(arguments: Sequence[str]) -> None:
         return
     here = Path.cwd()
     root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    for line in (str(folder / LOG_NAME), f"train on it: {train_command(root)}"):
-        Console(soft_wrap=True).print(line, highlight=False, markup=False)
+    print_written(folder / LOG_NAME, train_command(root))
 
 
 def _open(options: DriveOptions) -> World:
     if options.direction not in DIRECTIONS:
         raise SimulatorError(f"direction={options.direction}: must be forward or backward")
-    read_weather(options.weather)  # says now what is wrong with it
+    place = options.place | {"direction": DIRECTIONS[options.direction]}
+    WorldSettings(**place, weather=options.weather).check()
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs pictures; try renderer=auto")
-    if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
-        raise SimulatorError(f"frame_rate={options.frame_rate:g}: must be above 0, up to 50")
     if not 320 <= options.width <= 7680:
         raise SimulatorError(f"width={options.width}: must be in 320..7680 pixels")
     if not 0 <= options.seconds < float("inf"):
         raise SimulatorError(f"seconds={options.seconds:g}: must be 0 or more")
     check_free(_folder(options.out))
-    world = open_world(
-        options.track,
-        options.renderer,
-        frame_rate=1 / PHYSICS_STEP_S,
-        direction=DIRECTIONS[options.direction],
-    )
+    world = open_world(renderer=options.renderer, **place | {"frame_rate": 1 / PHYSICS_STEP_S})
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     return world
 

@@ -41,7 +41,7 @@ def test_a_recording_becomes_h264_in_the_time_it_took(recorded: Written, tmp_pat
     result = film(tmp_path, recorded.folder, "out=films/lake.mp4")
 
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[-1] == "films/lake.mp4"
+    assert result.stdout.splitlines()[-1] == "wrote: films/lake.mp4"
     meta, frames = decode(tmp_path / "films" / "lake.mp4")
     assert meta["codec"].startswith("h264")
     assert "yuv420p" in meta["pix_fmt"]
@@ -111,7 +111,7 @@ def test_a_name_that_rich_would_read_is_printed_as_it_stands(
     film_command([str(folder)])
 
     said = capsys.readouterr().out
-    assert said.splitlines()[-1] == f"{folder}.mp4"
+    assert said.splitlines()[-1] == f"wrote: {folder}.mp4"
     assert f"{folder / recorded.image(1).name}: the file is empty" in said
 
 

@@ -88,7 +88,7 @@ def test_other_code_is_told_in_a_line(
     [
         ([], "usage: python -m zoo.rerun RUN"),
         (["nowhere"], "nowhere: is no finished run's folder"),
-        (["run", "in=x"], "there is no option in"),
+        (["run", "in=x"], "in: no such key; "),
         (["run", "out=run"], "is not empty"),
     ],
 )

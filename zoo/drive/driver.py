@@ -259,8 +259,8 @@ class Driver:
     def _time(self, now_s: float) -> float:
         return now_s - self._began_s
 
-    def end(self, began: datetime) -> None:
-        """Write the drive and tell what it came to."""
+    def end(self, began: datetime) -> Path | None:
+        """Write the drive and print its figures; return its folder, None without a frame."""
         figures = self.tally.figures() | {
             "track": self.track,
             "checkpoint": self.checkpoint,
@@ -272,8 +272,7 @@ class Driver:
         written = self.scribe.close(figures)
         for line in [*self.notices.count_lines(), *summary_lines(figures)]:
             self.notices.tell(line)
-        if written:
-            self.notices.tell(str(self.scribe.folder))
+        return self.scribe.folder if written else None
 
     # What a page's buttons do.
 

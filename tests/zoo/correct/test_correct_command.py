@@ -240,9 +240,9 @@ def test_a_persons_recording_is_trained_on_under_other_names(
     ("option", "said"),
     [
         ("track=nowhere", "nowhere"),
-        ("rounds=0", "rounds=0: must be in 1..100"),
-        ("beta=2", "beta=2: must be in 0..1"),
-        ("off_m=-1", "off_m=-1: must be 0 metres or more"),
+        ("rounds=0", "rounds=0: must be a whole number in 1..100"),
+        ("beta=2", "beta=2: must be a number in 0..1"),
+        ("off_m=-1", "off_m=-1: must be a number of 0 or more, or null"),
         ("weather=hail", "weather=hail"),
         ("throttle=network", "this network gives no throttle"),
         ("throttle=none", "throttle=none: must be hold or network"),
