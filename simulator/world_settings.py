@@ -40,9 +40,9 @@ class WorldSettings:
     def check(self) -> None:
         """Raise SimulatorError, in one line, for a value that cannot be."""
         if not 0 < self.frame_rate <= 1 / PHYSICS_STEP_S:
-            raise SimulatorError(f"frame_rate={self.frame_rate}: must be above 0, up to 50")
+            raise SimulatorError(f"frame_rate={self.frame_rate:g}: must be above 0, up to 50")
         if not 0 <= self.delay_s <= LONGEST_DELAY_S:
-            raise SimulatorError(f"delay_s={self.delay_s}: must be in 0..2 seconds")
+            raise SimulatorError(f"delay_s={self.delay_s:g}: must be in 0..2 seconds")
         if self.direction not in (1, -1):
             raise SimulatorError(f"direction={self.direction}: must be 1 or -1")
         if self.quality not in QUALITIES:

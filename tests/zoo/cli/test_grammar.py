@@ -36,7 +36,7 @@ TYPOS = {
     "replay": ("marign=1", "margin", "frames=some"),
     "rerun": ("trsut=x", "trust", None),
     "results": ("metric=true", "metrics", "metrics=all"),
-    "saliency": ("publishd=true", "published", "published=2013"),
+    "saliency": ("ou=x.png", "out", "published=2013"),
     "sweep": ("resum=x", "resume", None),
 }
 OWN = sorted(path.stem for path in conf_folder().glob("*.yaml") if path.stem != "config")
