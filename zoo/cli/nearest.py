@@ -18,7 +18,7 @@ def hint(word: str, known: Iterable[str], remedy: str = "") -> str:
     """
     names = list(known)
     by_tail = {name.rpartition(".")[2]: name for name in reversed(names)}
-    near = difflib.get_close_matches(word, names, n=2, cutoff=0.6)
+    near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     tail = difflib.get_close_matches(word.rpartition(".")[2], list(by_tail), n=2, cutoff=0.7)
     near += [by_tail[name] for name in tail if by_tail[name] not in near]
     if near:
