@@ -26,14 +26,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
         SimulatorError: an option is wrong, no renderer opens, or the film cannot be written.
     """
     check_options(options)
-    world = open_world(
-        options.track,
-        options.renderer,
-        options.quality,
-        options.frame_rate,
-        options.delay_s,
-        options.direction,
-    )
+    world = open_world(renderer=options.renderer, **options.place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     client = Client(world, options, console)
     client.print_once(f"{world.track.name}, drawn by the {world.pictures.name} renderer")

@@ -5,26 +5,22 @@ from typing import Any
 
 from simulator.errors import SimulatorError
 from simulator.legacy_socket import websocket_address
-from simulator.weather import read_weather
+from simulator.world_settings import WorldSettings
 
 
 @dataclass(frozen=True)
-class ClientOptions:
+class ClientOptions(WorldSettings):
     """Connect to a driver as the original simulator's autonomous mode does.
 
     The client sends the same bytes as the original client of 2016, with one difference: while no
     driver accepts it, it tries to connect twice a second, not thousands of times.
 
     Args:
-        track: name of a track, or path of its YAML file.
         url: address of the driver.
         protocol: legacy (the original's Socket.IO of 2016) or modern (python-socketio).
         clock: lockstep (one frame for each reply) or realtime (time passes without replies).
-        frame_rate: frames per second of simulated time, up to 50.
         seed: random seed of the weather.
-        weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         start: start position in metres along the lap.
-        direction: 1 (forward) or -1 (backward).
         laps: number of laps until the end; 0 for no end.
         seconds: seconds of simulated time until the end; 0 for no end.
         film: path of the .mp4 to write; null for none.
@@ -36,20 +32,14 @@ class ClientOptions:
             original has no such command.
         decimal_comma: whether numbers have a decimal comma, as in a German locale.
         drop_at: simulated second at which the connection is dropped once; null for never.
-        delay_s: seconds from a command to the wheels, 0..2.
         renderer: auto, software or opengl.
-        quality: full, or simple (fewer plants, no shadows, faster).
     """
 
-    track: str = "lake"
     url: str = "http://127.0.0.1:4567"
     protocol: str = "legacy"
     clock: str = "lockstep"
-    frame_rate: float = 15.0
     seed: int = 0
-    weather: str = "clear"
     start: float = 0.0
-    direction: int = 1
     laps: float = 0.0
     seconds: float = 0.0
     film: str | None = None
@@ -59,15 +49,13 @@ class ClientOptions:
     put_back: bool = False
     decimal_comma: bool = False
     drop_at: float | None = None
-    delay_s: float = 0.0
     renderer: str = "auto"
-    quality: str = "full"
 
 
 def check_options(options: ClientOptions) -> None:
     """Raise SimulatorError for an option whose value is not allowed."""
     choices = {"protocol": ("legacy", "modern"), "clock": ("lockstep", "realtime")}
-    read_weather(options.weather)
+    options.check()
     for key, known in choices.items():
         if getattr(options, key) not in known:
             raise SimulatorError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")

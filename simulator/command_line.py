@@ -56,11 +56,14 @@ def options_help(kind: type) -> str:
     """Return the help text of a dataclass of options.
 
     The text is the docstring's introduction, then a line for each option: its default, and its
-    meaning from the docstring's `Args:` section.
+    meaning from the `Args:` section of the class or of a class that it inherits from.
     """
-    intro, _, args = inspect.getdoc(kind).partition("Args:")
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
-    meanings = {name: " ".join(meaning.split()) for name, meaning in found}
+    intro = inspect.getdoc(kind).partition("Args:")[0]
+    meanings: dict[str, str] = {}
+    for one in reversed(kind.__mro__[:-1]):
+        args = inspect.cleandoc(one.__doc__ or "").partition("Args:")[2]
+        found = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", args, re.MULTILINE)
+        meanings |= {name: " ".join(meaning.split()) for name, meaning in found}
     lines = []
     for one in fields(kind):
         default = one.default

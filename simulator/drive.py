@@ -4,7 +4,7 @@ import datetime
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -14,28 +14,26 @@ from simulator.command_line import read_options
 from simulator.drive_loop import Drive
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.errors import SimulatorError
-from simulator.record_report import print_report, train_command
+from simulator.record_report import print_report, print_written, train_command
 from simulator.recorder import LOG_NAME, Recorder, check_free
 from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
+from simulator.world_settings import WorldSettings
 
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
 
 
 @dataclass(frozen=True)
-class DriveOptions:
+class DriveOptions(WorldSettings):
     """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
 
     Args:
-        track: name of a track, or path of its YAML file.
         out: folder of the recording; auto is recordings/ and the time of its start.
         direction: forward or backward.
-        weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         seed: random seed of the weather.
         start: start position in metres along the lap.
-        frame_rate: rows per second of simulated time, up to 50.
         width: width of the window in pixels, 320..7680; its height is half of that.
         renderer: renderer of the recorded images: auto, software or opengl.
         header: whether the log begins with column names, as the course's sample data does.
@@ -43,13 +41,10 @@ class DriveOptions:
         seconds: seconds of driving until the end; 0 for no end.
     """
 
-    track: str = "lake"
     out: str = "auto"
-    direction: str = "forward"
-    weather: str = "clear"
+    direction: str = field(default="forward", kw_only=True)
     seed: int = 0
     start: float = 0.0
-    frame_rate: float = 15.0
     width: int = 1280
     renderer: str = "auto"
     header: bool = False
@@ -91,29 +86,22 @@ def main(arguments: Sequence[str]) -> None:
         return
     here = Path.cwd()
     root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    for line in (str(folder / LOG_NAME), f"train on it: {train_command(root)}"):
-        Console(soft_wrap=True).print(line, highlight=False, markup=False)
+    print_written(folder / LOG_NAME, train_command(root))
 
 
 def _open(options: DriveOptions) -> World:
     if options.direction not in DIRECTIONS:
         raise SimulatorError(f"direction={options.direction}: must be forward or backward")
-    read_weather(options.weather)  # raises for wrong weather before anything is opened
+    place = options.place | {"direction": DIRECTIONS[options.direction]}
+    WorldSettings(**place, weather=options.weather).check()
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
-    if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
-        raise SimulatorError(f"frame_rate={options.frame_rate:g}: must be above 0, up to 50")
     if not 320 <= options.width <= 7680:
         raise SimulatorError(f"width={options.width}: must be in 320..7680 pixels")
     if not 0 <= options.seconds < float("inf"):
         raise SimulatorError(f"seconds={options.seconds:g}: must be 0 or more")
     check_free(_folder(options.out))
-    world = open_world(
-        options.track,
-        options.renderer,
-        frame_rate=1 / PHYSICS_STEP_S,
-        direction=DIRECTIONS[options.direction],
-    )
+    world = open_world(renderer=options.renderer, **place | {"frame_rate": 1 / PHYSICS_STEP_S})
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     return world
 

@@ -34,9 +34,9 @@ from simulator.scenery.sky import sky_mesh
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather
+from simulator.world_settings import WorldSettings
 
 RENDERERS = ("auto", "software", "opengl", "none")
-QUALITIES = ("full", "simple")
 FAR_M = 1500.0
 CELL_M = 90.0
 ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
@@ -214,8 +214,7 @@ def _make_pipe(name: str) -> core.GraphicsPipe | None:
 
 def open_pictures(track: Track, renderer: str = "auto", quality: str = "full") -> Pictures:
     """Open the renderer of a track; raise SimulatorError for a wrong renderer or quality."""
-    if quality not in QUALITIES:
-        raise SimulatorError(f"quality={quality}: must be {' or '.join(QUALITIES)}")
+    WorldSettings(quality=quality).check()
     return Pictures(track, renderer, quality)
 
 

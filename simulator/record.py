@@ -3,7 +3,7 @@
 import difflib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rich.console import Console
@@ -13,11 +13,12 @@ from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
-from simulator.record_report import Driven, print_report, train_command
+from simulator.record_report import Driven, print_report, print_written, train_command
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
+from simulator.world_settings import WorldSettings
 
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
 CONTROLS = ("expert", *REACTION_S)
@@ -25,44 +26,34 @@ DIRECTIONS = {"forward": (1,), "1": (1,), "backward": (-1,), "-1": (-1,), "both"
 
 
 @dataclass(frozen=True)
-class RecordOptions:
+class RecordOptions(WorldSettings):
     """Record laps of a simulated driver in the original simulator's format.
 
     Args:
         out: folder to write; it must not contain a recording.
-        track: name of a track, or path of its YAML file.
         laps: number of laps; 0.5 is half a lap.
         control: expert (steers exactly), or a simulated student's keyboard (key taps) or mouse.
         speed: speed on straights in mph, 8..30; the driver slows down for sharp bends.
         noise: how far the driver sways off its line, 0..1; only the way back is recorded.
         direction: forward, backward, or both (one after the other).
-        frame_rate: rows per second of simulated time, up to 50.
         seed: random seed of swaying, hand inaccuracy and weather.
         start: start position in metres along the lap.
-        weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         renderer: auto, software or opengl.
-        quality: full, or simple (fewer plants, no shadows, faster).
         header: whether the log begins with column names, as the course's sample data does.
         relative: whether the log has paths relative to its folder (IMG/...).
-        delay_s: seconds from a command to the wheels, 0..2.
     """
 
     out: str
-    track: str = "lake"
     laps: float = 1.0
     control: str = "expert"
     speed: float = 30.0
     noise: float = 0.0
-    direction: str = "forward"
-    frame_rate: float = 15.0
+    direction: str = field(default="forward", kw_only=True)
     seed: int = 0
     start: float = 0.0
-    weather: str = "clear"
     renderer: str = "auto"
-    quality: str = "full"
     header: bool = False
     relative: bool = False
-    delay_s: float = 0.0
 
 
 def record(
@@ -169,8 +160,7 @@ def main(arguments: Sequence[str]) -> None:
     """Run the command with `key=value` arguments; see `RecordOptions`."""
     options = read_options(RecordOptions, arguments)
     folder = record_laps(options)
-    for line in (str(folder / LOG_NAME), f"train on it: {train_command(options.out)}"):
-        Console(soft_wrap=True).print(line, highlight=False, markup=False)
+    print_written(folder / LOG_NAME, train_command(options.out))
 
 
 def _directions(options: RecordOptions) -> tuple[int, ...]:
@@ -184,11 +174,9 @@ def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | Human
         near = difflib.get_close_matches(options.control, CONTROLS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"must be {', '.join(CONTROLS)}"
         raise SimulatorError(f"control={options.control}: unknown control; {hint}")
-    if not 0 < options.frame_rate <= 1 / PHYSICS_STEP_S:
-        raise SimulatorError(f"frame_rate={options.frame_rate:g}: must be above 0, up to 50")
+    WorldSettings(**options.place | {"direction": direction}, weather=options.weather).check()
     if not 0 < options.laps <= 1000:
         raise SimulatorError(f"laps={options.laps:g}: must be above 0, up to 1000")
-    read_weather(options.weather)  # raises for wrong weather before anything is opened
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
     is_person = options.control in REACTION_S
@@ -198,14 +186,10 @@ def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | Human
         reaction_s=REACTION_S.get(options.control, 0.0),
         seed=options.seed,
     )
-    world = open_world(
-        options.track,
-        options.renderer,
-        options.quality,
-        1 / PHYSICS_STEP_S if is_person else options.frame_rate,
-        options.delay_s,
-        direction,
-    )
+    place = options.place | {"direction": direction}
+    if is_person:
+        place["frame_rate"] = 1 / PHYSICS_STEP_S
+    world = open_world(renderer=options.renderer, **place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     expert = Expert(world.track, settings)
     return world, HumanControl(options.control, expert, options.seed) if is_person else expert

@@ -64,6 +64,12 @@ def print_report(
     console.print(table)
 
 
+def print_written(path: Path, following: str) -> None:
+    """Print the recording's log, and the command to type next."""
+    for line in (f"wrote: {path}", f"next: {following}"):
+        Console(soft_wrap=True).print(line, highlight=False, markup=False, emoji=False)
+
+
 def train_command(folder: str | Path) -> str:
     """Return the shell command of a first training on a recording."""
     return shlex.join([*FIRST_TRY, f"data.root={folder}"])

@@ -12,6 +12,7 @@ from simulator.rig import PHYSICS_STEP_S, WHEEL_TRACK_M
 from simulator.track import Place, Track
 from simulator.track_file import read_track
 from simulator.weather import CLEAR, Weather, random_weather
+from simulator.world_settings import WorldSettings
 
 WALL_M = 0.7  # distance from the edge line to a wall or a rock face
 SCRAPE = 0.9  # factor on the speed for each step of contact with a wall
@@ -56,12 +57,7 @@ class World:
         delay_s: float = 0.0,
         direction: int = 1,
     ) -> None:
-        if not 0 < frame_rate <= 1 / PHYSICS_STEP_S:
-            raise SimulatorError(f"frame_rate={frame_rate}: must be above 0, up to 50")
-        if not 0 <= delay_s <= 2:
-            raise SimulatorError(f"delay_s={delay_s}: must be in 0..2 seconds")
-        if direction not in (1, -1):
-            raise SimulatorError(f"direction={direction}: must be 1 or -1")
+        WorldSettings(frame_rate=frame_rate, delay_s=delay_s, direction=direction).check()
         self.track, self.pictures, self.direction = track, pictures, direction
         self.frame_s = 1 / frame_rate
         self.car = Car(delay_s)

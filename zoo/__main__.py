@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
-from zoo.cli.arguments import is_help
+from zoo.cli.command import is_help
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError

@@ -1,7 +1,7 @@
-"""`python -m zoo.demo`: the main job from nothing: record, train, score, report, and drive over the
-socket.
+"""`python -m zoo.demo`: do the main job from nothing: record, train, score, report, drive, film.
 
-Runs the commands that a person would type, and prints each before it runs.
+Records laps of the embedded lake, trains PilotNet on them, scores it by driving, then serves it on
+the socket, drives a lap and films it. Prints each command before it runs.
 """
 
 import datetime
@@ -14,16 +14,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError, UsageError
-from zoo.cli.arguments import is_help
+from datamodules.errors import InputError
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 SPEED_MPH = 20
-HELP = """usage: python -m zoo.demo
-
-The main job from nothing: records laps of the embedded lake, trains PilotNet on them, scores it by
-driving, then serves it over the socket, drives a lap and films it. Takes no options; prints each
-command before it runs."""
+COMMAND = Command(__doc__)
 
 
 def demo(arguments: list[str]) -> None:
@@ -32,11 +29,7 @@ def demo(arguments: list[str]) -> None:
     Raises:
         InputError: a stage failed; it has said why.
     """
-    if is_help(arguments):
-        print(HELP)
-        return
-    if arguments:
-        raise UsageError("takes no arguments; python -m zoo --help has the settings")
+    COMMAND.split(arguments)
     console = Console(soft_wrap=True)
     run = Path("outputs") / f"{datetime.datetime.now():%Y-%m-%d/%H-%M-%S}-demo"
     best = str(run / "checkpoints" / "best.ckpt")
@@ -68,16 +61,17 @@ def demo(arguments: list[str]) -> None:
             raise InputError(f"could not {stage}; the line above says why")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)
-    for name, path in {
-        "checkpoint": best,
-        "film of the lap": run / "lap.mp4",
-        "report": run / "report" / "index.html",
-        "scores": run / "metrics.json",
-        "where it drove": run / "drives" / "lake-0" / "track.png",
-        "the drive, as a recording": drive,
-    }.items():
-        if Path(path).exists():  # a run that was not driven has no drives
-            console.print(f"{name}: {path}", highlight=False, markup=False)
+    written = [
+        best,
+        run / "lap.mp4",
+        run / "report" / "index.html",
+        run / "metrics.json",
+        run / "drives" / "lake-0" / "track.png",
+        drive,
+    ]
+    # A run that was not driven has no drives.
+    found = [path for path in written if Path(path).exists()]
+    print_written(found, ["zoo.drive", best, "drive.sim=lake"], console)
 
 
 if __name__ == "__main__":

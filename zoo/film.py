@@ -1,7 +1,7 @@
-"""`python -m zoo.film FOLDER [out=FILE.mp4] [fps=48]`: a film of a drive, a recording or pictures.
+"""`python -m zoo.film FOLDER [key=value ...]`: film a drive, a recording or a folder of images.
 
-An H.264 mp4 that plays in a browser, with steering, throttle and speed drawn in; of a drive (a
-folder with `drive.csv`), autonomy and the distance from the centreline too.
+Writes an H.264 mp4 that plays in a browser, with steering, throttle and speed drawn in; for a drive
+(a folder with drive.csv) also autonomy and the distance from the centreline.
 """
 
 import math
@@ -17,7 +17,8 @@ from rich.progress import Progress
 from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings, times_from_names
-from zoo.cli.arguments import read_arguments
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS
@@ -28,7 +29,7 @@ from zoo.drives.tally import LONGEST_STEP_S, autonomy
 USUAL_FPS = 15.0  # of the simulator's recorder, where the pictures carry no time
 MOST_FPS = 60.0
 SUFFIXES = (".jpg", ".jpeg", ".png")
-USAGE = "python -m zoo.film FOLDER [out=FILE.mp4] [fps=48]"
+COMMAND = Command(__doc__, {"FOLDER": "folder of a drive, a recording or images"})
 
 
 @dataclass(frozen=True)
@@ -45,18 +46,12 @@ class Shot:
     note: str | None = None
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class FilmOptions:
-    """Writes a film of a drive, a recording or a folder of pictures: an H.264 mp4 that plays in a
-    browser, with steering, throttle and speed drawn in.
+    """The options of a film; `conf/film.yaml` has their meanings and defaults."""
 
-    Args:
-        out: the film; null is FOLDER.mp4, beside the folder.
-        fps: frames per second; null plays as fast as it was driven.
-    """
-
-    out: str | None = None
-    fps: float | None = None
+    out: str | None
+    fps: float | None
 
 
 def read_shots(folder: Path) -> list[Shot]:
@@ -68,7 +63,7 @@ def read_shots(folder: Path) -> list[Shot]:
     if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
         folder = folder.parent
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; {USAGE}")
+        raise InputError(f"{folder}: no such folder; usage: {COMMAND.usage}")
     # What exists and is no regular file, such as a pipe, is named where it is opened.
     if (folder / drive_log.LOG_NAME).exists():
         shots = _shots_of_drive(folder)
@@ -210,11 +205,11 @@ def _shots_of_pictures(folder: Path) -> list[Shot]:
 
 
 def film(arguments: list[str]) -> None:
-    """The command: one folder, then options."""
-    (folder,), options = read_arguments(FilmOptions, ["FOLDER"], arguments, USAGE)
+    """Read the arguments and write the film."""
+    (folder,), options = COMMAND.read(arguments, FilmOptions)
     console = Console(soft_wrap=True)
     path = make_film(folder, options.out, options.fps, console)
-    console.print(str(path), highlight=False, markup=False, emoji=False)
+    print_written([path], console=console)
 
 
 if __name__ == "__main__":

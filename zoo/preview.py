@@ -1,26 +1,24 @@
-"""`python -m zoo.preview [overrides]`: see what a network will be fed, before training it."""
+"""`python -m zoo.preview [key=value ...]`: draw what a network will be fed, before training it.
+
+Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
+steering_histogram.png, the steering before and after balancing. The keys are those of training,
+data.root=FOLDER and augment=[brightness,shadow] among them: python -m zoo --help lists them.
+"""
 
 import sys
 from pathlib import Path
 
-from zoo.cli.arguments import is_help
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 COUNT = 32
-HELP = """usage: python -m zoo.preview [key=value...]
-
-Writes outputs/preview/fed_batch.png, the first pictures of an epoch as the network would be fed
-them, labels on them, and steering_histogram.png, the steering before and after balancing.
-
-  data.root=FOLDER             your recording
-  augment=[brightness,shadow]  and every other key of python -m zoo, whose --help lists them"""
+COMMAND = Command(__doc__)
 
 
 def preview(arguments: list[str]) -> None:
     """Write `outputs/preview/fed_batch.png` and `steering_histogram.png` for the overrides."""
-    if is_help(arguments):
-        print(HELP)
-        return
+    COMMAND.print_help_if_asked(arguments)
     from omegaconf import OmegaConf
     from rich.console import Console
 
@@ -34,12 +32,13 @@ def preview(arguments: list[str]) -> None:
     data = build_data(settle_config(config, console))
     data.load(console)
     folder = Path("outputs/preview")
+    written = []
     for name, figure in (
         ("fed_batch", figure_of_fed_batch(data, COUNT)),
         ("steering_histogram", figure_of_steering(data)),
     ):
-        path = plots.save_figure(figure, folder / f"{name}.png")
-        console.print(str(path), highlight=False, markup=False)
+        written.append(plots.save_figure(figure, folder / f"{name}.png"))
+    print_written(written, ["zoo", *arguments], console)
 
 
 if __name__ == "__main__":

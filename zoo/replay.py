@@ -1,9 +1,25 @@
-"""`python -m zoo.replay CKPT RECORDING [margin=1 out=FOLDER]`: a score on any recording."""
+"""`python -m zoo.replay CKPT RECORDING [key=value ...]`: score a checkpoint on any recording.
+
+No simulator takes part: the recorded frames are warped to where the network steers the car.
+"""
 
 import sys
 
+from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.run_command import run_command
-from zoo.evaluate.replay_score import command
+
+COMMAND = Command(__doc__, {"CKPT": CHECKPOINT, "RECORDING": "recording's folder"})
+
+
+def replay(arguments: list[str]) -> None:
+    """Read the arguments and replay."""
+    from rich.console import Console
+
+    from zoo.evaluate.replay_score import ReplayOptions, replay_recording
+
+    (checkpoint, recording), options = COMMAND.read(arguments, ReplayOptions)
+    replay_recording(checkpoint, recording, options, Console(emoji=False))
+
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.replay", command, sys.argv[1:]))
+    sys.exit(run_command("zoo.replay", replay, sys.argv[1:]))

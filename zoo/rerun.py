@@ -1,4 +1,8 @@
-"""`python -m zoo.rerun RUN`: repeat a run from its folder alone, and compare the figures."""
+"""`python -m zoo.rerun RUN [key=value ...]`: repeat a run and compare the figures.
+
+Trains a finished run once more, from what its folder holds, and compares every figure of its
+metrics.json, to the digit.
+"""
 
 import os
 import shutil
@@ -13,14 +17,15 @@ from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_run
-from zoo.cli.arguments import read_arguments
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
 from zoo.runs.whole_file import refuse_links_out
 
-USAGE = "python -m zoo.rerun RUN [out=FOLDER trust=CLASS]"
+COMMAND = Command(__doc__, {"RUN": "run's folder, or latest: the newest below outputs"})
 # What a run comes to; how long it took is the machine's affair.
 COMPARED = (
     "model",
@@ -40,18 +45,12 @@ FOLDERS = ("data.root", "data.images", "data.cache", "data.record.out", "model.w
 FILES = ("data.split", "score.track", "callbacks.closed_loop.track")  # or names of ours
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RerunOptions:
-    """Trains a finished run once more, from what its folder holds, and compares every figure.
+    """The options of a rerun; `conf/rerun.yaml` has their meanings and defaults."""
 
-    Args:
-        out: the folder of the repeated run; null names one by date and time.
-        trust: classes and keys of the run's config that are allowed beside the package's own, with
-            commas between.
-    """
-
-    out: str | None = None
-    trust: str = ""
+    out: str | None
+    trust: str
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,7 @@ def rerun(arguments: list[str]) -> None:
             printed.
         StoppedError: on Ctrl-C, with the command to go on.
     """
-    (name,), options = read_arguments(RerunOptions, ["RUN"], arguments, USAGE)
+    (name,), options = COMMAND.read(arguments, RerunOptions)
     run = find_run(name)
     if not (run / "metrics.json").is_file() or not (run / ".hydra" / "config.yaml").is_file():
         raise InputError(
@@ -215,10 +214,11 @@ def _report(then: dict, now: dict, out: Path) -> None:
     found, count = differences({key: then[key] for key in kept}, {key: now[key] for key in kept})
     for one in found:
         print(f"{one.name}: {one.then} then, {one.now} now")
-    print(out)
+    if not found:
+        print(f"equal: all {count} figures, to the digit")
+    print_written([out], [] if found else ["zoo.report", out])
     if found:
         raise InputError(f"{len(found)} of {count} figures differ")
-    print(f"equal: all {count} figures, to the digit")
 
 
 def _code(code: dict) -> str:

@@ -1,28 +1,30 @@
-"""`python -m zoo.results RUN_FOLDER...`: finished runs side by side, as a Markdown table.
+"""`python -m zoo.results [RUN_FOLDER...] [key=value ...]`: print finished runs as a Markdown table.
 
-With `--metrics`, the page of all metrics of a drive, `docs/metrics.md`.
+A row for each run: parameters, samples per second, and the test figures together with those of
+always zero and of the mean.
 """
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import printable
-from zoo.cli.arguments import is_help
+from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
-METRICS = "--metrics"
-USAGE = f"usage: python -m zoo.results RUN_FOLDER... | {METRICS}"
-HELP = f"""{USAGE}
-
-Prints a Markdown table of finished runs, a row for each: parameters, samples per second, and the
-test figures beside those of always zero and of the mean.
-
-  {METRICS}   print docs/metrics.md instead: the definition of each metric of a drive"""
+COMMAND = Command(__doc__, {"[RUN_FOLDER...]": "folders of finished runs"})
 HEADER = (
     "experiment | split | parameters | samples/s | s/epoch | best of epochs "
     "| test MSE (zero, mean) | test MAE (zero, mean) | test balanced MAE (zero, mean)"
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultsOptions:
+    """The options of the table; `conf/results.yaml` has their meanings and defaults."""
+
+    metrics: bool
 
 
 def print_results(arguments: list[str]) -> None:
@@ -31,18 +33,16 @@ def print_results(arguments: list[str]) -> None:
     Raises:
         InputError: a folder without the figures of a finished run.
     """
-    if is_help(arguments):
-        print(HELP)
-        return
-    if arguments == [METRICS]:
+    folders, options = COMMAND.read(arguments, ResultsOptions)
+    if options.metrics:
         from zoo.drives.metrics_page import metrics_page
 
         print(metrics_page(), end="")
         return
-    if not arguments:
-        raise UsageError(f"name the folders of finished runs; {USAGE}")
+    if not folders:
+        raise UsageError(f"name the folders of finished runs; usage: {COMMAND.usage}")
     rows = []
-    for folder in arguments:
+    for folder in folders:
         try:
             rows.append(result_row(Path(folder)))
         except (KeyError, TypeError, AttributeError) as error:  # of another version

@@ -183,7 +183,7 @@ def test_pictures_of_a_batch_are_changed_each_for_itself():
 
 
 def test_transforms_of_a_batch_draw_independently():
-    """albumentations would give all of them the same draws: both or neither, in every batch."""
+    """Albumentations would give all of them the same draws: both or neither, in every batch."""
     white = np.full((1, 8, 320, 3), 200, np.uint8)
     dark = Brightness(scale=(0.5, 0.5), p=0.5)
     augment = Augment([Shift(p=0.5), dark], "rgb")

@@ -24,7 +24,7 @@ def frame() -> np.ndarray:
 
 
 def by_hand(frame: np.ndarray, colour: str) -> np.ndarray:
-    """float [160, 320, C]: the textbook's formulas."""
+    """Float [160, 320, C]: the textbook's formulas."""
     red, green, blue = np.moveaxis(frame.astype(float), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     largest, smallest = frame.max(axis=2).astype(float), frame.min(axis=2).astype(float)

@@ -11,6 +11,8 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from simulator.track_file import read_track
+from simulator.world_settings import WorldSettings
+from tests.zoo.cli.command_kinds import command_options
 from zoo.cli.compose import compose_config, conf_folder
 from zoo.drive.drive_settings import read_settings
 from zoo.evaluate.track_scores import run_options
@@ -27,8 +29,13 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
     group, name = path.parent.as_posix(), path.stem
     if group == "track":
         assert read_track(name).length > 0
-    elif path.parts[0] == "drive" or path.name == "drive.yaml":
-        read_settings([f"{group.replace('/', '.')}={name}"] if group != "." else [])
+    elif path.parts[0] == "drive":
+        read_settings([f"speed={name}"])
+    elif path.parts[0] == "world":
+        keys = {key: value for key, value in OmegaConf.load(CONF / path).items() if key != "speed"}
+        assert WorldSettings(**keys) == WorldSettings()
+    elif group == "." and name != "config":
+        command_options(name)
     elif path.parts[0] == "hydra":
         place = {"hydra": {"sweep": {"dir": str(tmp_path)}}}
         settings = OmegaConf.create(place | {"own": OmegaConf.load(CONF / path)}).own

@@ -41,7 +41,7 @@ def test_a_recording_becomes_h264_in_real_time(recorded: Written, tmp_path: Path
     result = film(tmp_path, recorded.folder, "out=films/lake.mp4")
 
     assert result.returncode == 0, result.stderr
-    assert result.stdout.splitlines()[-1] == "films/lake.mp4"
+    assert result.stdout.splitlines()[-1] == "wrote: films/lake.mp4"
     meta, frames = decode(tmp_path / "films" / "lake.mp4")
     assert meta["codec"].startswith("h264")
     assert "yuv420p" in meta["pix_fmt"]
@@ -111,7 +111,7 @@ def test_a_name_with_rich_markup_is_printed_unchanged(
     film_command([str(folder)])
 
     out = capsys.readouterr().out
-    assert out.splitlines()[-1] == f"{folder}.mp4"
+    assert out.splitlines()[-1] == f"wrote: {folder}.mp4"
     assert f"{folder / recorded.image(1).name}: " in out
 
 

@@ -88,8 +88,8 @@ def test_other_code_is_named_in_one_line(
     [
         ([], "usage: python -m zoo.rerun RUN"),
         (["nowhere"], "nowhere: "),
-        (["run", "trusted=x"], "trusted"),
-        (["run", "out=run"], "out="),
+        (["run", "in=x"], "in: no such key; "),
+        (["run", "out=run"], "is not empty"),
     ],
 )
 def test_bad_input_gets_one_line(

@@ -1,10 +1,12 @@
 """The border between what a person types and the code: Hydra's config, checked and explained."""
 
-import difflib
 import re
 from pathlib import Path
 
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+
+from zoo.cli.conf_files import choices, conf_folder
+from zoo.cli.nearest import hint
 
 # Their values are places on this disk, in which nothing has a meaning but `${...}`.
 PATH_KEYS = (
@@ -17,20 +19,14 @@ PATH_KEYS = (
     "hydra.run.dir",
     "hydra.sweep.dir",
 )
+LISTS_ALL = "python -m zoo --help lists all"
 NO_PATHS = ("", "null", "true", "false")
 
 # Groups in `conf` that are no part of the config: the driver's, the simulator's, Hydra's own.
-OTHER_GROUPS = ("drive", "track", "hydra")
+OTHER_GROUPS = ("drive", "track", "world", "hydra")
 
 _NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
 _NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in struct")
-
-
-def conf_folder() -> Path:
-    """Where the YAML files are: in the installed package, or beside it in a checkout."""
-    package = Path(__file__).parents[1]
-    installed = package / "conf"
-    return installed if installed.is_dir() else package.parent / "conf"
 
 
 def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
@@ -128,20 +124,15 @@ def explain(error: HydraException, arguments: list[str]) -> str:
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, choice = str(error.missing_cfg_file).rpartition("/")
         if group:
-            return f"{group}={choice}: no such choice; {_nearest(choice, choices(group))}"
+            return f"{group}={choice}: no such choice; {hint(choice, choices(group), LISTS_ALL)}"
     found = _NO_OVERRIDE.search(text)
     if isinstance(error, ConfigCompositionException) and not found:
         found = _NO_KEY.search(f"{text} {error.__cause__}")
     if found:
         key = next(value for value in found.groupdict().values() if value)
-        return f"{key}: no such key; {_nearest(key, valid_keys())}"
+        return f"{key}: no such key; {hint(key, valid_keys(), LISTS_ALL)}"
     first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
     return f"{first} (in: {' '.join(arguments)}); python -m zoo --help lists all keys"
-
-
-def choices(group: str) -> list[str]:
-    """The names in a config group: the YAML files of its folder."""
-    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
 
 
 def valid_keys() -> list[str]:
@@ -173,14 +164,3 @@ def compose_config(overrides: list[str]) -> dict:
 
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
         return OmegaConf.to_container(compose("config", overrides), resolve=True)
-
-
-def _nearest(word: str, known: list[str]) -> str:
-    # The last part counts too: `ofset` is near `data.offset`.
-    by_tail = {name.rpartition(".")[2]: name for name in reversed(known)}
-    near = difflib.get_close_matches(word, known, n=2, cutoff=0.6)
-    tail = difflib.get_close_matches(word.rpartition(".")[2], list(by_tail), n=2, cutoff=0.7)
-    near += [by_tail[name] for name in tail if by_tail[name] not in near]
-    if near:
-        return f"did you mean {' or '.join(near[:2])}?"
-    return f"there are {', '.join(known)}" if len(known) < 15 else "python -m zoo --help lists all"

@@ -1,11 +1,12 @@
 """`drivezoo COMMAND [argument] [key=value ...]`: every command under one name."""
 
 import ast
-import difflib
 import os
 import subprocess
 import sys
 from pathlib import Path
+
+from zoo.cli.nearest import hint
 
 PACKAGE = Path(__file__).parents[1]
 # Commands that do not have their name from a file of zoo.
@@ -25,9 +26,8 @@ def main() -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if name not in modules:
-        near = difflib.get_close_matches(name, modules, n=1)
-        hint = f"did you mean {near[0]}?" if near else "drivezoo --help lists all"
-        print(f"drivezoo: there is no command {name!a}; {hint}", file=sys.stderr)
+        near = hint(name, modules, "drivezoo --help lists all")
+        print(f"drivezoo: there is no command {name!a}; {near}", file=sys.stderr)
         return WRONG_USE
     command = [sys.executable, "-m", modules[name], *rest]
     if os.name == "posix":

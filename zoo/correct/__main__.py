@@ -1,7 +1,9 @@
-"""`python -m zoo.correct CKPT [track=mountain rounds=3]`: train on what went wrong while driving.
+"""`python -m zoo.correct CKPT [key=value ...]`: train on what went wrong while driving.
 
-DAgger: Ross, Gordon and Bagnell, "A Reduction of Imitation Learning and Structured Prediction to
-No-Regret Online Learning", 2011, arXiv:1011.0686.
+Each round drives the checkpoint, asks the expert how to steer in what it saw, and trains on with
+the answers (DAgger: Ross, Gordon and Bagnell 2011, arXiv:1011.0686). The same command with the same
+out= resumes where it was stopped. Keys with a dot, such as data.root=FOLDER or optim.lr=0.0003,
+change the checkpoint's own config.
 """
 
 import datetime
@@ -16,7 +18,8 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.arguments import shown_help
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
     from zoo.correct.correct_options import CorrectOptions
     from zoo.correct.correct_rounds import Progress, Round
 
-USAGE = "python -m zoo.correct CKPT|RUN_FOLDER|latest [key=value...]"
+COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
@@ -219,13 +222,14 @@ def _source(
 
 
 def command(arguments: list[str]) -> None:
-    """The command: a checkpoint's path, then `key=value` options, see `CorrectOptions`."""
-    from zoo.correct import correct_options
+    """Read the arguments and correct."""
+    (path,), rest = COMMAND.split(arguments)
+    own, overrides = COMMAND.without_config_keys(rest)
+    from zoo.cli.command_config import read_options
+    from zoo.correct.correct_options import CorrectOptions, check_correct_options
 
-    if shown_help(arguments, USAGE, correct_options):
-        return
-    path, *rest = arguments
-    given, overrides = correct_options.read_options(rest)
+    given = read_options(COMMAND.name, CorrectOptions, own)
+    check_correct_options(given)
     path = str(find_checkpoint(path))
     from zoo.correct.correct_rounds import rounds_table
 
@@ -244,10 +248,11 @@ def command(arguments: list[str]) -> None:
     console.print(rounds_table(progress.rounds))
     best = progress.best
     if best.number == 0:
-        console.print("no round drives better than the checkpoint as it was:", highlight=False)
+        console.print("no round drives better than the checkpoint as it was", highlight=False)
+        print_written([correction.folder], ["zoo.correct", "--help"], console)
     else:
-        console.print(f"the best is of round {best.number}:", highlight=False)
-    console.print(best.checkpoint, highlight=False, markup=False)
+        console.print(f"the best checkpoint is that of round {best.number}", highlight=False)
+        print_written([best.checkpoint], ["zoo.evaluate", best.checkpoint, "seeds=5"], console)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from datamodules.errors import InputError
+from simulator.world_settings import WorldSettings
 from zoo.correct.correct_options import CorrectOptions
 from zoo.evaluate.drives_table import with_deviation
 from zoo.runs.track_figures import read_figures
@@ -114,10 +115,12 @@ def open_progress(
         raise InputError(f"{error}; the file is damaged, name another folder with out=") from None
     if found.identity != identity:
         raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
-    other = [key for key in given if given[key] != found.options.get(key)]
+    # A correction of an earlier version has the defaults for keys that it did not know.
+    began = vars(WorldSettings()) | found.options
+    other = [key for key in given if given[key] != began.get(key)]
     if other:
         raise InputError(
-            f"{folder}: was started with {other[0]}={found.options.get(other[0])}; give the same "
+            f"{folder}: was started with {other[0]}={began.get(other[0])}; give the same "
             "options to resume, or name another folder with out="
         )
     if found.overrides != overrides:

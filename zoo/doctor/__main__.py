@@ -1,6 +1,8 @@
-"""`python -m zoo.doctor [CKPT] [RECORDING] [port=4567]`: what is wrong here, and the fix for it.
+"""`python -m zoo.doctor [CKPT] [RECORDING] [key=value ...]`: find what is wrong here, and its fix.
 
-Exit status 0 where nothing is at fault, warnings or not; 1 otherwise.
+Prints what is installed and works here, which renderer opens and who holds the port, and makes a
+round trip with the original simulator's protocol; each fault with its fix. Exits 0 where nothing is
+at fault, with or without warnings; 1 otherwise.
 """
 
 from __future__ import annotations
@@ -17,19 +19,19 @@ from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
+from zoo.cli.closing_lines import print_next
+from zoo.cli.command import CHECKPOINT, Command, is_help
+from zoo.cli.nearest import hint
 from zoo.doctor import inputs, installation, machine, renderer, round_trip
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 
-USAGE = "usage: python -m zoo.doctor [CKPT] [RECORDING] [port=4567]"
-HELP = f"""{USAGE}
-
-Says what is installed and works here, which renderer opens and who holds the port, and makes a
-round trip with the original simulator's protocol; each fault with its fix.
-
-  CKPT        what this checkpoint expects, and whether it can be read: a file, a run's folder, or
-              latest
-  RECORDING   a recording's folder: is it whole?
-  port=4567   the one to try"""
+COMMAND = Command(
+    __doc__,
+    {
+        "[CKPT]": f"{CHECKPOINT}: can it be read, and what does it expect?",
+        "[RECORDING]": "recording's folder: is it whole?",
+    },
+)
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
 NAME_WIDTH, STATE_WIDTH = 12, 9
 
@@ -66,13 +68,17 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
         InputError: a run's folder without a checkpoint.
     """
     paths: dict[str, str] = {}
-    port = 4567
+    defaults = {one.name: one.default for one in COMMAND.options()}
+    port = int(defaults["port"])
     for argument in arguments:
         path = Path(argument).expanduser()
-        if argument.startswith("port=") and not path.exists():
-            text = argument.partition("=")[2]
+        key, equals, text = argument.partition("=")
+        key = key.replace("doctor.", "", 1)
+        if (equals or argument.startswith("--")) and not path.exists():
+            if key not in defaults:
+                raise UsageError(f"{key}: no such key; {hint(key, defaults)}")
             if not (text.isdecimal() and 0 < int(text) < 65536):
-                raise UsageError(f"{argument}: must be in 1..65535")
+                raise UsageError(f"{argument}: must be a whole number in 1..65535")
             port = int(text)
             continue
         is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
@@ -82,7 +88,9 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
             is_recording = path.is_dir() or path.suffix == ".csv"
             kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
         if kind in paths:
-            raise UsageError(f"{argument}: {paths[kind]} is the {kind} already; {USAGE}")
+            raise UsageError(
+                f"{argument}: {paths[kind]} is the {kind} already; usage: {COMMAND.usage}"
+            )
         paths[kind] = argument
     return paths.get("CKPT"), paths.get("RECORDING"), port
 
@@ -111,8 +119,8 @@ def print_finding(finding: Finding) -> None:
 def main(arguments: list[str]) -> int:
     """The command."""
     raise_again()
-    if {"-h", "--help"} & set(arguments):
-        print(HELP)
+    if is_help(arguments):
+        print(COMMAND.help())
         return 0
     if hasattr(sys.stdout, "reconfigure"):  # a path may hold what the terminal cannot show
         sys.stdout.reconfigure(errors="replace")
@@ -131,7 +139,10 @@ def main(arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     print(f"{counts[FAULT]} at fault, {counts[WARNING]} to be warned of, {counts[OK]} ok")
-    return 1 if counts[FAULT] else 0
+    if counts[FAULT]:
+        return 1
+    print_next("python -m zoo.demo", "do the main job from nothing")
+    return 0
 
 
 if __name__ == "__main__":

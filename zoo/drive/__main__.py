@@ -1,4 +1,11 @@
-"""`python -m zoo.drive CKPT [overrides]`: drive whatever simulator connects with a checkpoint."""
+"""`python -m zoo.drive CKPT [key=value ...]`: drive whatever simulator connects with a checkpoint.
+
+Serves a checkpoint on a port to the original simulator (start it and choose autonomous mode), or to
+the embedded one (sim=lake). Ctrl-C ends the drive.
+
+  python -m zoo.drive latest speed=15
+  python -m zoo.drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
+"""
 
 import errno
 import functools
@@ -9,9 +16,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError, UsageError
+from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
@@ -22,28 +31,15 @@ if TYPE_CHECKING:
     from zoo.checkpoints.policy import Policy
     from zoo.drive.drive_settings import DriveSettings
 
-USAGE = """usage: python -m zoo.drive CKPT [key=value...]
-
-Serves a checkpoint, or an ONNX file of zoo.export, on port 4567 to the simulator that connects: the
-original one (start it and choose autonomous mode), or the embedded one (drive.sim=lake). Ctrl-C
-ends the drive. CKPT is a file, a run's folder, or `latest`.
-
-  python -m zoo.drive latest drive.speed.set_mph=15
-  python -m zoo.drive outputs/.../checkpoints/best.ckpt drive.record=FOLDER drive.sim=lake
-"""
+COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 
 def drive(arguments: list[str]) -> None:
-    """The command; the first argument is a path, whatever characters are in it."""
-    if not arguments or arguments[0] in ("--help", "-h"):
-        print(USAGE + help_text())
-        return
-    checkpoint, *overrides = arguments
-    if checkpoint.startswith("drive.") and not Path(checkpoint).exists():
-        raise UsageError(f"the checkpoint comes first: python -m zoo.drive CKPT {checkpoint} ...")
+    """Read the arguments and serve; the first is a path, whatever characters are in it."""
+    (checkpoint,), options = COMMAND.split(arguments)
     from zoo.drive.drive_settings import read_settings
 
-    settings = read_settings(overrides)
+    settings = read_settings(options)
     serve(str(find_checkpoint(checkpoint)), settings)
 
 
@@ -102,7 +98,9 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     finally:
         status = client.stop()
         server.close()
-        driver.end(began)
+        if folder := driver.end(began):
+            following = "zoo.film" if settings.record else "zoo.leaderboard"
+            print_written([folder], [following, folder])
     if status:
         raise InputError(f"the embedded simulator failed, with exit status {status}; see above")
 
@@ -165,15 +163,6 @@ def local_name(host: str) -> str:
     """The name under which a client on this machine reaches a server bound to `host`."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"[{name}]" if ":" in name else name
-
-
-def help_text() -> str:
-    """The options, as `conf/drive.yaml` has and explains them."""
-    from zoo.cli.compose import choices, conf_folder
-
-    lines = (conf_folder() / "drive.yaml").read_text().splitlines()
-    options = "\n".join(lines[lines.index("drive:") :])
-    return f"{options}\n  speed: one of {', '.join(choices('drive/speed'))}, with its own keys"
 
 
 if __name__ == "__main__":

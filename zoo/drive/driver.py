@@ -277,8 +277,8 @@ class Driver:
     def _time(self, now_s: float) -> float:
         return now_s - self._began_s
 
-    def end(self, began: datetime) -> None:
-        """Write `drive.json`, and print the summary of the drive."""
+    def end(self, began: datetime) -> Path | None:
+        """Write `drive.json` and print the summary; return the folder, None without a frame."""
         figures = self.tally.figures() | {
             "track": self.track,
             "checkpoint": self.checkpoint,
@@ -290,8 +290,7 @@ class Driver:
         written = self.writer.close(figures)
         for line in [*self.notices.count_lines(), *summary_lines(figures)]:
             self.notices.print(line)
-        if written:
-            self.notices.print(str(self.writer.folder))
+        return self.writer.folder if written else None
 
     # Commands of the live page.
 

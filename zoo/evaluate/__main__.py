@@ -1,6 +1,7 @@
-"""`python -m zoo.evaluate CKPT [track=lake,mountain seeds=3]`: score a checkpoint by driving.
+"""`python -m zoo.evaluate CKPT [key=value ...]`: score a checkpoint by driving.
 
-Drives it in the embedded world, several drives in parallel, without a simulator or a display.
+Drives it in the embedded world, several drives in parallel, without a simulator or a display, and
+writes its figures, drives and plots.
 """
 
 import datetime
@@ -10,9 +11,10 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.arguments import shown_help
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from zoo.evaluate.evaluate_options import EvaluateOptions
     from zoo.evaluate.many_drives import Setup
 
-USAGE = "python -m zoo.evaluate CKPT|RUN_FOLDER|latest [key=value...]"
+COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 # torch and Panda3D take seconds to import; --help and a typo need neither.
 
@@ -37,7 +39,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     with loading():
         from zoo.checkpoints.policy import load_policy
         from zoo.evaluate.drives_table import drives_table, nan_line
-        from zoo.evaluate.evaluate_options import check_options
+        from zoo.evaluate.evaluate_options import check_world
         from zoo.evaluate.many_drives import Setup, check_throttle
         from zoo.evaluate.robustness import perturbations_named, sweeps
         from zoo.evaluate.track_scores import score_on_tracks
@@ -45,9 +47,9 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         from zoo.verdict.evidence import read_evidence
         from zoo.verdict.judgement import judge, print_verdict
 
-        # What is wrong with it is said before processes start.
+        # Report wrong input before processes start.
         policy = load_policy(checkpoint)
-        check_options(options)
+        check_world(options)
         check_throttle(policy, options.throttle)
     names = perturbations_named(options.perturb, options.throttle)
     usual = Setup.of(options, options.tracks[0], 0)
@@ -70,7 +72,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     verdict = judge(scores.drives, read_evidence(checkpoint, policy.config))
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
-    console.print(str(folder), highlight=False, markup=False, soft_wrap=True)
+    print_written([folder], console=console)
     if nan := nan_line(list(scores.by_setup.values())):
         raise InputError(f"{checkpoint}: {nan}")
     print_verdict(verdict, console)
@@ -111,20 +113,24 @@ def _new_folder(out: str | None) -> Path:
 
 
 def command(arguments: list[str]) -> None:
-    """The command: a checkpoint's path, then `key=value` options, see `EvaluateOptions`."""
-    from zoo.evaluate import evaluate_options
+    """Read the arguments and evaluate, in the embedded world or on a recording."""
+    (checkpoint,), rest = COMMAND.split(arguments)
+    others = [one for one in rest if not one.startswith(("replay=", "evaluate.replay="))]
+    console = Console(emoji=False)
+    from zoo.cli.command_config import read_options
 
-    if shown_help(arguments, USAGE, evaluate_options):
-        return
-    checkpoint, *rest = arguments
-    recordings = [one.partition("=")[2] for one in rest if one.startswith("replay=")]
-    if recordings:
-        from zoo.evaluate import replay_score
+    if len(others) == len(rest):
+        from zoo.evaluate.evaluate_options import EvaluateOptions
 
-        others = [one for one in rest if not one.startswith("replay=")]
-        replay_score.command([checkpoint, *recordings, *others])
+        evaluate(checkpoint, read_options(COMMAND.name, EvaluateOptions, rest), console)
         return
-    evaluate(checkpoint, evaluate_options.options_from(rest), Console(emoji=False))
+    from zoo.evaluate.replay_score import ReplayOptions, replay_recording
+
+    recordings = [one.partition("=")[2] for one in rest if one not in others]
+    if len(recordings) > 1:
+        raise UsageError("replay: is given twice; give it once")
+    options = read_options("replay", ReplayOptions, others)
+    replay_recording(checkpoint, recordings[0], options, console)
 
 
 if __name__ == "__main__":

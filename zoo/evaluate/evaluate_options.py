@@ -1,109 +1,62 @@
 """The options of `python -m zoo.evaluate`, and what is wrong with them."""
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from datamodules.errors import InputError, UsageError
+from pydantic import Field
+
+from datamodules.errors import UsageError
 from simulator.errors import SimulatorError
+from simulator.world_settings import WorldSettings
 from zoo.drives.interventions import LEAST_MARGIN_M
 
-THROTTLES = ("hold", "network")
+Laps = Annotated[float, Field(gt=0, le=1000)]
+Count = Annotated[int, Field(ge=1)]
+Workers = Annotated[int, Field(ge=0)]
+SpeedMph = Annotated[float, Field(ge=1, le=30)]
+Throttle = Literal["hold", "network"]
+Margin = Annotated[float, Field(ge=LEAST_MARGIN_M, allow_inf_nan=False)]
 
 
-@dataclass(frozen=True)
-class EvaluateOptions:
-    """Drives a checkpoint in the embedded world and prints how well it drove. With replay=FOLDER it
-    is scored on a recording instead, see python -m zoo.replay.
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(WorldSettings):
+    """The options of an evaluation; `conf/evaluate.yaml` has their meanings and defaults."""
 
-    Args:
-        track: names or files, with commas between.
-        laps: driven in each drive.
-        seeds: start seeds, one drive each on each track; start seed 0 begins at the first point.
-        speed: miles per hour to hold, by the course's PI controller.
-        throttle: hold that speed, or network: its own, from a standstill (model=nvidia_speed).
-        margin: metres off the centreline that count as an intervention; null for the edge line.
-        weather: clear, random for a day drawn from each seed, or {fog: 0.4, wet: 1}.
-        direction: 1, or -1 for the other way round.
-        frame_rate: frames per second of simulated time.
-        delay_s: from a command to the wheels.
-        quality: full, or simple pictures.
-        film: leaves film.mp4 in each drive's folder.
-        film_speed: times as fast as driven that it plays; 3 leaves two frames of three out.
-        perturb: names with commas between, or all: sweeps each on the first track.
-        out: the folder for figures and pictures; null names one by date and time.
-        workers: processes; 0 takes one a core.
-    """
-
-    track: str = "lake"
-    laps: float = 1.0
-    seeds: int = 1
-    speed: float = 15.0
-    throttle: str = "hold"
-    margin: float | None = None
-    weather: str = "clear"
-    direction: int = 1
-    frame_rate: float = 15.0
-    delay_s: float = 0.0
-    quality: str = "full"
-    film: bool = False
-    film_speed: float = 1.0
-    perturb: str | None = None
-    out: str | None = None
-    workers: int = 0
+    laps: Laps
+    seeds: Count
+    speed: SpeedMph
+    throttle: Throttle
+    margin: Margin | None
+    film: bool
+    film_speed: Annotated[float, Field(ge=1, le=100)]
+    perturb: str | None
+    replay: str | None
+    out: str | None
+    workers: Workers
 
     @property
     def tracks(self) -> list[str]:
-        return list(dict.fromkeys(name for name in self.track.split(",") if name))
+        """The tracks' names or files, each once."""
+        return track_names(self.track)
 
 
-def check_options(options: EvaluateOptions) -> None:
-    """What a process would find out late; opening a world without pictures checks the rest.
+def track_names(text: str) -> list[str]:
+    """Return the names in `lake,mountain`, each once."""
+    return list(dict.fromkeys(name for name in text.split(",") if name))
 
-    Raises:
-        InputError: an option that cannot be.
-    """
-    from simulator.pictures import QUALITIES
-    from simulator.weather import read_weather
+
+def check_world(options: WorldSettings) -> None:
+    """Raise UsageError where one of the options' worlds cannot be opened; none is drawn."""
+    from dataclasses import replace
+
     from simulator.world import open_world
 
-    if options.seeds < 1 or options.workers < 0 or not 0 < options.laps <= 1000:
-        raise InputError("laps and seeds must be above 0, workers 0 or more")
-    if options.quality not in QUALITIES:
-        raise InputError(f"quality={options.quality}: must be {' or '.join(QUALITIES)}")
-    if not 1 <= options.speed <= 30:
-        raise InputError(f"speed={options.speed:g}: must be in 1..30 mph")
-    if options.throttle not in THROTTLES:
-        raise InputError(f"throttle={options.throttle}: must be {' or '.join(THROTTLES)}")
-    if options.margin is not None and not options.margin >= LEAST_MARGIN_M:
-        raise InputError(
-            f"margin={options.margin:g}: must be {LEAST_MARGIN_M} metres or more, or null"
-        )
-    if not 1 <= options.film_speed <= 100:
-        raise InputError(f"film_speed={options.film_speed:g}: must be in 1..100")
-    if not options.tracks:
-        raise InputError("track: names none; try track=lake,mountain")
+    names = track_names(options.track)
+    if not names:
+        raise UsageError("track=: names none; try track=lake,mountain")
     try:
-        read_weather(options.weather)
-        for name in options.tracks:
-            open_world(
-                name,
-                "none",
-                frame_rate=options.frame_rate,
-                delay_s=options.delay_s,
-                direction=options.direction,
-            )
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
-
-
-def options_from(arguments: list[str]) -> EvaluateOptions:
-    """Of `key=value` arguments.
-
-    Raises:
-        UsageError: no such key, with the nearest; a value of another type.
-    """
-    from simulator.command_line import read_options
-
-    try:
-        return read_options(EvaluateOptions, arguments)
+        options.check()
+        for name in names:
+            open_world(renderer="none", **replace(options, track=name).place)
     except SimulatorError as error:
         raise UsageError(str(error)) from None

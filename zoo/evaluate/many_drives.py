@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
+from simulator.world_settings import WorldSettings
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import summarize, write_drive
@@ -28,7 +29,7 @@ from zoo.runs.plots import save_figure
 
 
 @dataclass(frozen=True)
-class Setup:
+class Setup(WorldSettings):
     """Everything besides the policy that the figures of a drive depend on.
 
     Attributes:
@@ -45,11 +46,7 @@ class Setup:
     laps: float = 1.0
     speed_mph: float = 15.0
     margin_m: float | None = None
-    weather: Weather | str = CLEAR
-    direction: int = 1
-    frame_rate: float = 15.0
-    delay_s: float = 0.0
-    quality: str = "full"
+    weather: Weather | str = field(default=CLEAR, kw_only=True)
     offset_m: float = 0.0
     heading_deg: float = 0.0
     throttle: str = "hold"
@@ -63,17 +60,13 @@ class Setup:
     @classmethod
     def of(cls, options: EvaluateOptions, track: str, seed: int) -> "Setup":
         """Return the setup of one drive from the options of an evaluation."""
+        place = options.place | {"track": track, "weather": read_weather(options.weather)}
         return cls(
-            track,
-            seed,
-            options.laps,
-            options.speed,
-            options.margin,
-            read_weather(options.weather),
-            options.direction,
-            options.frame_rate,
-            options.delay_s,
-            options.quality,
+            **place,
+            seed=seed,
+            laps=options.laps,
+            speed_mph=options.speed,
+            margin_m=options.margin,
             throttle=options.throttle,
             film_speed=options.film_speed if options.film else 0.0,
         )
@@ -172,9 +165,8 @@ def open_setup(setup: Setup, renderer: str) -> World:
     Raises:
         InputError: the world cannot be opened, for example without a renderer.
     """
-    place = (setup.quality, setup.frame_rate, setup.delay_s, setup.direction)
     try:
-        return open_world(setup.track, renderer, *place)
+        return open_world(renderer=renderer, **setup.place)
     except SimulatorError as error:
         raise InputError(str(error)) from None
 

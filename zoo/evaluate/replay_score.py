@@ -1,7 +1,4 @@
-"""The command `python -m zoo.replay CKPT RECORDING [margin=1 out=FOLDER]`.
-
-It scores a checkpoint on a recording, without a simulator: see `zoo.evaluate.recording_replay`.
-"""
+"""Score of a checkpoint on a recording: see `zoo.evaluate.recording_replay`."""
 
 import datetime
 import math
@@ -17,31 +14,22 @@ from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.arguments import read_arguments
+from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import DriveRow
 
-USAGE = "python -m zoo.replay CKPT RECORDING [margin=1 frame_rate=15 frames=true out=FOLDER]"
 FRAMES = "frames"
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """Scores a checkpoint on a recording, without a simulator: the recorded frames are warped to
-    where the network steers the car.
+    """The options of a replay; `conf/replay.yaml` has their meanings and defaults."""
 
-    Args:
-        margin: metres off the recorded path that count as an intervention, up to 2.
-        frame_rate: rows a second, for image names without a time; null reads the names.
-        frames: keep what the network saw, for `python -m zoo.film`.
-        out: the folder for figures and plot; null names one by date and time.
-    """
-
-    margin: float = 1.0
-    frame_rate: float | None = None
-    frames: bool = False
-    out: str | None = None
+    margin: float
+    frame_rate: float | None
+    frames: bool
+    out: str | None
 
 
 def replay_recording(
@@ -85,7 +73,8 @@ def replay_recording(
     console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAYS))
     for line in keyboard_lines(recording):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    console.print(str(shown.folder), highlight=False, markup=False, soft_wrap=True)
+    following = ["zoo.film", shown.folder] if options.frames else ["zoo.evaluate", checkpoint]
+    print_written([shown.folder], following, console)
     replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
     if nan := nan_line([replayed]):
         raise InputError(f"{checkpoint}: {nan}")
@@ -138,10 +127,3 @@ class _Shown:
             (self.folder / FRAMES if self.keep else self.folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{self.folder}: cannot be written to ({error.strerror})") from None
-
-
-def command(arguments: list[str]) -> None:
-    """Run the command; the arguments are checkpoint, recording, then `key=value` options."""
-    paths = ["CKPT", "RECORDING"]
-    (checkpoint, recording), options = read_arguments(ReplayOptions, paths, arguments, USAGE)
-    replay_recording(checkpoint, recording, options, Console(emoji=False))

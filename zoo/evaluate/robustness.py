@@ -1,15 +1,15 @@
 """Robustness: drives with one perturbation at a time, over a range of values."""
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from rich.table import Table
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from simulator.rig import CameraOffset
 from simulator.weather import Weather, random_weather
+from zoo.cli.nearest import hint
 from zoo.evaluate.many_drives import Setup
 
 
@@ -97,9 +97,7 @@ def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
     names = list(dict.fromkeys(text.split(","))) if text else []
     for name in names:
         if name not in PERTURBATIONS:
-            near = difflib.get_close_matches(name, PERTURBATIONS, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(PERTURBATIONS)}"
-            raise InputError(f"perturb={name}: {hint}")
+            raise UsageError(f"perturb={name}: no such choice; {hint(name, PERTURBATIONS)}")
         if name == "speed" and throttle != "hold":
             raise InputError("perturb=speed: throttle=network holds no speed; use throttle=hold")
     return names

@@ -4,15 +4,19 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 from omegaconf import DictConfig, OmegaConf
+from pydantic import Field
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.cli.command_config import check_options, compose_keys
 from zoo.cli.console_progress import working
+from zoo.cli.nearest import hint
 from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
-from zoo.evaluate.evaluate_options import EvaluateOptions, check_options
+from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.evaluate.many_drives import Setup, drive_all, expert_steering_per_s
 
 
@@ -72,7 +76,7 @@ def score_on_tracks(
     return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunScore(EvaluateOptions):
     """Options of a run's `score`: those of an evaluation, and of the choice of `best.ckpt`.
 
@@ -80,7 +84,7 @@ class RunScore(EvaluateOptions):
         candidate_laps: laps driven with each candidate for `best.ckpt`; 0 drives none.
     """
 
-    candidate_laps: float = 1.0
+    candidate_laps: Annotated[float, Field(ge=0, le=1000)] = 1.0
 
 
 def run_options(score: DictConfig | None) -> RunScore | None:
@@ -92,21 +96,18 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
         return None
-    known = {field.name for field in fields(RunScore)} - {"out", "perturb"}
+    known = {field.name for field in fields(RunScore)} - {"out", "perturb", "replay"}
     unknown = sorted(set(settings) - known)
     if unknown:
-        raise InputError(f"score.{unknown[0]}: no such key; use one of {', '.join(sorted(known))}")
+        raise InputError(f"score.{unknown[0]}: no such key; {hint(unknown[0], sorted(known))}")
     if not isinstance(settings.get("track", ""), str):
         settings["track"] = ",".join(settings["track"])
-    options = RunScore(**settings)
+    if isinstance(settings.get("weather"), dict):
+        settings["weather"] = str(settings["weather"])
     try:
-        check_options(options)
-        if not 0 <= options.candidate_laps <= 1000:
-            raise InputError(f"candidate_laps={options.candidate_laps:g}: must be in 0..1000")
-    except TypeError:
-        raise InputError(
-            "score: a value that must be a number is none; see conf/score/lake.yaml"
-        ) from None
+        # A run of an earlier version lacks some keys: they have the defaults of an evaluation.
+        options = check_options(RunScore, compose_keys("evaluate") | settings)
+        check_world(options)
     except InputError as error:
         raise InputError(f"score: {error}") from None
     return options

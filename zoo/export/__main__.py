@@ -1,6 +1,7 @@
-"""`python -m zoo.export CKPT [out=model.onnx] [frames=RECORDING]`: a checkpoint as an ONNX file.
+"""`python -m zoo.export CKPT [key=value ...]`: write a checkpoint as an ONNX file.
 
-It carries what it must be fed in its metadata, and drives wherever a checkpoint does.
+The file has its view and config in its metadata, and drives wherever a checkpoint does. Where it
+steers otherwise than the checkpoint by more than 0.0001 of -1..1, nothing is written.
 """
 
 import importlib.util
@@ -18,7 +19,8 @@ from rich.console import Console
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.onnx_policy import CARD, IMAGES, INSTALL, SPEED, SUFFIX, OnnxPolicy, is_onnx
-from zoo.cli.arguments import read_arguments
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from zoo.checkpoints.checkpoint import Checkpoint
     from zoo.export.parity import Parity
 
-USAGE = "python -m zoo.export CKPT [out=model.onnx] [frames=RECORDING]"
+COMMAND = Command(__doc__, {"CKPT": "checkpoint: a .ckpt file, a run's folder, or latest"})
 # Every PyTorch from 2.4 writes it, and every onnxruntime from 1.14 runs it.
 OPSET = 17
 CONTROLS = "controls"
@@ -37,20 +39,12 @@ CONTROLS = "controls"
 TOLERANCE = 1e-4
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class ExportOptions:
-    """Writes a checkpoint's network as ONNX, with its view, config and recording's fingerprint in
-    the metadata, and drives both over frames: where they differ by more than 0.0001 of -1..1,
-    nothing is left.
+    """The options of an export; `conf/export.yaml` has their meanings and defaults."""
 
-    Args:
-        out: the file; what was there stays until the new one is found to be right.
-        frames: a recording to compare on; null takes the one that it was trained on, or the
-            embedded lake's, or else renders frames of the embedded lake.
-    """
-
-    out: str = "model.onnx"
-    frames: str | None = None
+    out: str
+    frames: str | None
 
 
 def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Path:
@@ -90,10 +84,10 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
         f"over {len(frames.frames)} frames {frames.source}",
         f"a frame takes {parity.checkpoint_ms:.2f} ms with PyTorch, {parity.onnx_ms:.2f} ms with "
         "onnxruntime, on one thread (median)",
-        f"drive it: python -m zoo.drive {out}",
     ]
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    print_written([out], ["zoo.drive", out], console)
     return out
 
 
@@ -200,8 +194,8 @@ def _check_parity(path: Path, parity: "Parity") -> None:
 
 
 def command(arguments: list[str]) -> None:
-    """The command: a checkpoint's path, then options."""
-    (checkpoint,), options = read_arguments(ExportOptions, ["CKPT"], arguments, USAGE)
+    """Read the arguments and export."""
+    (checkpoint,), options = COMMAND.read(arguments, ExportOptions)
     export(checkpoint, options, Console())
 
 

@@ -1,24 +1,23 @@
-"""`python -m zoo.leaderboard [FOLDER...]`: all runs under `outputs/`, the best driver first."""
+"""`python -m zoo.leaderboard [FOLDER...]`: rank all runs, the best driver first.
+
+Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
+that holds no run, the drives are ranked: outputs/drives for those on a socket.
+"""
 
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from datamodules.errors import InputError, UsageError
-from zoo.cli.arguments import is_help
+from datamodules.errors import InputError
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
-USAGE = "usage: python -m zoo.leaderboard [FOLDER...]; without, outputs"
+COMMAND = Command(
+    __doc__, {"[FOLDER...]": "folders of runs, sweeps, or of many of these; outputs without one"}
+)
 OUTPUTS = Path("outputs")
 PAGE = "leaderboard.html"
-HELP = f"""{USAGE}
-
-Ranks every run below the folders, the best driver first, in the terminal and as a page,
-{PAGE} in the first of them.
-
-  FOLDER=outputs   of runs, sweeps, or of many of these; any number of them. Of a folder that you
-                   name and that holds no run, the drives are ranked: outputs/drives for those
-                   on a socket"""
 # No run is in there, and a recording has many files.
 SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
 OF_DRIVES = {"drives", "evaluation"}
@@ -31,18 +30,14 @@ def show_leaderboard(arguments: list[str]) -> None:
     Raises:
         InputError: a folder that is none, or no run below them.
     """
-    if is_help(arguments):
-        print(HELP)
-        return
-    if any(one.startswith("-") for one in arguments):
-        raise UsageError(USAGE)
+    arguments, _ = COMMAND.split(arguments)
     from zoo.leaderboard.ranking_page import write_page
     from zoo.leaderboard.ranking_table import print_ranking, wide_console
 
     roots = [Path(one) for one in arguments] or [OUTPUTS]
     for root in roots:
         if not root.is_dir():
-            raise InputError(f"{root}: no such folder; {USAGE}")
+            raise InputError(f"{root}: no such folder; usage: {COMMAND.usage}")
     folders = sorted(set(run_folders(roots)))
     named = [Path(one) for one in arguments]
     drives = sorted({one for root in named for one in drive_folders(root)})
@@ -56,7 +51,8 @@ def show_leaderboard(arguments: list[str]) -> None:
         page = write_page(roots[0] / PAGE, "Leaderboard", entries, unranked, roots[0])
     except OSError as error:
         raise InputError(f"{roots[0] / PAGE}: cannot write the page ({error.strerror})") from None
-    console.print(str(page), highlight=False, markup=False)
+    best = [entries[0].first.folder] if entries else []
+    print_written([page], ["zoo.report", *best] if best else [], console)
 
 
 def run_folders(roots: Iterable[Path]) -> Iterator[Path]:

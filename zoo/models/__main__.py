@@ -1,19 +1,19 @@
-"""`python -m zoo.models`: the zoo as a table."""
+"""`python -m zoo.models`: list the zoo's networks.
+
+Prints each network's input, parameters and multiply-adds, and the paper that it is from.
+"""
 
 import sys
 
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import UsageError
-from zoo.cli.arguments import is_help
+from zoo.cli.closing_lines import print_next
+from zoo.cli.command import Command
 from zoo.cli.compose import choices, compose_config
 from zoo.cli.run_command import run_command
 
-HELP = """usage: python -m zoo.models
-
-Prints the zoo: each network's input, parameters, multiply-adds, and the paper it is from. Takes no
-options."""
+COMMAND = Command(__doc__)
 
 
 def zoo_table() -> tuple[Table, dict[str, str]]:
@@ -45,16 +45,13 @@ def zoo_table() -> tuple[Table, dict[str, str]]:
 
 def print_zoo(arguments: list[str]) -> None:
     """The command."""
-    if is_help(arguments):
-        print(HELP)
-        return
-    if arguments:
-        raise UsageError("takes no arguments; python -m zoo model=NAME trains one")
+    COMMAND.split(arguments)
     table, sources = zoo_table()
     console = Console(soft_wrap=True)
     console.print(table)
     for name, source in sources.items():
         console.print(f"{name}: {source}", highlight=False)
+    print_next("python -m zoo model=NAME data.root=FOLDER", "train one", console)
 
 
 if __name__ == "__main__":

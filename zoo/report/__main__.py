@@ -1,34 +1,28 @@
-"""`python -m zoo.report RUN`: the write-up of a run, one page and one Markdown file.
+"""`python -m zoo.report RUN_FOLDER`: write up a run as a page and as Markdown.
 
-`RUN/report/index.html` holds its pictures and its film, and fetches nothing; `RUN/report/report.md`
-has its pictures beside it.
+RUN_FOLDER/report/index.html holds its images and its film and loads nothing from elsewhere; the
+images of RUN_FOLDER/report/report.md are in the same folder.
 """
 
 import sys
 
-from datamodules.errors import UsageError
-from datamodules.terminal import printable
 from zoo.checkpoints.checkpoint_path import find_run
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-from zoo.report.write_up import FOLDER, MARKDOWN, PAGE, write_report
+from zoo.report.write_up import MARKDOWN, write_report
 
-USAGE = "python -m zoo.report RUN_FOLDER"
+COMMAND = Command(__doc__, {"RUN_FOLDER": "run's folder, or latest: the newest below outputs"})
 
 
 def report(arguments: list[str]) -> None:
-    """The command: a run's folder."""
-    if {"-h", "--help"} & set(arguments):
-        print(f"usage: {USAGE}\n\nWrites RUN_FOLDER/{FOLDER}/{PAGE} and {MARKDOWN}.")
-        print("RUN_FOLDER may be latest: the newest run below outputs.")
-        return
-    if len(arguments) != 1:
-        raise UsageError(f"usage: {USAGE}")
-    run = find_run(arguments[0])
+    """Read the arguments and write the report."""
+    (folder,), _ = COMMAND.split(arguments)
+    run = find_run(folder)
     with loading("writing the report"):
         page = write_report(run)
-    for path in (page, page.with_name(MARKDOWN)):
-        print(printable(str(path)))
+    print_written([page, page.with_name(MARKDOWN)], ["zoo.leaderboard"])
 
 
 if __name__ == "__main__":

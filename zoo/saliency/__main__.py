@@ -1,4 +1,7 @@
-"""`python -m zoo.saliency CKPT IMAGE_OR_RECORDING [out=saliency.png]`: what a network looks at."""
+"""`python -m zoo.saliency CKPT IMAGE_OR_RECORDING [key=value ...]`: draw what a network looks at.
+
+Writes a PNG: an image, or twelve frames of a recording, each with its saliency to the right.
+"""
 
 import sys
 from dataclasses import dataclass
@@ -11,34 +14,30 @@ from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import read_recordings
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.arguments import read_arguments
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
-USAGE = "python -m zoo.saliency CKPT IMAGE_OR_RECORDING [out=saliency.png] [published=true]"
+COMMAND = Command(
+    __doc__, {"CKPT": CHECKPOINT, "IMAGE_OR_RECORDING": "JPEG or PNG, or a recording's folder"}
+)
 SHOWN = 12  # frames of a recording that are drawn
 
 # torch takes seconds to import; --help and a typo do not need it.
 
 
-@dataclass
+@dataclass(frozen=True, kw_only=True)
 class SaliencyOptions:
-    """Draws a picture beside what the checkpoint's network looks at in it, or twelve of a
-    recording.
+    """The options of a saliency image; `conf/saliency.yaml` has their meanings and defaults."""
 
-    Args:
-        out: the PNG file.
-        published: VisualBackProp to the letter, not weighted by what moves the steering.
-    """
-
-    out: str = "saliency.png"
-    published: bool = False
+    out: str
+    published: bool
 
 
 def draw_saliency(arguments: list[str]) -> None:
     """Write a PNG: each frame, and beside it what the checkpoint's network looks at."""
-    paths = ["CKPT", "IMAGE_OR_RECORDING"]
-    (checkpoint, source), options = read_arguments(SaliencyOptions, paths, arguments, USAGE)
+    (checkpoint, source), options = COMMAND.read(arguments, SaliencyOptions)
     checkpoint = find_checkpoint(checkpoint)
     with loading():
         from zoo.checkpoints.policy import load_policy
@@ -58,7 +57,7 @@ def draw_saliency(arguments: list[str]) -> None:
         out.write_bytes(cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
     except OSError as error:
         raise InputError(f"out={out}: {error.strerror}; name another file") from None
-    print(out)
+    print_written([out], ["zoo.drive", checkpoint, "drive.sim=lake"])
 
 
 def _frames(source: Path) -> list[tuple[np.ndarray, float]]:

@@ -1,45 +1,51 @@
-"""`python -m zoo.sweep resume=FOLDER`: finish a sweep that was stopped, and rank its jobs."""
+"""`python -m zoo.sweep [key=value ...]`: finish a sweep that was stopped, and rank its jobs.
+
+  python -m zoo.sweep resume=outputs/sweeps/DATE/TIME
+  python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   begins a new sweep
+
+Hydra's own keys say how it is finished: hydra/launcher=NAME by another launcher (basic, joblib,
+slurm, ray; conf/hydra/launcher/NAME.yaml has the settings, hydra.launcher.KEY=VALUE), and
+hydra.sweeper.n_trials=20 so many trials of a search.
+"""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from datamodules.errors import UsageError
-from zoo.cli.arguments import is_help
+from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
+from zoo.runs.saved_config import TRUST
 
-USAGE = "usage: python -m zoo.sweep resume=FOLDER [hydra/launcher=NAME hydra.launcher.KEY=VALUE...]"
-HELP = f"""{USAGE}
+COMMAND = Command(__doc__)
 
-Finishes a sweep that was stopped, as the command that began it would, and ranks its jobs.
 
-  resume=FOLDER              the sweep's folder, outputs/sweeps/DATE/TIME
-  hydra/launcher=NAME        finish it by another: basic (one by one), joblib, slurm, ray
-  hydra.launcher.KEY=VALUE   a setting of that; conf/hydra/launcher/NAME.yaml has them
-  hydra.sweeper.n_trials=20  of a search: so many trials in all
-  trust=my.module.Class      classes and keys that its jobs may name beside the package's own
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions:
+    """The options of a resumed sweep; `conf/sweep.yaml` has their meanings and defaults."""
 
-A new sweep: python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER"""
+    resume: str | None
+    trust: str
 
 
 def resume_sweep(arguments: list[str]) -> None:
-    """Go on with the sweep in a folder: what is finished is skipped, what failed is tried again, a
-    half-trained job goes on from its last checkpoint.
+    """Resume the sweep in a folder: finished jobs are skipped, failed ones are tried again, a
+    half-trained one is resumed from its last checkpoint.
 
     Raises:
         UsageError: see `zoo.sweep.start_sweep.go_on`.
     """
-    if is_help(arguments):
-        print(HELP)
-        return
-    if not arguments:
-        raise UsageError(f"{USAGE}; --help explains")
-    named = [one for one in arguments if one.startswith("resume=")]
-    if len(named) != 1:
-        raise UsageError(f"name one sweep's folder; {USAGE}")
+    _, given = COMMAND.split(arguments)
+    own, more = COMMAND.without_config_keys(given)
+    from zoo.cli.command_config import read_options
+
+    options = read_options(COMMAND.name, SweepOptions, own)
+    if options.resume is None:
+        raise UsageError("resume: is missing; name the sweep's folder, resume=FOLDER")
     from zoo.sweep.start_sweep import go_on
 
-    more = [one for one in arguments if one not in named]
-    go_on(Path(named[0].removeprefix("resume=")), more)
+    trust = [f"{TRUST}={options.trust}"] if options.trust else []
+    go_on(Path(options.resume), [*more, *trust])
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from pathlib import Path
 from rich.console import Console
 
 from datamodules.errors import InputError
+from zoo.cli.closing_lines import print_written
 from zoo.leaderboard.ranking_page import write_page
 from zoo.leaderboard.ranking_table import print_ranking
 from zoo.sweep.sweep_record import job_folders
@@ -22,7 +23,7 @@ def conclude(folder: Path, console: Console) -> None:
     title = f"{len(folders)} jobs, the best driver first"
     entries, unranked = print_ranking(folders, title, folder, console, PAGE)
     page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
-    console.print(str(page), highlight=False, markup=False)
+    print_written([page], ["zoo.report", entries[0].first.folder] if entries else [], console)
     failed = [one for one in unranked if one.why in ("failed", "stopped")]
     if failed:
         reasons = "; ".join(f"{one.folder.name}: {one.reason or 'it was killed'}" for one in failed)

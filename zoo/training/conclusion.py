@@ -17,6 +17,7 @@ from datamodules.split import PARTS
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
+from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import working
 from zoo.evaluate.track_scores import RunScore, score_run
 from zoo.report.open_loop_table import metrics_table
@@ -190,12 +191,14 @@ def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Con
         )
     try:
         with working("writing the report", console):
-            page = short_name(write_report(folder))
+            written = [write_report(folder)]
     except Exception as error:  # of any kind: a failed report must not lose the training
-        page = f"no report: {' '.join(str(error).split()) or type(error).__name__}"
+        reason = " ".join(str(error).split()) or type(error).__name__
+        console.print(f"no report: {reason}", highlight=False, markup=False)
+        written = []
     best_path = folder / "checkpoints" / "best.ckpt"
-    for line in [short_name(best_path), page] if best_path.is_file() else [page]:
-        console.print(line, highlight=False, markup=False)
+    written = [best_path, *written] if best_path.is_file() else written
+    print_written(map(short_name, written), console=console)
     print_verdict(verdict, console)
 
 

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
+from zoo.cli.closing_lines import print_next
 from zoo.drives.intervals import count_with_interval
 from zoo.verdict.causes import Cause, likely_causes
 from zoo.verdict.evidence import Evidence
@@ -85,8 +86,7 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     panel = Panel(box, title=title, title_align="left", border_style=colour, width=width)
     console.print(panel, soft_wrap=False)
     for purpose, command in verdict.commands:
-        line = f"{purpose}: {command}"
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        print_next(command, purpose, console)
 
 
 def _level(by_track: Mapping[str, Sequence[Mapping]]) -> str:

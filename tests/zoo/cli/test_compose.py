@@ -25,9 +25,10 @@ from zoo.cli.compose import (
 )
 from zoo.training.build import build_data, build_trainer
 
-# Tracks are the simulator's: tests/simulator/test_track_file.py reads them all.
-GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name != "track")
-# Their packages are optional, and not installed for the tests.
+# Tracks and worlds are the simulator's: tests/zoo/test_conf.py reads them all.
+OTHER = ("track", "world")
+GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name not in OTHER)
+# Their packages are extras, which the tests do not install.
 OPTIONAL = {("logger", "mlflow"), ("logger", "wandb")}
 EVERY = [(group, name) for group in GROUPS for name in choices(group)]
 

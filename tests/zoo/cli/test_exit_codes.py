@@ -24,7 +24,7 @@ FAILED, WRONG_USE = 1, 2
         (WRONG_USE, "zoo.models x", "no arguments"),
         (WRONG_USE, "zoo.report", "usage"),
         (WRONG_USE, "zoo.results", "usage"),
-        (WRONG_USE, "zoo.sweep resum=x", "usage"),
+        (WRONG_USE, "zoo.sweep resum=x", "did you mean resume"),
         (WRONG_USE, "simulator recrd", "did you mean record"),
         (WRONG_USE, "simulator record out=x lap=1", "laps"),
         (WRONG_USE, "datamodules.check", "usage"),

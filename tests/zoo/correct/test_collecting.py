@@ -11,6 +11,7 @@ from simulator.recorder import JPEG_QUALITY
 from simulator.weather import CLEAR
 from simulator.world import World, open_world
 from tests.simulator.tracks import loop
+from zoo.cli.command_config import read_options
 from zoo.correct.collecting import LabellingPolicy, collect_drive, worth_keeping
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_record import DriveRow
@@ -83,7 +84,7 @@ def test_the_recording_has_the_frames_that_the_model_saw(
         return 0.3, None
 
     monkeypatch.setattr("zoo.checkpoints.policy.load_policy", lambda _: policy)
-    options = CorrectOptions(off_m=0.0)
+    options = read_options("correct", CorrectOptions, ["off_m=0"])
     setup = Setup("lake", 1, laps=0.02, speed_mph=20, weather=CLEAR, margin_m=1.0)
     rows = collect_drive("any", setup, options, 0.0, 1e6, tmp_path / "recording")
     recording = read_recordings(str(tmp_path / "recording"))

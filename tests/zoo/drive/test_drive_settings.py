@@ -29,6 +29,12 @@ def test_keys_of_a_choice_can_stand_before_it() -> None:
     assert settings.speed.throttle(0.0, 0.0, None, 0.0) == 0.4
 
 
+@pytest.mark.parametrize("typed", ["speed=15", "drive.speed=15", "speed.set_mph=15"])
+def test_a_number_for_the_speed_is_the_speed_to_hold(typed: str) -> None:
+    assert read_settings([typed]).speed.set_mph == 15
+    assert read_settings(["speed=bends", typed.replace("speed=", "speed.set_mph=")]).speed.bend_mph
+
+
 @pytest.mark.parametrize("folder", ["a b", "lr=0.1,[x]", "it's", "C:\\x", "~tilde", "${x}"])
 def test_a_folder_to_record_in_is_taken_as_it_stands(folder: str) -> None:
     assert read_settings([f"drive.record=/tmp/{folder}"]).record == Path(f"/tmp/{folder}")

@@ -10,6 +10,7 @@ from PIL import Image
 from datamodules.errors import InputError
 from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
+from zoo.cli.command_config import read_options
 from zoo.evaluate import track_scores
 from zoo.evaluate.__main__ import command
 from zoo.evaluate.drives_table import table_rows
@@ -42,7 +43,7 @@ def test_the_figures_do_not_depend_on_the_number_of_workers(
     for label, _ in table_rows().values():
         assert label.strip() in printed
     assert "no whole lap" in printed
-    assert str(tmp_path / "a=1") in printed.splitlines()
+    assert f"wrote: {tmp_path / 'a=1'}" in printed.splitlines()
     for drive in ("lake-0", "lake-1"):
         for name in ("drive.csv", "drive.json", "track.png", "error.png"):
             assert (tmp_path / "b" / drive / name).is_file()
@@ -82,7 +83,7 @@ def test_a_run_says_how_fast_it_was_driven(
     figures |= {"drives": 1, "drives_without_intervention": 0}
     scores = track_scores.TrackScores([], {"lake": figures}, {})
     monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_: scores)
-    options = EvaluateOptions(throttle=throttle, speed=20)
+    options = read_options("evaluate", EvaluateOptions, [f"throttle={throttle}", "speed=20"])
     found = track_scores.score_run(options, tmp_path, console)
     assert said in console.file.getvalue()
     assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
@@ -93,14 +94,14 @@ def test_a_run_says_how_fast_it_was_driven(
     [
         ("track=nowhere", "nowhere"),
         ("track=lake,moutain", "moutain"),
-        ("seeds=0", "laps and seeds must be above 0"),
+        ("seeds=0", "seeds=0: must be a whole number of 1 or more"),
         ("seeds=two", "seeds=two"),
-        ("speed=90", "speed=90: must be in 1..30 mph"),
-        ("margin=0.05", "margin=0.05: must be 0.2 metres or more"),
+        ("speed=90", "speed=90: must be a number in 1..30"),
+        ("margin=0.05", "margin=0.05: must be a number of 0.2 or more, or null"),
         ("weather=hail", "weather=hail"),
         ("frame_rate=80", "frame_rate=80"),
         ("quality=low", "quality=low: must be full or simple"),
-        ("perturb=fgo", "perturb=fgo: did you mean fog?"),
+        ("perturb=fgo", "perturb=fgo: no such choice; did you mean fog?"),
         ("trakc=lake", "did you mean track?"),
     ],
 )
@@ -145,14 +146,7 @@ def test_a_network_that_steers_nan_is_said_when_all_is_written(
 def test_paths_are_printed_as_they_are(checkpoint: str, tmp_path: Path, capsys) -> None:
     out = tmp_path / "[brightness]" / "[/red] :car: ï=1"
     command([checkpoint, "laps=0.01", "quality=simple", f"out={out}"])
-    assert str(out) in capsys.readouterr().out.splitlines()
-
-
-def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
-    command(["--help"])
-    printed = capsys.readouterr().out
-    for key in ("track=lake", "laps=1.0", "seeds=1", "margin=", "perturb=", "workers=0"):
-        assert key in printed
+    assert f"wrote: {out}" in capsys.readouterr().out.splitlines()
 
 
 def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
@@ -160,4 +154,4 @@ def test_a_recording_is_scored_too(checkpoint: str, tmp_path: Path) -> None:
     line = only_line(run(tmp_path, checkpoint, "replay=nowhere", module="zoo.evaluate"))
     assert "nowhere" in line
     line = only_line(run(tmp_path, checkpoint, "replay=x", "laps=2", module="zoo.evaluate"))
-    assert "there is no option laps" in line
+    assert "laps: no such key" in line

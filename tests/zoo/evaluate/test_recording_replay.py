@@ -15,6 +15,7 @@ from datamodules.recording import read_recordings
 from simulator.rig import MPS_PER_MPH
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
+from zoo.cli.command_config import read_options
 from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import measure
 from zoo.evaluate.recording_replay import (
@@ -237,7 +238,7 @@ def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, console):
     log.write_text("\n".join(",".join([*row[:3], "0", *row[4:]]) for row in rows) + "\n")
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
 
-    options = ReplayOptions(out=str(tmp_path / "out"))
+    options = read_options("replay", ReplayOptions, [f"out={tmp_path / 'out'}"])
     replay_recording(checkpoint, str(written.folder), options, console)
 
     text = console.file.getvalue()

@@ -105,7 +105,7 @@ def test_a_file_that_steers_differently_is_removed(
         other.network.head[-1].bias += 0.001
     monkeypatch.setattr(export, "onnx_bytes", lambda _: onnx_bytes(other))
     (tmp_path / "model.onnx").write_bytes(b"earlier")
-    options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
+    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
 
     with pytest.raises(InputError, match=r" 0\.001 .* 0\.0001"):
         export.export(str(checkpoint), options, Console(quiet=True))
@@ -120,7 +120,7 @@ def test_a_network_that_diverged_is_not_exported(
     contents = torch.load(checkpoint, weights_only=True)
     contents["state_dict"]["network.head.0.weight"][:] = float("nan")
     torch.save(contents, tmp_path / "diverged.ckpt")
-    options = ExportOptions(str(tmp_path / "model.onnx"), str(recorded.folder))
+    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
     with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight .*NaN"):
         export.export(str(tmp_path / "diverged.ckpt"), options, Console(quiet=True))
     assert not list(tmp_path.glob("*.onnx*"))
@@ -224,7 +224,7 @@ def test_a_missing_package_is_named(
     package: str, exported: Path, checkpoint: Path, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    options = ExportOptions(str(tmp_path / "model.onnx"))
+    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=None)
     with pytest.raises(InputError, match=rf"{package}: pip install 'drivezoo\[onnx\]'"):
         export.export(str(checkpoint), options, Console(quiet=True))
     if package == "onnxruntime":

@@ -3,16 +3,18 @@
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 from rich.console import Console
 
 from simulator.errors import SimulatorError
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.evaluate import many_drives
-from zoo.evaluate.track_scores import RunScore
+from zoo.evaluate.track_scores import RunScore, run_options
 from zoo.training.candidates import choose_best, restore_monitored
 
-SHORT = RunScore(laps=0.05, candidate_laps=0.05, speed=15.0, workers=1)
+SHORT = run_options(OmegaConf.create({"laps": 0.05, "candidate_laps": 0.05, "workers": 1}))
+UNDRIVEN = run_options(OmegaConf.create({"candidate_laps": 0}))
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def test_what_drove_best_while_training_is_a_candidate(run: Path, console: Conso
 
 
 @pytest.mark.parametrize(
-    ("score", "key"), [(None, "score=none"), (RunScore(candidate_laps=0), "score.candidate_laps=0")]
+    ("score", "key"), [(None, "score=none"), (UNDRIVEN, "score.candidate_laps=0")]
 )
 def test_without_drives_the_lowest_error_stays_and_the_run_says_so(
     run: Path, console: Console, score: RunScore | None, key: str

@@ -1,0 +1,35 @@
+"""The commands with a YAML of their own, and the dataclass of each."""
+
+from typing import Any
+
+from zoo.cli.command_config import read_keys, read_options
+from zoo.correct.correct_options import CorrectOptions
+from zoo.drive.drive_settings import DriveSettings, read_settings
+from zoo.evaluate.evaluate_options import EvaluateOptions
+from zoo.evaluate.replay_score import ReplayOptions
+from zoo.export.__main__ import ExportOptions
+from zoo.film import FilmOptions
+from zoo.rerun import RerunOptions
+from zoo.results import ResultsOptions
+from zoo.saliency.__main__ import SaliencyOptions
+from zoo.sweep.__main__ import SweepOptions
+
+KINDS = {
+    "correct": CorrectOptions,
+    "drive": DriveSettings,
+    "evaluate": EvaluateOptions,
+    "export": ExportOptions,
+    "film": FilmOptions,
+    "replay": ReplayOptions,
+    "rerun": RerunOptions,
+    "results": ResultsOptions,
+    "saliency": SaliencyOptions,
+    "sweep": SweepOptions,
+}
+
+
+def command_options(name: str) -> Any:
+    """Return the default options of a command."""
+    if name == "doctor":  # which needs no package that may be missing
+        return read_keys(name, [])
+    return read_settings([]) if name == "drive" else read_options(name, KINDS[name])

@@ -1,0 +1,86 @@
+"""The YAML files of `conf`: where they are, their choices, and each command's keys."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+_LINE = re.compile(r"(?P<indent> *)(?P<key>\w+):(?P<value>[^#]*)(?:#\s*(?P<comment>.*))?$")
+_INCLUDED = re.compile(r" *- (?P<group>[\w/]+)(?:@\w+|: (?P<choice>\w+))")
+
+
+@dataclass(frozen=True)
+class Key:
+    """An option of a command, as its YAML has it.
+
+    Attributes:
+        name: what a user types before `=`.
+        default: value as it is typed.
+        comment: meaning, unit and range.
+    """
+
+    name: str
+    default: str
+    comment: str
+
+
+def conf_folder() -> Path:
+    """Return the folder of the YAML files: in the installed package, or next to it."""
+    package = Path(__file__).parents[1]
+    installed = package / "conf"
+    return installed if installed.is_dir() else package.parent / "conf"
+
+
+def choices(group: str) -> list[str]:
+    """Return the names in a config group: the YAML files of its folder."""
+    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
+
+
+def command_keys(command: str) -> list[Key]:
+    """Return the keys of `conf/COMMAND.yaml` and of the files that its defaults name.
+
+    The lines are read as text: --help needs no library for it, and comments are part of it.
+    """
+    path = conf_folder() / f"{command}.yaml"
+    if not path.is_file():
+        return []
+    text = path.read_text(encoding="utf-8")
+    head, _, own = text.partition(f"\n{command}:\n")
+    keys, chosen = [], []
+    for one in map(_INCLUDED.match, head.splitlines()):
+        if one and one["choice"]:
+            name = one["group"].rpartition("/")[2]
+            chosen.append(Key(name, one["choice"], f"one of {', '.join(choices(one['group']))}"))
+            file = conf_folder() / one["group"] / f"{one['choice']}.yaml"
+            chosen += keys_of(file.read_text(encoding="utf-8"), f"{name}.")
+        elif one:
+            keys += keys_of((conf_folder() / f"{one['group']}.yaml").read_text(encoding="utf-8"))
+    return [*keys, *keys_of(own), *chosen]
+
+
+def keys_of(text: str, prefix: str = "") -> list[Key]:
+    """Return the keys in the lines of a YAML file.
+
+    >>> keys_of("  port: 4567  # TCP port;\\n              # 0 takes a free one")
+    [Key(name='port', default='4567', comment='TCP port; 0 takes a free one')]
+    """
+    keys: list[Key] = []
+    parents: list[tuple[int, str]] = []
+    for line in text.splitlines():
+        found = _LINE.match(line)
+        if found is None:
+            if keys and line.strip().startswith("#"):  # the comment goes over several lines
+                keys[-1] = Key(
+                    keys[-1].name, keys[-1].default, f"{keys[-1].comment} {line.strip(' #')}"
+                )
+            continue
+        indent = len(found["indent"])
+        parents = [one for one in parents if one[0] < indent]
+        name = prefix + "".join(f"{parent}." for _, parent in parents) + found["key"]
+        value = found["value"].strip().strip("\"'")
+        if not found["value"].strip():
+            parents.append((indent, found["key"]))
+        elif not found["key"].startswith("_"):
+            keys.append(Key(name, value, found["comment"] or ""))
+    return keys
