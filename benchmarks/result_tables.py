@@ -13,6 +13,7 @@ FULL, SHORT = Path("docs/recipes.md"), Path("README.md")
 NETWORK_PAGES = Path("docs/models")
 BEGIN, END = "<!-- results -->", "<!-- end of results -->"
 TRACKS = ("lake", "mountain")
+CLEAN = "drives without intervention (95 %)"
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Trained:
     def clean_drives(self, track: str) -> str:
         """Return the number of drives without an intervention, with its 95 % interval."""
         clean = sum(run[f"{track}_interventions"] == 0 for run in self.runs)
-        return count_with_interval(clean, len(self.runs))
+        return count_with_interval(clean, len(self.runs)).replace("95 %: ", "")
 
 
 def table_groups(rows: Iterable[dict]) -> list[Trained]:
@@ -69,7 +70,8 @@ def _rank(group: Trained) -> tuple[float, ...]:
 def full_table(groups: list[Trained]) -> str:
     """Return a line for each recipe: means over its training seeds, and the worst of them."""
     head = ["model", "setting", "parameters", "training seeds", "training", "test MSE (zero)"]
-    head += ["lake: autonomy (worst)", "mean, max error", "mountain: autonomy (worst)", "latency"]
+    head += ["lake: autonomy (worst)", "mean, max error, m", "mountain: autonomy (worst)"]
+    head += ["latency, ms"]
     rows = [
         [
             group.model,
@@ -81,7 +83,7 @@ def full_table(groups: list[Trained]) -> str:
             group.autonomy("lake"),
             _error(group),
             group.autonomy("mountain"),
-            f"{group.mean('lake_latency_ms'):.1f} ms",
+            f"{group.mean('lake_latency_ms'):.1f}",
         ]
         for group in groups
     ]
@@ -92,7 +94,7 @@ def short_table(groups: list[Trained]) -> str:
     """Return a line for each network: its best recipe."""
     head = ["network", "recipe", "parameters"]
     for track in TRACKS:
-        head += [f"{track}: autonomy (worst)", "drives without intervention"]
+        head += [f"{track}: autonomy (worst)", CLEAN]
     rows = [
         [group.model, group.setting, _parameters(group), *_driven(group)]
         for group in best_of_each(groups)
@@ -102,8 +104,8 @@ def short_table(groups: list[Trained]) -> str:
 
 def network_table(groups: list[Trained]) -> str:
     """Return a line for each recipe of one network, and below the commands that train them."""
-    head = ["recipe", "parameters", "lake: autonomy (worst)", "drives without intervention"]
-    head += ["mean, max error", "mountain: autonomy (worst)", "drives without intervention"]
+    head = ["recipe", "parameters", "lake: autonomy (worst)", CLEAN, "mean, max error, m"]
+    head += ["mountain: autonomy (worst)", CLEAN]
     rows = [
         [group.setting, _parameters(group), *_driven(group)[:2], _error(group), *_driven(group)[2:]]
         for group in groups
@@ -124,7 +126,7 @@ def _parameters(group: Trained) -> str:
 
 def _error(group: Trained) -> str:
     farthest = max(run["lake_cte_max_m"] for run in group.runs)
-    return f"{group.mean('lake_cte_mean_m'):.2f}, {farthest:.2f} m"
+    return f"{group.mean('lake_cte_mean_m'):.2f}, {farthest:.2f}"
 
 
 def _duration(seconds: float) -> str:
