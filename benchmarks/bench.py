@@ -1,9 +1,9 @@
-"""`python benchmarks/bench.py [ONLY=feed,start] [short] [docs]`: measure speed as ratios.
+"""Run all benchmarks: `python benchmarks/bench.py [ONLY=feed,start] [short] [docs]`.
 
-Runs every part (a file here with a function `measure`) in a process of its own, prints one table
-and writes `outputs/bench.json`. `short` only shows that it works: its figures mean nothing.
-`docs` (or `readme`, its old name) also writes the table into `docs/performance.md`, between its two
-markers. Without `KERAS_PYTHON` the part that needs Keras is left out.
+Every part (a file here with a function `measure`) runs in its own process. The results are ratios,
+printed as one table and written to `outputs/bench.json`. `short` only checks that the parts run;
+its figures mean nothing. `docs` (or `readme`, its old name) also writes the table between the two
+markers of `docs/performance.md`. Without `KERAS_PYTHON` the part that needs Keras is skipped.
 """
 
 import json
@@ -33,47 +33,47 @@ PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "n
 
 
 def part_names() -> list[str]:
-    """The parts that there are, those that matter to a training first."""
+    """Return the names of all parts, those about training first."""
     names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
     first = ("feed", "training", "tiny", "start", "cache", "growth")
     return [name for name in first if name in names] + [one for one in names if one not in first]
 
 
 def usual_parts(console: Console) -> list[str]:
-    """Those that run where none is named; what is left out is said."""
+    """Return the parts to run by default; print which part is skipped."""
     names = part_names()
     if not os.environ.get("KERAS_PYTHON"):
         names.remove("keras_training")
-        console.print("keras_training: left out; set KERAS_PYTHON to a Python that has Keras")
+        console.print("keras_training: skipped; set KERAS_PYTHON to a Python with Keras")
     return names
 
 
 def run_one(name: str, short: bool, console: Console) -> list[Row]:
-    """A part's rows; none, and what it said, where it fails."""
+    """Return a part's rows; if it fails, print its output and return none."""
     console.print(f"{name} ...", highlight=False)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "rows.json"
         command = [sys.executable, str(HERE / f"{name}.py"), f"out={out}"]
         log = Path(folder) / "log.txt"
-        with log.open("w") as said:
+        with log.open("w") as output:
             process = subprocess.Popen(
-                command + ["short"] * short, stdout=said, stderr=said, start_new_session=True
+                command + ["short"] * short, stdout=output, stderr=output, start_new_session=True
             )
             try:
                 process.wait(LONGEST_S)
             except BaseException as error:
-                os.killpg(process.pid, signal.SIGKILL)  # and the processes that it started
+                os.killpg(process.pid, signal.SIGKILL)  # with the processes that it started
                 if not isinstance(error, subprocess.TimeoutExpired):
                     raise
         if process.poll() or not out.is_file():
-            told = f"{name}: failed, or took more than {LONGEST_S} s"
-            console.print(log.read_text()[-2000:], told, markup=False, highlight=False)
+            failure = f"{name}: failed, or took more than {LONGEST_S} s"
+            console.print(log.read_text()[-2000:], failure, markup=False, highlight=False)
             return []
         return [Row(**row) for row in json.loads(out.read_text())]
 
 
 def machine() -> dict:
-    """What the figures depend on."""
+    """Return the facts about the machine that the figures depend on."""
     model = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
@@ -91,18 +91,18 @@ def machine() -> dict:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table; 1 where a part failed."""
+    """Print the table; return 1 if a part failed."""
     console = make_console()
     for word in arguments:
         if word not in {"short", *PAGE_WORDS} and not word.startswith("ONLY="):
-            console.print(f"bench: {word}: is none of ONLY=PART,PART, short and docs")
+            console.print(f"bench: {word}: must be ONLY=PART,PART, short or docs")
             return 1
     names = part_names()
     wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
     chosen = [name for one in wanted for name in one.split(",") if name] or usual_parts(console)
     for name in chosen:
         if name not in names:
-            console.print(f"bench: {name}: no such part; there are {', '.join(names)}")
+            console.print(f"bench: {name}: no such part; available: {', '.join(names)}")
             return 1
     began, known, rows, failed = time.perf_counter(), machine(), [], []
     took = {}
@@ -116,7 +116,7 @@ def main(arguments: list[str]) -> int:
     print_rows(rows, console)
     load = known["load_before"][0]
     console.print(
-        f"{known['processor']}, {known['cores']} cores, load {load:.1f} before it began; "
+        f"{known['processor']}, {known['cores']} cores, load {load:.1f} before the start; "
         f"torch {known['versions']['torch']}; {seconds:.0f} s; {OUT}",
         highlight=False,
     )
@@ -141,7 +141,7 @@ def write_page(contents: dict) -> None:
         rows.append([row["what"], row["reference"], f"{row['ratio']:.2f}", aim, met])
     load, torch = contents["load_before"][0], contents["versions"]["torch"]
     machine = (
-        f"{contents['processor']}, {contents['cores']} cores, load {load:.1f} before it began; "
+        f"{contents['processor']}, {contents['cores']} cores, load {load:.1f} before the start; "
         f"torch {torch}; {contents['seconds']:.0f} s."
     )
     table = markdown_table(["what", "against", "ratio", "aim", "met"], rows, left=2)

@@ -130,7 +130,7 @@ def _error(group: Trained) -> str:
 
 
 def _duration(seconds: float) -> str:
-    if not seconds:  # a run that was stopped and resumed when all was trained
+    if not seconds:  # a run that was interrupted and resumed after its last epoch
         return "-"
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 

@@ -1,11 +1,11 @@
-"""`python benchmarks/results.py [only=lenet] [seeds=3] [jobs=2] [runs=false]`: drive all networks.
+"""Measure how networks drive: `python benchmarks/results.py [only=lenet] [seeds=3] [jobs=2]`.
 
-Trains each recipe on recordings of the embedded lake alone, several seeds each, and drives a
-lap of the lake and of the mountain, which no recipe has seen, at 15 mph. Writes `docs/results.csv`,
-one line for each run, and from it the tables of `docs/recipes.md`, `README.md` and the networks'
-pages, each between its two markers. `runs=false` writes the tables alone. Runs are kept in
-`outputs/results`; the same command resumes a stopped one and does not repeat a finished one.
-`benchmarks/recipes.py` says what is trained.
+It trains each recipe of `benchmarks/recipes.py` with several seeds, on recordings of the embedded
+lake only. Each network drives a lap of the lake and of the mountain, which no training uses, at 15
+mph. The script writes `docs/results.csv`, one run per line, and from it the tables of
+`docs/recipes.md`, `README.md` and the networks' pages, each between two markers; `runs=false`
+writes the tables alone. Runs are kept in `outputs/results`. A finished run is not repeated, so that
+an interrupted command resumes.
 """
 
 import csv
@@ -43,14 +43,14 @@ DRIVEN = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms")
 
 @dataclass(frozen=True)
 class ResultOptions:
-    """Which runs to make, and how many at a time.
+    """Options of the runs.
 
     Args:
         only: part of the names of recipes; null for all.
-        seeds: largest number of training seeds of each recipe.
-        jobs: number of trainings at a time, which share the cores.
-        runs: false to write the tables from `docs/results.csv` alone.
-        table: false to make the runs alone.
+        seeds: largest number of seeds of a recipe.
+        jobs: number of parallel trainings, which share the cores.
+        runs: whether to make runs; false writes the tables of `docs/results.csv` alone.
+        table: whether to write the CSV file and the tables.
     """
 
     only: str | None = None
@@ -61,7 +61,7 @@ class ResultOptions:
 
 
 def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
-    """Make the runs that are not there yet."""
+    """Make the missing runs."""
     threads = max(1, usable_cores() // jobs)
     environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
 
@@ -82,8 +82,8 @@ def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
                 check=False,
             ).returncode
         last = (folder / "log.txt").read_text().strip().splitlines()[-1:]
-        said = "finished" if not code else f"failed: {' '.join(last)}"
-        print(f"{folder}: {said}", flush=True)
+        result = "finished" if not code else f"failed: {' '.join(last)}"
+        print(f"{folder}: {result}", flush=True)
 
     with ThreadPoolExecutor(jobs) as pool:
         list(pool.map(lambda job: run(*job), chosen))
@@ -94,7 +94,7 @@ def run_folder(recipe: Recipe, seed: int) -> Path:
 
 
 def csv_row(recipe: Recipe, seed: int) -> dict:
-    """A finished run as a line of `docs/results.csv`."""
+    """Return a finished run's row of `docs/results.csv`."""
     path = run_folder(recipe, seed) / "metrics.json"
     metrics = json.loads(path.read_text())
     test, zero = metrics["open_loop"]["test"], metrics["baselines"]["test"]["always zero"]
@@ -146,7 +146,7 @@ def main(arguments: list[str]) -> None:
     """Make the runs, then write the tables.
 
     Raises:
-        InputError: an unknown option, or no run has figures.
+        InputError: an option is wrong, or no run has figures.
     """
     try:
         options = read_options(ResultOptions, arguments)
@@ -176,7 +176,7 @@ def make_runs(options: ResultOptions) -> None:
     measure_missing([run_folder(*job) for job in done], Console(soft_wrap=True))
     rows = [csv_row(*job) for job in done]
     if not rows:
-        raise InputError(f"{RUNS}: no run has figures")
+        raise InputError(f"{RUNS}: no run has a metrics.json; see each run's log.txt")
     write_csv(rows)
 
 

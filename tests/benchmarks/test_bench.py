@@ -61,7 +61,7 @@ def test_the_short_version_measures_what_it_says(
 def test_a_part_that_there_is_none_of_is_named(tmp_path: Path) -> None:
     result = bench(tmp_path, "ONLY=fed")
     assert result.returncode == 1
-    assert result.stdout.startswith("bench: fed: no such part; there are feed, training, tiny,")
+    assert result.stdout.startswith("bench: fed: no such part; available: feed, training, tiny,")
 
 
 def test_every_part_can_run_alone() -> None:
