@@ -1,8 +1,7 @@
-"""`python benchmarks/growth.py [ROWS...] [docs]`: time and memory of each stage, for any number of
-rows. Time is the processor's, of all threads: others on the machine do not make it grow.
+"""Measure time and memory by stage and rows: `python benchmarks/growth.py [ROWS...] [docs]`.
 
-By default 3,000 and 30,000 rows; 300,000 take ten minutes. Pictures are links to the same few.
-`docs` writes the table into docs/growth.md, too.
+Time is processor time of all threads, so that other processes do not change it. 300,000 rows take
+ten minutes. Images are links to the same few files. `docs` also writes the table to docs/growth.md.
 """
 
 import ctypes
@@ -17,6 +16,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from marked_page import markdown_table, write_between
 from material import OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
@@ -24,16 +24,16 @@ from timing import Row, contestants, run_part
 
 from datamodules.cores import usable_cores
 
-MEMORY = "memory beside the page cache, MB"
-IN_USE = "of that, not merely kept for the next step, MB"
+MEMORY = "memory without the page cache, MB"
+IN_USE = "of that, without freed memory, MB"
 MEGABYTES = (MEMORY, IN_USE)
 LOG_ROWS = 1_000_000
 DOCS = Path("docs/growth.md")
 
 
 def measure(short: bool) -> list[Row]:
-    """Each stage's time for ten times the rows; the memory; and a long log."""
-    # From 4,000 rows on as many held-out rows are compared as with any number (`datamodules.leak`).
+    """Measure the growth of each stage's time and of memory, and reading a long log."""
+    # From 4,000 rows on, the number of compared held-out rows is constant (`datamodules.leak`).
     few, many = (200, 400) if short else (4_000, 20_000)
     less, more = (stages_of(rows) for rows in (few, many))
     rows = [
@@ -61,7 +61,7 @@ def measure(short: bool) -> list[Row]:
 
 
 def stages_of(rows: int) -> dict[str, float]:
-    """Seconds of each stage, and megabytes, in a process of its own."""
+    """Return seconds of each stage, and megabytes, measured in a new process."""
     folder = linked_recording(rows, ("center",))
     with (
         tempfile.TemporaryDirectory(dir=OUT) as place,
@@ -71,7 +71,7 @@ def stages_of(rows: int) -> dict[str, float]:
 
 
 def run_stages(pipe: Connection, folder: str, place: str) -> None:
-    """A training of lenet, one epoch, in the main job's stages; views and run go to `place`."""
+    """Train lenet for one epoch and time the stages; views and run go to `place`."""
     from datamodules.recording import read_recordings
     from datamodules.recording_report import report_lines
     from zoo.training.build import (
@@ -112,7 +112,7 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     with timed("building views"):
         data.load(Console(quiet=True))
     seconds["building views"] -= seconds["reading the log"] + seconds["its report"]
-    with timed("how near the parts are"):
+    with timed("train/validation similarity"):
         data.leaks()
     console = Console(quiet=True)
     network = build_network(config, data.view, console)
@@ -131,12 +131,10 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Return to the kernel what the allocator keeps, which glibc alone can.
+    """Return freed memory from the allocator to the kernel, which only glibc can.
 
-    See `zoo.training.host_settings.keep_freed_memory`.
-
-    What is kept grows over the first epochs and then no more, whatever the number of rows: blocks
-    of a step's many sizes find their places.
+    See `zoo.training.host_settings.keep_freed_memory`. The freed memory that the allocator keeps
+    grows over the first epochs and then stays constant, whatever the number of rows.
     """
     gc.collect()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
@@ -145,7 +143,7 @@ def give_back_freed_memory() -> None:
 
 
 def own_memory_mb() -> float:
-    """What this process holds that no file backs; on other systems than Linux, all that it held."""
+    """Return this process's memory without files, in MB; without Linux, its peak memory."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
         return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1e3
@@ -154,7 +152,7 @@ def own_memory_mb() -> float:
 
 
 def read_log_of(rows: int) -> float:
-    """Seconds to read a log of so many rows of three pictures each, found on the disk."""
+    """Return the seconds to read a log of a number of rows with three existing images each."""
     from datamodules.recording import LOG_NAME, read_recordings
 
     small, long = linked_recording(100), OUT / "long"
@@ -171,9 +169,9 @@ def read_log_of(rows: int) -> float:
 
 
 def main(sizes: list[int], docs: bool) -> None:
-    """A table of the sizes asked for, a column each."""
+    """Print a table with a column for each size."""
     load = os.getloadavg()[0]
-    head = ["seconds of a core", *(f"{rows:,} rows" for rows in sizes), "a row, last against first"]
+    head = ["seconds of a core", *(f"{rows:,} rows" for rows in sizes), "per row, last / first"]
     columns = [stages_of(rows) for rows in sizes]
     lines = []
     for stage in columns[0]:
@@ -190,22 +188,14 @@ def main(sizes: list[int], docs: bool) -> None:
 
 
 def write_docs(sizes: list[int], head: list[str], lines: list[list[str]], load: float) -> None:
-    """The table as a page."""
-    rule = ["---", *("---:" for _ in head[1:])]
-    table = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *lines))
-    DOCS.write_text(
-        "# How cost grows with the rows\n\n"
-        f"`python benchmarks/growth.py {' '.join(map(str, sizes))} docs` wrote this page: the main "
-        "job's stages, `model=lenet`, one epoch of centre pictures, which are links to the same "
-        f"few. Seconds are of processor time, all threads together: {usable_cores()} cores, load "
-        f"{load:.1f} before it began, one run each.\n\n"
-        f"{table}\n\n"
-        "The last column is the time a row takes in the longest recording, as a multiple of the "
-        "shortest one's: 1 is linear, less is a start-up's cost shared out. How near the parts "
-        "are is told from 20,000 training rows at most, and from every sampled row's neighbours. "
-        "Views are in files, which the page cache holds as far as there is room. The allocator "
-        "keeps what a step has freed for the next one; the last line is without that.\n"
+    """Write the table between the two markers of its page of the manual."""
+    text = (
+        f"Written by `python benchmarks/growth.py {' '.join(map(str, sizes))} docs`. Seconds are "
+        f"processor time of all threads, on {usable_cores()} cores with a load of {load:.1f} "
+        "before the start, one run each.\n\n"
     )
+    table = markdown_table(head, lines)
+    write_between(DOCS, "<!-- growth -->", "<!-- end of growth -->", text + table)
 
 
 if __name__ == "__main__":

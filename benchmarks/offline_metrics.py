@@ -1,10 +1,10 @@
-"""`python benchmarks/offline_metrics.py`: does an open-loop metric tell which network drives well?
+"""Correlate open-loop metrics with driving: `python benchmarks/offline_metrics.py`.
 
-Reads `docs/results.csv` (`python benchmarks/results.py`), and compares the order in which a metric
-puts the networks with the order in which they drive: Spearman's rank correlation, with the interval
-that 95 of 100 resamplings of the networks fall into. Metrics are of a network's own test rows, for
-each split, and of one recording of recoveries, the same for all (`benchmarks/recoveries.py`).
-Writes `docs/offline_metrics.md` and `docs/offline_metrics.png`.
+It reads `docs/results.csv` (from `python benchmarks/results.py`) and computes Spearman's rank
+correlation between each metric and each driving figure over all networks, with a 95 % interval by
+resampling the networks. Metrics are of a network's own test rows, for each split, and of one
+recording of recoveries, the same for all networks (`benchmarks/recoveries.py`). The script writes
+`docs/offline_metrics.md` and `docs/offline_metrics.png`.
 """
 
 import csv
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from scipy.stats import spearmanr
 
-from benchmarks.recoveries import OFFSET
+from benchmarks.marked_page import write_between
 from benchmarks.results import CSV
 from datamodules.errors import InputError
 from zoo.cli.run_command import run_command
@@ -27,9 +27,9 @@ METRICS = {
     "test_mse": "MSE",
     "test_mae": "MAE",
     "test_balanced_mae": "balanced MAE",
-    "test_bias": "bias, either way",
+    "test_bias": "absolute bias",
 }
-# On the recording of recoveries; and the sign that makes it "more is worse".
+# Metrics on the recording of recoveries, and the sign with which a larger value is worse.
 RECOVERIES = {
     "recoveries_mse": ("MSE", 1),
     "recoveries_mae": ("MAE", 1),
@@ -37,7 +37,7 @@ RECOVERIES = {
     "recoveries_side_mae": ("MAE of the side cameras", 1),
     "recoveries_side_response": ("response to the side cameras", -1),
 }
-# What counts, and the sign that makes it "more is worse".
+# Figures of driving, and the sign with which a larger value is worse.
 DRIVEN = {
     "lake_cte_mean_m": ("lake, mean error", 1),
     "lake_interventions": ("lake, interventions", 1),
@@ -56,24 +56,24 @@ FEWEST = 8
 
 
 def read_rows(path: Path = CSV) -> list[dict]:
-    """The runs that were driven, figures as floats.
+    """Return the runs with drives, figures as floats.
 
     Raises:
-        InputError: no such file.
+        InputError: the file is missing.
     """
     if not path.is_file():
-        raise InputError(f"{path}: is not there; python benchmarks/results.py writes it")
+        raise InputError(f"{path}: not found; run python benchmarks/results.py first")
     with path.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["lake_autonomy"]]
     for row in rows:
         for key in (*METRICS, *RECOVERIES, *DRIVEN):
             row[key] = abs(float(row[key])) if key == "test_bias" else float(row[key])
-    # Where the first epoch was the best, a longer training is the same network again.
+    # If the first epoch was the best, a longer training has the same network and counts once.
     return list({tuple(row[key] for key in METRICS): row for row in rows}.values())
 
 
 def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, float, float]:
-    """Spearman's, and its interval of 95 % over resampled networks; NaN where one has no order."""
+    """Return Spearman's correlation and its 95 % interval; NaN if all drives are equal."""
     rng = np.random.default_rng(0)
     found = []
     for _ in range(RESAMPLINGS):
@@ -87,14 +87,14 @@ def rank_correlation(offline: np.ndarray, driven: np.ndarray) -> tuple[float, fl
 
 
 def by_split(rows: list[dict]) -> dict[str, list[dict]]:
-    """The rows of each split that has enough of them."""
+    """Return the rows of each split with at least `FEWEST` networks."""
     names = dict.fromkeys(row["split"] for row in rows)
     found = {name: [row for row in rows if row["split"] == name] for name in names}
     return {name: own for name, own in found.items() if len(own) >= FEWEST}
 
 
 def correlation_table(splits: dict[str, list[dict]]) -> str:
-    """Markdown: a metric of the test rows and a split a line."""
+    """Return a Markdown table with a line for each metric of test rows and split."""
     labels = " | ".join(label for label, _ in DRIVEN.values())
     lines = [
         f"| metric on the test rows | split | networks | {labels} |",
@@ -107,7 +107,7 @@ def correlation_table(splits: dict[str, list[dict]]) -> str:
 
 
 def recoveries_table(rows: list[dict]) -> str:
-    """Markdown: a metric of the recording of recoveries a line, over all networks."""
+    """Return a Markdown table with a line for each metric of recoveries, over all networks."""
     labels = " | ".join(label for label, _ in DRIVEN.values())
     lines = [
         f"| metric on the recoveries | networks | {labels} |",
@@ -128,8 +128,10 @@ def _cells(rows: list[dict], metric: str, sign: int = 1) -> str:
 
 
 def scatter(splits: dict[str, list[dict]], rows: list[dict]) -> Figure:
-    """A line of plots for the test rows of each split, and one for the recoveries: two metrics
-    against the mean error on the lake and against the autonomy on the mountain."""
+    """Plot metrics against driving: a line of plots for each split, and one for recoveries.
+
+    Each line has two metrics against the mean error on the lake and the autonomy on the mountain.
+    """
     panels = [
         (f"test rows, split {split}", own, {key: (METRICS[key], 1) for key in TEST_PLOTTED})
         for split, own in splits.items()
@@ -181,33 +183,22 @@ def main(arguments: list[str]) -> None:
     """Write the table and the plot.
 
     Raises:
-        InputError: no results, or too few networks.
+        InputError: there are no results, or too few networks.
     """
     if arguments:
         raise InputError("takes no arguments")
     rows = read_rows()
     splits = by_split(rows)
     if not splits:
-        raise InputError(f"{CSV}: has fewer than {FEWEST} driven networks of one split")
-    picture = save_figure(scatter(splits, rows), CSV.parent / "offline_metrics.png")
+        raise InputError(
+            f"{CSV}: fewer than {FEWEST} driven networks of each split; run more recipes"
+        )
+    plot = save_figure(scatter(splits, rows), CSV.parent / "offline_metrics.png")
     page = CSV.parent / "offline_metrics.md"
-    page.write_text(
-        "# Does an open-loop metric tell which network drives well?\n\n"
-        "Written by `python benchmarks/offline_metrics.py` from [results.csv](results.csv). Each "
-        "line: how far the order in which a metric of the test rows puts the networks is the order "
-        "in which they drive (Spearman's rank correlation; +1: the smaller the error, the better "
-        "it drives; 0: it says nothing), and in brackets the interval that 95 of 100 resamplings "
-        "of the networks fall into.\n\n"
-        f"{correlation_table(splits)}\n\n"
-        "A network's own test rows differ by split. The same for all networks: laps of the lake by "
-        "an expert who is pushed about and comes back, recorded for this page alone "
-        "(`benchmarks/recoveries.py`). *MAE of the side cameras*: their labels are the recorded "
-        f"steering and {OFFSET}. *Response to the side cameras*: half of what the left camera's "
-        "picture makes a network steer more than the right one's; it needs no labels.\n\n"
-        f"{recoveries_table(rows)}\n\n"
-        "![metrics against driving](offline_metrics.png)\n"
-    )
-    print(f"{correlation_table(splits)}\n\n{recoveries_table(rows)}\n{picture}\n{page}")
+    tables = {"test rows": correlation_table(splits), "recoveries": recoveries_table(rows)}
+    for name, table in tables.items():
+        write_between(page, f"<!-- {name} -->", f"<!-- end of {name} -->", table)
+    print("\n\n".join([*tables.values(), f"{plot}\n{page}"]))
 
 
 if __name__ == "__main__":
