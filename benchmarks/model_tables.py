@@ -87,6 +87,7 @@ def layer_words(module: nn.Module) -> str:
     match module:
         case nn.Conv1d() | nn.Conv2d():
             kernel = " x ".join(map(str, module.kernel_size))
+            kernel = f"length {kernel}" if isinstance(module, nn.Conv1d) else kernel
             stride = f", stride {module.stride[0]}" if module.stride[0] > 1 else ""
             same = ", same size" if any(module.padding) else ""
             if isinstance(module, SameConv2d):

@@ -42,7 +42,7 @@ class DrivingData(lightning.LightningDataModule):
         recover_s: derive that from the rig and the speed instead (see `make_samples`).
         flip: the probability of a mirrored sample; or `both`, for every sample in both ways.
         straight_cap: the share of nearly straight samples that no batch exceeds; None for any.
-        straight_threshold: |steering| below this is nearly straight.
+        straight_threshold: absolute steering below this is nearly straight.
         samples_per_epoch: draw so many; None takes every sample once.
         batch_size: samples in a batch; several processes share each of them out.
         split: how rows are dealt, with val_share, test_share, block_s, gap_s and split_seed.
