@@ -1,9 +1,9 @@
-"""Run all benchmarks: `python benchmarks/bench.py [ONLY=feed,start] [short] [readme]`.
+"""Run all benchmarks: `python benchmarks/bench.py [ONLY=feed,start] [short] [docs]`.
 
 Every part (a file here with a function `measure`) runs in its own process. The results are ratios,
 printed as one table and written to `outputs/bench.json`. `short` only checks that the parts run;
-its figures mean nothing. `readme` also writes the table between the README's two markers. Without
-`KERAS_PYTHON` the part that needs Keras is skipped.
+its figures mean nothing. `docs` (or `readme`, its old name) also writes the table between the two
+markers of `docs/performance.md`. Without `KERAS_PYTHON` the part that needs Keras is skipped.
 """
 
 import json
@@ -18,6 +18,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
+from marked_page import markdown_table, write_between
 from rich.console import Console
 from timing import Row, make_console, print_rows
 
@@ -25,8 +26,9 @@ from datamodules.cores import usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
-README, BEGIN, END = Path("README.md"), "<!-- bench -->", "<!-- end of bench -->"
-LONGEST_S = 240  # time limit of a part
+PAGE, BEGIN, END = Path("docs/performance.md"), "<!-- bench -->", "<!-- end of bench -->"
+PAGE_WORDS = {"docs", "readme"}
+LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
 
 
@@ -92,8 +94,8 @@ def main(arguments: list[str]) -> int:
     """Print the table; return 1 if a part failed."""
     console = make_console()
     for word in arguments:
-        if word not in ("short", "readme") and not word.startswith("ONLY="):
-            console.print(f"bench: {word}: must be ONLY=PART,PART, short or readme")
+        if word not in {"short", *PAGE_WORDS} and not word.startswith("ONLY="):
+            console.print(f"bench: {word}: must be ONLY=PART,PART, short or docs")
             return 1
     names = part_names()
     wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
@@ -124,28 +126,26 @@ def main(arguments: list[str]) -> int:
     contents["rows"] = kept
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
-    if "readme" in arguments:
-        write_readme(contents)
+    if PAGE_WORDS & set(arguments):
+        write_page(contents)
     return 1 if failed else 0
 
 
-def write_readme(contents: dict) -> None:
-    """Write the table of `bench.json` between the README's markers."""
-    lines = ["| what | against | ratio | aim | met |", "|---|---|---:|---:|---|"]
+def write_page(contents: dict) -> None:
+    """Write the table of `bench.json` into its page."""
+    rows = []
     for row in contents["rows"]:
         sign = "at least" if row["at_least"] else "at most"
         aim = "" if row["aim"] is None else f"{sign} {row['aim']:.3g}"
         met = {None: "", True: "yes", False: "no"}[row["met"]]
-        cells = (row["what"], row["reference"], f"{row['ratio']:.2f}", aim, met)
-        lines.append(f"| {' | '.join(cells)} |")
+        rows.append([row["what"], row["reference"], f"{row['ratio']:.2f}", aim, met])
     load, torch = contents["load_before"][0], contents["versions"]["torch"]
     machine = (
         f"{contents['processor']}, {contents['cores']} cores, load {load:.1f} before the start; "
         f"torch {torch}; {contents['seconds']:.0f} s."
     )
-    before, _, rest = README.read_text().partition(BEGIN)
-    table = "\n".join(lines)
-    README.write_text(f"{before}{BEGIN}\n{table}\n\n{machine}\n{END}{rest.partition(END)[2]}")
+    table = markdown_table(["what", "against", "ratio", "aim", "met"], rows, left=2)
+    write_between(PAGE, BEGIN, END, f"{table}\n\n{machine}")
 
 
 if __name__ == "__main__":

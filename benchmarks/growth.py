@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from marked_page import markdown_table, write_between
 from material import OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
@@ -187,22 +188,14 @@ def main(sizes: list[int], docs: bool) -> None:
 
 
 def write_docs(sizes: list[int], head: list[str], lines: list[list[str]], load: float) -> None:
-    """Write the table as a page of the manual."""
-    rule = ["---", *("---:" for _ in head[1:])]
-    table = "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *lines))
-    DOCS.write_text(
-        "# How cost grows with the rows\n\n"
-        f"`python benchmarks/growth.py {' '.join(map(str, sizes))} docs` wrote this page. It shows "
-        "the stages of a training with `model=lenet`: one epoch of centre images, which are links "
-        f"to the same few files. Seconds are processor time of all threads, on {usable_cores()} "
-        f"cores with a load of {load:.1f} before the start, one run each.\n\n"
-        f"{table}\n\n"
-        "The last column is the time per row in the longest recording divided by that in the "
-        "shortest one: 1 is linear; a fixed start-up cost makes it smaller. Train/validation "
-        "similarity uses at most 20,000 training rows, and every sampled row's neighbours. Views "
-        "are in files, which the page cache holds as far as memory allows. The allocator keeps "
-        "memory that a step has freed for the next one; the last line excludes it.\n"
+    """Write the table between the two markers of its page of the manual."""
+    text = (
+        f"Written by `python benchmarks/growth.py {' '.join(map(str, sizes))} docs`. Seconds are "
+        f"processor time of all threads, on {usable_cores()} cores with a load of {load:.1f} "
+        "before the start, one run each.\n\n"
     )
+    table = markdown_table(head, lines)
+    write_between(DOCS, "<!-- growth -->", "<!-- end of growth -->", text + table)
 
 
 if __name__ == "__main__":

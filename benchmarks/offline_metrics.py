@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from scipy.stats import spearmanr
 
-from benchmarks.recoveries import OFFSET
+from benchmarks.marked_page import write_between
 from benchmarks.results import CSV
 from datamodules.errors import InputError
 from zoo.cli.run_command import run_command
@@ -194,24 +194,10 @@ def main(arguments: list[str]) -> None:
         )
     plot = save_figure(scatter(splits, rows), CSV.parent / "offline_metrics.png")
     page = CSV.parent / "offline_metrics.md"
-    page.write_text(
-        "# Do open-loop metrics predict which network drives well?\n\n"
-        "Written by `python benchmarks/offline_metrics.py` from [results.csv](results.csv). Each "
-        "line has Spearman's rank correlation between a metric of the test rows and how the "
-        "networks drive. At +1 a network with a smaller error always drives better; at 0 the "
-        "metric predicts nothing. Brackets have the interval of 95 % of the correlations over "
-        "resampled networks.\n\n"
-        f"{correlation_table(splits)}\n\n"
-        "A network's own test rows differ by split. The next table uses one recording for all "
-        "networks: laps of the lake by an expert that sways off its line and returns, recorded "
-        "only for this page (`benchmarks/recoveries.py`). *MAE of the side cameras*: the labels "
-        f"are the recorded steering, corrected by {OFFSET} towards the centre. *Response to the "
-        "side cameras*: half the difference between a network's steering for the left and the "
-        "right camera's image; it needs no labels.\n\n"
-        f"{recoveries_table(rows)}\n\n"
-        "![metrics against driving](offline_metrics.png)\n"
-    )
-    print(f"{correlation_table(splits)}\n\n{recoveries_table(rows)}\n{plot}\n{page}")
+    tables = {"test rows": correlation_table(splits), "recoveries": recoveries_table(rows)}
+    for name, table in tables.items():
+        write_between(page, f"<!-- {name} -->", f"<!-- end of {name} -->", table)
+    print("\n\n".join([*tables.values(), f"{plot}\n{page}"]))
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
 It trains each recipe of `benchmarks/recipes.py` with several seeds, on recordings of the embedded
 lake only. Each network drives a lap of the lake and of the mountain, which no training uses, at 15
-mph. The script writes `docs/results.csv`, one run per line, and the table between the README's two
-markers. Runs are kept in `outputs/results`. A finished run is not repeated, so that an interrupted
-command resumes.
+mph. The script writes `docs/results.csv`, one run per line, and from it the tables of
+`docs/recipes.md`, `README.md` and the networks' pages, each between two markers; `runs=false`
+writes the tables alone. Runs are kept in `outputs/results`. A finished run is not repeated, so that
+an interrupted command resumes.
 """
 
 import csv
@@ -17,19 +18,18 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from omegaconf import OmegaConf
 from rich.console import Console
 
 from benchmarks.recipes import Recipe, recipes
 from benchmarks.recoveries import FILE, MEASURED, measure_missing
+from benchmarks.result_tables import write_tables
 from datamodules.cores import usable_cores
 from datamodules.errors import InputError
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 
 RUNS, CSV = Path("outputs/results"), Path("docs/results.csv")
-README, BEGIN, END = Path("README.md"), "<!-- results -->", "<!-- end of results -->"
 SCORE = (
     "score.track=[lake,mountain]",
     "score.candidate_laps=0",
@@ -49,12 +49,14 @@ class ResultOptions:
         only: part of the names of recipes; null for all.
         seeds: largest number of seeds of a recipe.
         jobs: number of parallel trainings, which share the cores.
-        table: whether to write the table and the CSV file.
+        runs: whether to make runs; false writes the tables of `docs/results.csv` alone.
+        table: whether to write the CSV file and the tables.
     """
 
     only: str | None = None
     seeds: int = 3
     jobs: int = 2
+    runs: bool = True
     table: bool = True
 
 
@@ -118,64 +120,30 @@ def csv_row(recipe: Recipe, seed: int) -> dict:
     return row | {"command": shlex.join(["python", "-m", "zoo", *recipe.overrides, f"seed={seed}"])}
 
 
-def markdown_table(rows: list[dict]) -> str:
-    """Return the table in Markdown: means and worst values over the seeds of each recipe."""
-    lines = [
-        "| model | setting | parameters | training seeds | training | test MSE (zero) "
-        "| lake: autonomy (worst) | mean, max error | mountain: autonomy (worst) | latency |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
-    groups: dict[tuple[str, str], list[dict]] = {}
-    for row in rows:
-        if row["in_table"] and row["lake_autonomy"] != "":
-            groups.setdefault((row["model"], row["setting"]), []).append(row)
-    for (model, setting), group in groups.items():
-        mean = {
-            key: float(np.mean([one[key] for one in group]))
-            for key, value in group[0].items()
-            if not isinstance(value, str)
-        }
-        worst = {
-            track: min(one[f"{track}_autonomy"] for one in group) for track in ("lake", "mountain")
-        }
-        cells = [
-            model,
-            setting,
-            f"{group[0]['parameters']:,}",
-            str(len(group)),
-            _duration(mean["train_s"]),
-            f"{mean['test_mse']:.4f} ({mean['test_zero_mse']:.4f})",
-            f"{mean['lake_autonomy']:.1%} ({worst['lake']:.1%})",
-            f"{mean['lake_cte_mean_m']:.2f}, {max(one['lake_cte_max_m'] for one in group):.2f} m",
-            f"{mean['mountain_autonomy']:.1%} ({worst['mountain']:.1%})",
-            f"{mean['lake_latency_ms']:.1f} ms",
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+def read_csv() -> list[dict]:
+    """Return the lines of `docs/results.csv`, with numbers as numbers."""
+    with CSV.open(newline="") as file:
+        return [{key: _value(text) for key, text in row.items()} for row in csv.DictReader(file)]
 
 
-def _duration(seconds: float) -> str:
-    if not seconds:  # a run that was interrupted and resumed after its last epoch
-        return "-"
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+def _value(text: str) -> str | float:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
-def write_results(rows: list[dict]) -> None:
-    """Write `docs/results.csv` and the README's table."""
+def write_csv(rows: list[dict]) -> None:
+    """Write `docs/results.csv`."""
     CSV.parent.mkdir(exist_ok=True)
     with CSV.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    text = README.read_text()
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    README.write_text(f"{before}{BEGIN}\n{markdown_table(rows)}\n{END}{after}")
-    print(f"{CSV}, {README}")
 
 
 def main(arguments: list[str]) -> None:
-    """Make the runs, then write the files.
+    """Make the runs, then write the tables.
 
     Raises:
         InputError: an option is wrong, or no run has figures.
@@ -184,6 +152,18 @@ def main(arguments: list[str]) -> None:
         options = read_options(ResultOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
+    if options.runs:
+        make_runs(options)
+    if options.table:
+        print(", ".join(map(str, [CSV, *write_tables(read_csv())])))
+
+
+def make_runs(options: ResultOptions) -> None:
+    """Make the runs that are missing and, unless `table=false`, write `docs/results.csv`.
+
+    Raises:
+        InputError: no run has figures.
+    """
     jobs = [
         (recipe, seed)
         for recipe in recipes()
@@ -197,7 +177,7 @@ def main(arguments: list[str]) -> None:
     rows = [csv_row(*job) for job in done]
     if not rows:
         raise InputError(f"{RUNS}: no run has a metrics.json; see each run's log.txt")
-    write_results(rows)
+    write_csv(rows)
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ class DrivingData(lightning.LightningDataModule):
         recover_s: seconds of recovery, from which the offset is derived (see `make_samples`).
         flip: probability of mirroring a sample; or `both`, to feed each sample both ways.
         straight_cap: largest share of nearly straight samples in a batch; None for no limit.
-        straight_threshold: limit of |steering| below which a sample is nearly straight.
+        straight_threshold: absolute steering below which a sample is nearly straight.
         samples_per_epoch: number of samples drawn; None takes each sample once.
         batch_size: samples in a batch, of all processes together.
         split: kind of split or a file, with val_share, test_share, block_s, gap_s and split_seed.

@@ -1,0 +1,171 @@
+"""`python benchmarks/model_tables.py`: write the tables of layers of `docs/models` from the code.
+
+A network's page has a line `<!-- layers of NAME -->` where its table belongs, and
+`docs/models/index.md` a line `<!-- networks -->`; each table ends at its closing marker.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import nn
+
+from benchmarks.marked_page import markdown_table, write_between
+from zoo.cli.compose import choices, compose_config
+from zoo.models.commaai import SameConv2d
+from zoo.models.layers import Normalize
+from zoo.models.make_network import make_network, published_view
+from zoo.models.network_facts import multiply_adds
+from zoo.models.vgg import ImageNetNormalize
+from zoo.report.network_section import Layer, network_layers
+
+PAGES = Path("docs/models")
+LAYERS_END = "<!-- end of layers -->"
+NETWORKS, NETWORKS_END = "<!-- networks -->", "<!-- end of networks -->"
+
+
+@dataclass(frozen=True)
+class NetworkFacts:
+    """What the pages print of a network of `conf/model`.
+
+    Attributes:
+        name: as `model=` takes it.
+        shape: `(height, width, channels)` of the published view.
+        colour: of the view.
+        layers: descriptions in the order of a forward pass, with output shape and parameters.
+        multiply_adds: of one forward pass.
+    """
+
+    name: str
+    shape: tuple[int, int, int]
+    colour: str
+    layers: tuple[tuple[str, tuple[int, ...], int], ...]
+    multiply_adds: int
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters of all layers."""
+        return sum(count for *_, count in self.layers)
+
+
+def network_facts(name: str) -> NetworkFacts:
+    """Return the facts of a network with the settings of its YAML."""
+    config = compose_config([f"model={name}"])
+    view = published_view(config)
+    height, width, channels = view.shape
+    network = make_network(config["model"], view)
+    return NetworkFacts(
+        name,
+        view.shape,
+        view.colour,
+        tuple(_folded(network, network_layers(network, view.shape))),
+        multiply_adds(network, (channels, height, width)),
+    )
+
+
+def _folded(network: nn.Module, layers: list[Layer]) -> list[tuple[str, tuple[int, ...], int]]:
+    """Return a line for each layer with parameters or another shape, activations added to it."""
+    modules = dict(network.named_modules())
+    lines: list[tuple[str, tuple[int, ...], int]] = []
+    for layer in layers:
+        words = layer_words(modules[layer.name]) if layer.name else layer.kind
+        if words == "dropout 0":
+            continue
+        if lines and not layer.parameters and layer.shape == lines[-1][1]:
+            before, shape, count = lines[-1]
+            lines[-1] = (f"{before}; {words}", shape, count)
+        else:
+            lines.append((words, layer.shape, layer.parameters))
+    return lines
+
+
+def layer_words(module: nn.Module) -> str:
+    """Return a layer in words.
+
+    >>> layer_words(nn.Conv2d(3, 24, 5, 2)), layer_words(nn.Dropout(0.5))
+    ('convolution, 24 of 5 x 5, stride 2', 'dropout 0.5')
+    """
+    match module:
+        case nn.Conv1d() | nn.Conv2d():
+            kernel = " x ".join(map(str, module.kernel_size))
+            kernel = f"length {kernel}" if isinstance(module, nn.Conv1d) else kernel
+            stride = f", stride {module.stride[0]}" if module.stride[0] > 1 else ""
+            same = ", same size" if any(module.padding) else ""
+            if isinstance(module, SameConv2d):
+                same = ", padded as TensorFlow's same"
+            return f"convolution, {module.out_channels} of {kernel}{stride}{same}"
+        case nn.Linear():
+            return f"dense, {module.out_features}"
+        case nn.MaxPool1d() | nn.MaxPool2d():
+            dimensions = 1 if isinstance(module, nn.MaxPool1d) else 2
+            return f"max pooling, {' x '.join([str(module.kernel_size)] * dimensions)}"
+        case nn.Dropout():
+            return f"dropout {module.p:.2g}"
+        case Normalize():
+            return "scale to -1..1"
+        case ImageNetNormalize():
+            return "ImageNet's mean 0, deviation 1"
+        case nn.Flatten():
+            return "rows as channels"
+    return type(module).__name__
+
+
+def layer_table(facts: NetworkFacts) -> str:
+    """Return the network's line of facts and its table of layers."""
+    rows = [[words, _size(shape), f"{count:,}"] for words, shape, count in facts.layers]
+    height, width, channels = facts.shape
+    rows.insert(0, [f"input, {facts.colour}", _size((channels, height, width)), ""])
+    rows.append(["**total**", "", f"**{facts.parameters:,}**"])
+    return markdown_table(["layer", "output", "parameters"], rows)
+
+
+def networks_table(networks: list[NetworkFacts]) -> str:
+    """Return a line for each network, with a link to its page."""
+    rows = [
+        [
+            f"[`{one.name}`]({_page_of(one.name).name})",
+            _size((one.shape[2], *one.shape[:2])),
+            one.colour,
+            f"{one.parameters:,}",
+            f"{one.multiply_adds:,}",
+        ]
+        for one in networks
+    ]
+    head = ["model", "input (C x H x W)", "colour", "parameters", "multiply-adds"]
+    return markdown_table(head, rows, left=3)
+
+
+def layers_mark(name: str) -> str:
+    """Return the line above a network's table."""
+    return f"<!-- layers of {name} -->"
+
+
+def _page_of(name: str) -> Path:
+    """Return the page that has a network's table.
+
+    Raises:
+        SystemExit: no page has it.
+    """
+    mark = layers_mark(name)
+    pages = [page for page in sorted(PAGES.glob("*.md")) if mark in page.read_text()]
+    if not pages:
+        raise SystemExit(
+            f"{PAGES}: no page has the line {mark}; write {PAGES}/{name}.md with it and, below, "
+            f"the line {LAYERS_END}"
+        )
+    return pages[0]
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def write_tables() -> None:
+    """Write every table into its page."""
+    networks = [network_facts(name) for name in choices("model")]
+    write_between(PAGES / "index.md", NETWORKS, NETWORKS_END, networks_table(networks))
+    for one in networks:
+        write_between(_page_of(one.name), layers_mark(one.name), LAYERS_END, layer_table(one))
+
+
+if __name__ == "__main__":
+    write_tables()

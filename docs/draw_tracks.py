@@ -1,0 +1,50 @@
+"""Draw `docs/images/tracks.webp`, plan and views of each track: `python docs/draw_tracks.py`."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("agg")
+import matplotlib.pyplot as plt
+
+from simulator.track_names import track_names
+from simulator.world import Start, open_world
+
+IMAGE = Path(__file__).parent / "images" / "tracks.webp"
+PLACES = (0.04, 0.3, 0.62)  # shares of the lap
+
+
+def draw_tracks(names: list[str]) -> plt.Figure:
+    """Return a row for each track: its plan with the places of the views, and the views."""
+    figure, rows = plt.subplots(
+        len(names),
+        1 + len(PLACES),
+        figsize=(12, 2.0 * len(names)),
+        width_ratios=[1.3, *[1.6] * len(PLACES)],
+        squeeze=False,
+        layout="constrained",
+    )
+    for name, (plan, *views) in zip(names, rows, strict=True):
+        world = open_world(name)
+        track = world.track
+        way = np.array([track.at(at)[:2] for at in np.linspace(0, track.length, 600)])
+        plan.plot(*way.T, color="#555555", lw=3)
+        plan.set(aspect="equal", title=f"{name}, {track.length:,.0f} m")
+        plan.axis("off")
+        for number, (share, view) in enumerate(zip(PLACES, views, strict=True), 1):
+            start = Start(distance=share * track.length)
+            world.reset(0, start)
+            place = track.at(start.distance)[:2]
+            plan.plot(*place, "o", color="#c0392b", ms=4)
+            plan.annotate(str(number), place, xytext=(4, 3), textcoords="offset points")
+            view.imshow(world.frame())
+            view.set_title(f"{number}: at {start.distance:,.0f} m")
+            view.axis("off")
+    return figure
+
+
+if __name__ == "__main__":
+    IMAGE.parent.mkdir(exist_ok=True)
+    draw_tracks(track_names()).savefig(IMAGE, dpi=110, pil_kwargs={"quality": 85})
+    print(IMAGE)

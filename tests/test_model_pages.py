@@ -1,0 +1,64 @@
+"""The networks' pages in `docs/models` agree with the code."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks.model_tables import (
+    LAYERS_END,
+    NETWORKS,
+    NETWORKS_END,
+    NetworkFacts,
+    layer_table,
+    layers_mark,
+    network_facts,
+    networks_table,
+)
+from zoo.cli.compose import choices
+from zoo.models.__main__ import zoo_table
+
+PAGES = Path(__file__).parents[1] / "docs" / "models"
+UPDATE = "run python benchmarks/model_tables.py"
+
+
+@pytest.fixture(scope="module")
+def networks() -> dict[str, NetworkFacts]:
+    return {name: network_facts(name) for name in choices("model")}
+
+
+def between(text: str, begin: str, end: str) -> str:
+    return text.partition(f"{begin}\n")[2].partition(f"\n{end}")[0]
+
+
+@pytest.mark.parametrize("name", choices("model"))
+def test_one_page_has_the_layers_of_a_network(name: str, networks: dict[str, NetworkFacts]) -> None:
+    pages = [page for page in PAGES.glob("*.md") if layers_mark(name) in page.read_text()]
+    assert len(pages) == 1, f"docs/models/{name}.md: needs the line {layers_mark(name)}"
+    text = pages[0].read_text()
+    table = between(text, layers_mark(name), LAYERS_END)
+    assert table == layer_table(networks[name]), UPDATE
+    counts = [int(cell.replace(",", "")) for cell in re.findall(r"([\d,]+) \|$", table, re.M)]
+    assert sum(counts) == networks[name].parameters
+    assert f"**{networks[name].parameters:,}**" in table
+    assert f"`model={name}`" in text
+
+
+def test_the_index_has_the_figures_that_the_command_prints(
+    networks: dict[str, NetworkFacts], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(PAGES.parents[1])
+    table = between((PAGES / "index.md").read_text(), NETWORKS, NETWORKS_END)
+    assert table == networks_table(list(networks.values())), UPDATE
+    printed = [list(column.cells) for column in zoo_table()[0].columns]
+    for name, *figures in zip(*printed, strict=True):
+        (line,) = [line for line in table.splitlines() if line.startswith(f"| [`{name}`]")]
+        assert line.endswith(f"| {' | '.join(figures)} |")
+
+
+@pytest.mark.parametrize("page", sorted(PAGES.glob("[!i]*.md")), ids=lambda page: page.name)
+def test_a_page_has_what_a_reader_looks_for(page: Path) -> None:
+    headings = re.findall(r"^## (.+)$", page.read_text(), re.M)
+    for heading in ("Layers", "Differences", "Results", "Vary", "Cite"):
+        assert any(one.startswith(heading) for one in headings), heading
+    assert headings[-1] == "Next"
