@@ -113,7 +113,7 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
             return f"no option {argument}"
         if not equals or key.startswith("hydra"):
             continue
-        if not re.search(rf"(?<![\w.]){re.escape(key.rpartition('.')[2])} ?[=:]", known):
+        if not re.search(rf"(?<!\w){re.escape(key.rpartition('.')[2])} ?[=:]", known):
             return f"no key {key}"
     return None
 
