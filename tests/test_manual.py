@@ -108,10 +108,9 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
         subcommand, arguments = tuple(arguments[:1]), arguments[1:]
     known = help_of(module, *subcommand)
     for argument in arguments:
-        key, equals, _ = argument.partition("=")
-        if argument.startswith("-") and argument not in ("-h", "--help") and argument not in known:
-            return f"no option {argument}"
-        if not equals or key.startswith("hydra"):
+        key, equals, _ = argument.lstrip("-").partition("=")
+        flag = argument.startswith("-") and argument not in ("-h", "--help")
+        if (not equals and not flag) or key.startswith("hydra") or (flag and argument in known):
             continue
         if not re.search(rf"(?<!\w){re.escape(key.rpartition('.')[2])} ?[=:]", known):
             return f"no key {key}"
@@ -145,14 +144,18 @@ def fault_of_config(arguments: list[str]) -> str | None:
                 groups.append(f"{key}={value if value[0] == '[' else names[0]}")
         elif key not in ("resume", "trust"):
             keys.append(key.lstrip("+"))
-    config = composed(tuple(sorted(groups)))
-    for key in keys:
-        node = config
-        for part in key.split("."):
-            if not isinstance(node, dict) or part not in node:
-                return f"no key {key}"
-            node = node[part]
-    return None
+    unknown = [key for key in keys if not has_key(composed(()), key)]  # of the default choices
+    unknown = [key for key in unknown if not has_key(composed(tuple(sorted(groups))), key)]
+    return f"no key {unknown[0]}" if unknown else None
+
+
+def has_key(config: dict, key: str) -> bool:
+    node: object = config
+    for part in key.split("."):
+        if not isinstance(node, dict) or part not in node:
+            return False
+        node = node[part]
+    return True
 
 
 @functools.cache
@@ -235,6 +238,8 @@ def anchors(page: Path) -> set[str]:
     """Return the ids of a page's headings, as the site and GitHub make them."""
     text = FENCE.sub("", page.read_text())
     ids = set(re.findall(r"^\((\S+)\)=$", text, re.MULTILINE))
+    for included in re.findall(r"^```\{include\} (\S+)$", page.read_text(), re.MULTILINE):
+        ids |= anchors((page.parent / included).resolve())
     for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE):
         words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
         ids.add(re.sub(r"[^\w\- ]", "", words).replace(" ", "-"))
