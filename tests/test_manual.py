@@ -1,11 +1,15 @@
 """The manual: its commands exist with their keys, its links lead somewhere, and it builds."""
 
+import contextlib
 import functools
+import io
 import re
+import runpy
 import shlex
 import shutil
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,11 +124,30 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
 @functools.cache
 def help_of(module: str, *subcommand: str) -> str:
     """Return what `--help` prints, and for the driver its choices' keys."""
-    done = commands.run(ROOT, *subcommand, "--help", module=module)
-    assert done.returncode == 0, done.stderr
+    status, printed = run_here(module, [*subcommand, "--help"])
+    assert status == 0, printed
     parts = conf_folder() / module.rpartition(".")[2]
     files = sorted(parts.rglob("*.yaml")) if module != "simulator" and parts.is_dir() else []
-    return "\n".join([done.stdout, *(file.read_text() for file in files)])
+    return "\n".join([printed, *(file.read_text() for file in files)])
+
+
+def run_here(module: str, arguments: list[str]) -> tuple[int, str]:
+    """Return the exit status of `python -m MODULE ARGUMENTS` and what it printed.
+
+    It runs in this process, which has imported most of it: a process for each takes seconds.
+    """
+    printed = io.TextIOWrapper(io.BytesIO(), "utf-8")
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of runpy, for what was imported before
+        patch.setattr(sys, "argv", [module, *arguments])
+        status = 0
+        try:
+            with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+                runpy.run_module(module, run_name="__main__")
+        except SystemExit as end:
+            status = int(end.code or 0)
+    printed.seek(0)
+    return status, printed.read()
 
 
 def fault_of_config(arguments: list[str]) -> str | None:
@@ -214,7 +237,9 @@ def test_a_typo_would_be_found(command: str, word: str) -> None:
 
 
 @pytest.mark.parametrize("command", RUN, ids=str)
-def test_a_marked_command_runs(command: Command, recorded: Written, tmp_path: Path) -> None:
+def test_a_marked_command_runs(
+    command: Command, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It runs in a folder of its own, on a recording of 120 rows and a constant policy."""
     places = {
         "FOLDER": shutil.copytree(recorded.folder, tmp_path / "FOLDER"),
@@ -225,8 +250,9 @@ def test_a_marked_command_runs(command: Command, recorded: Written, tmp_path: Pa
     for name, place in places.items():
         words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
     assert words[:2] == ["python", "-m"], "only these can be run"
-    done = commands.run(tmp_path, *words[3:], module=words[2])
-    assert done.returncode == 0, done.stdout + done.stderr
+    monkeypatch.chdir(tmp_path)
+    status, printed = run_here(words[2], words[3:])
+    assert status == 0, printed
 
 
 def test_some_commands_are_run() -> None:
