@@ -2,6 +2,9 @@
 
 import importlib.metadata
 import os
+import re
+
+from sphinx.application import Sphinx
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
@@ -32,3 +35,13 @@ html_show_sphinx = False
 linkcheck_timeout = 20
 linkcheck_retries = 2
 linkcheck_anchors = False
+
+
+def escape_bars(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]):
+    """Show `|x|`, an absolute value, as it stands: Sphinx would substitute it."""
+    lines[:] = [re.sub(r"\|(\w+)\|", r"\|\1\|", line) for line in lines]
+
+
+def setup(app: Sphinx) -> None:
+    """Register what changes docstrings on their way into the manual."""
+    app.connect("autodoc-process-docstring", escape_bars)
