@@ -1,10 +1,10 @@
-# make demo | setup | test | test-all | lint | train | sweep | drive | clean; PYTHON=python3.12 chooses the interpreter.
+# make demo | setup | test | test-all | lint | docs | docs-links | train | sweep | drive | clean; PYTHON=python3.12 chooses the interpreter.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 export NO_ALBUMENTATIONS_UPDATE = 1
 
-.PHONY: setup test test-all lint train sweep demo drive bench clean
+.PHONY: setup test test-all lint docs docs-links train sweep demo drive bench clean
 
 setup: $(READY)
 
@@ -30,6 +30,13 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/codespell conf datamodules docs simulator tests zoo benchmarks *.md
 
+# The manual, docs/_build/index.html; links within it are checked. docs-links opens those to other sites.
+docs: $(READY)
+	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build
+
+docs-links: $(READY)
+	$(BIN)/sphinx-build -b linkcheck docs docs/_build/links
+
 # make train ARGS="experiment=tiny41 data.root=FOLDER"
 train: $(READY)
 	$(BIN)/python -m zoo $(ARGS)
@@ -52,5 +59,5 @@ bench: $(READY)
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)
 
 clean:
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache .mypy_cache
+	rm -rf .venv build dist docs/_build *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,120 @@
+"""Draw the images of the README and the manual: `python docs/draw_images.py RUN`.
+
+RUN is a run's folder: its best checkpoint drives a lap of the embedded lake over the socket, while
+headless Chromium shows the live page. Writes `docs/images/lap.webp` (the lap as an animation),
+`live_page.webp` and `report.webp`. Takes some three minutes on two cores.
+"""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import imageio_ffmpeg
+from PIL import Image
+
+from tests.zoo.drive.browser import Browser
+
+ROOT = Path(__file__).parents[1]
+IMAGES = ROOT / "docs" / "images"
+WIDTH, HEIGHT = 400, 200  # of the animation, pixels
+FPS, FASTER = 8, 10  # it plays ten times as fast as driven
+MOST_ANIMATION, MOST_IMAGE = 1_000_000, 150_000  # bytes
+
+
+@contextmanager
+def driving(run: Path, folder: Path) -> Iterator[str]:
+    """Drive a lap with a run's best checkpoint, keep the frames, and give the page's address."""
+    keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "zoo.drive", str(run), *keys, f"drive.record={folder}"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    for line in process.stdout:
+        if line.startswith("open http"):
+            break
+    else:
+        raise SystemExit("the driver did not start; the lines above say why")
+    yield line.split()[1]
+    process.communicate()
+
+
+def take_screenshot(url: str, size: tuple[int, int], path: Path, wait_s: float) -> None:
+    """Keep what a browser shows of a page after some seconds."""
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
+        Browser(Path(profile), *size) as browser,
+    ):
+        browser.open(url)
+        time.sleep(wait_s)
+        browser.value("document.documentElement.style.overflow = 'hidden'")  # no scroll bar
+        browser.screenshot(path.with_suffix(".png"))
+    with Image.open(path.with_suffix(".png")) as image:
+        _save(image.convert("RGB"), path)
+    path.with_suffix(".png").unlink()
+
+
+def animate(folder: Path, path: Path) -> None:
+    """Make an animation of a drive's frames, with the overlay of `zoo.film`."""
+    film = folder.with_suffix(".mp4")
+    subprocess.run(
+        [sys.executable, "-m", "zoo.film", str(folder), f"out={film}", "fps=30"], check=True
+    )
+    driven_s = _driven_s(folder)
+    _, film_s = imageio_ffmpeg.count_frames_and_secs(str(film))
+    faster = f"setpts=PTS*{driven_s / film_s / FASTER:.4f}"
+    frames = imageio_ffmpeg.read_frames(
+        str(film), output_params=["-vf", f"{faster},fps={FPS},scale={WIDTH}:{HEIGHT}"]
+    )
+    next(frames)  # what is known of the film
+    images = [Image.frombytes("RGB", (WIDTH, HEIGHT), frame) for frame in frames]
+    first, *others = images
+    first.save(
+        path,
+        save_all=True,
+        append_images=others,
+        duration=1000 // FPS,
+        loop=0,
+        quality=40,
+        method=6,
+        minimize_size=False,
+    )
+    _report(path, MOST_ANIMATION)
+
+
+def _driven_s(folder: Path) -> float:
+    rows = (folder / "drive.csv").read_text().splitlines()
+    column = rows[0].split(",").index("time_s")
+    return float(rows[-1].split(",")[column])
+
+
+def _save(image: Image.Image, path: Path) -> None:
+    image.save(path, quality=75, method=6)
+    _report(path, MOST_IMAGE)
+
+
+def _report(path: Path, most: int) -> None:
+    size = path.stat().st_size
+    print(f"{path.relative_to(ROOT)}: {size:,} bytes")
+    if size > most:
+        raise SystemExit(f"{path}: more than {most:,} bytes")
+
+
+def main(run: Path) -> None:
+    """Draw all of them."""
+    IMAGES.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        drive = Path(scratch) / "drive"
+        with driving(run, drive) as url:
+            take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10)
+        animate(drive, IMAGES / "lap.webp")
+    page = (run / "report" / "index.html").resolve().as_uri()
+    take_screenshot(page, (1000, 1100), IMAGES / "report.webp", wait_s=3)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

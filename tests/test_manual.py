@@ -1,0 +1,326 @@
+"""The manual: its commands exist with their keys, its links lead somewhere, and it builds."""
+
+import contextlib
+import functools
+import io
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from tests.recordings import Written
+from tests.zoo import commands
+from tests.zoo.written_checkpoints import write_constant
+from zoo.cli.compose import choices, conf_folder
+from zoo.cli.console_script import commands as drivezoo_commands
+
+ROOT = commands.ROOT
+DOCS = ROOT / "docs"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted(path for path in DOCS.rglob("*.md") if "_build" not in path.parts),
+]
+MOST_LINES = 200  # of the README
+FENCE = re.compile(
+    r"(?:^[ ]*<!-- (?P<mark>runs|needs: [^>]+) -->\n\n?)?"
+    r"^(?P<indent>[ ]*)```(?P<language>[\w{}-]*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$",
+    re.DOTALL | re.MULTILINE,
+)
+SPAN = re.compile(r"`((?:python|drivezoo|make) [^`\n]+)`")
+LINK = re.compile(r"!?\[[^\]]*\]\((?P<target>[^)\s]+)\)")
+SHELLS = ("console", "bash", "sh")
+OWN = ("zoo", "simulator", "datamodules")
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a page: its words, and whether its block is marked to be run."""
+
+    page: str
+    words: tuple[str, ...]
+    runs: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.page}: {shlex.join(self.words)}"
+
+
+def blocks(page: Path) -> Iterator[re.Match]:
+    return FENCE.finditer(page.read_text())
+
+
+def commands_of(page: Path) -> Iterator[Command]:
+    """Yield the commands of a page's blocks, and those within its sentences and tables."""
+    name = str(page.relative_to(ROOT))
+    for block in blocks(page):
+        if block["language"] in SHELLS:
+            for line in block["text"].replace("\\\n", " ").splitlines():
+                words = shlex.split(line.strip().removeprefix("$ "), comments=True)
+                yield Command(name, tuple(words), block["mark"] == "runs")
+    for line in FENCE.sub("", page.read_text()).splitlines():
+        for span in SPAN.finditer(line):
+            yield Command(name, tuple(shlex.split(span[1].replace("\\|", "|"))))
+
+
+COMMANDS = sorted(
+    {command for page in PAGES for command in commands_of(page) if command.words}, key=str
+)
+RUN = [command for command in COMMANDS if command.runs]
+
+
+def fault_of(words: list[str]) -> str | None:
+    """Return what is wrong with a command, None for nothing; other programs' are not looked at."""
+    while words and re.match(r"[A-Z_]+=", words[0]):  # OMP_NUM_THREADS=2 python ...
+        words = words[1:]
+    words = [word for word in words if not word.endswith("...") or "=" in word]
+    if ">" in words:
+        words = words[: words.index(">")]
+    match words:
+        case ["python" | "python3", "-m", module, *rest]:
+            return fault_of_module(module, rest)
+        case ["drivezoo", name, *rest] if name.isalpha() and name.islower():
+            module = drivezoo_commands().get(name)
+            return fault_of_module(module, rest) if module else f"no command {name}"
+        case ["python", script, *rest] if script.endswith(".py"):
+            return fault_of_script(ROOT / script, rest)
+        case ["make", *rest]:
+            return fault_of_make(rest)
+    return None
+
+
+def fault_of_module(module: str, arguments: list[str]) -> str | None:
+    room = module.partition(".")[0]
+    if room not in OWN or not module.islower():  # pip, pytest; zoo.COMMAND
+        return None
+    place = ROOT.joinpath(*module.split("."))
+    if not (place.with_suffix(".py").is_file() or (place / "__main__.py").is_file()):
+        return f"no module {module}"
+    if module in ("zoo", "zoo.preview"):
+        return fault_of_config(arguments)
+    subcommand = ()
+    if module == "simulator":
+        subcommand, arguments = tuple(arguments[:1]), arguments[1:]
+    known = help_of(module, *subcommand)
+    for argument in arguments:
+        key, equals, _ = argument.lstrip("-").partition("=")
+        flag = argument.startswith("-") and argument not in ("-h", "--help")
+        if (not equals and not flag) or key.startswith("hydra") or (flag and argument in known):
+            continue
+        if not re.search(rf"(?<!\w){re.escape(key.rpartition('.')[2])} ?[=:]", known):
+            return f"no key {key}"
+    return None
+
+
+@functools.cache
+def help_of(module: str, *subcommand: str) -> str:
+    """Return what `--help` prints, and for the driver its choices' keys."""
+    status, printed = run_here(module, [*subcommand, "--help"])
+    assert status == 0, printed
+    parts = conf_folder() / module.rpartition(".")[2]
+    files = sorted(parts.rglob("*.yaml")) if module != "simulator" and parts.is_dir() else []
+    return "\n".join([printed, *(file.read_text() for file in files)])
+
+
+def run_here(module: str, arguments: list[str]) -> tuple[int, str]:
+    """Return the exit status of `python -m MODULE ARGUMENTS` and what it printed.
+
+    It runs in this process, which has imported most of it: a process for each takes seconds.
+    """
+    printed = io.TextIOWrapper(io.BytesIO(), "utf-8")
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of runpy, for what was imported before
+        patch.setattr(sys, "argv", [module, *arguments])
+        status = 0
+        try:
+            with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+                runpy.run_module(module, run_name="__main__")
+        except SystemExit as end:
+            status = int(end.code or 0)
+    printed.seek(0)
+    return status, printed.read()
+
+
+def fault_of_config(arguments: list[str]) -> str | None:
+    """Return what is wrong with `python -m zoo ARGUMENTS`: a choice or a key that is not there."""
+    groups, keys = [], []
+    for argument in arguments:
+        key, equals, value = argument.partition("=")
+        if not equals:
+            if argument not in ("-m", "--help", "-h"):
+                return f"no option {argument}"
+        elif (conf_folder() / key).is_dir():
+            names = value.strip("[]").split(",") if value not in ("[]", "null") else []
+            unknown = [one for one in names if one not in choices(key) and not one.isupper()]
+            if unknown:
+                return f"no choice {key}={unknown[0]}"
+            if names and not names[0].isupper():
+                groups.append(f"{key}={value if value[0] == '[' else names[0]}")
+        elif key not in ("resume", "trust"):
+            keys.append(key.lstrip("+"))
+    unknown = [key for key in keys if not has_key(composed(()), key)]  # of the default choices
+    unknown = [key for key in unknown if not has_key(composed(tuple(sorted(groups))), key)]
+    return f"no key {unknown[0]}" if unknown else None
+
+
+def has_key(config: dict, key: str) -> bool:
+    node: object = config
+    for part in key.split("."):
+        if not isinstance(node, dict) or part not in node:
+            return False
+        node = node[part]
+    return True
+
+
+@functools.cache
+def composed(groups: tuple[str, ...]) -> dict:
+    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+        config = compose("config", list(groups), return_hydra_config=True)
+    return OmegaConf.to_container(config)
+
+
+def fault_of_script(script: Path, arguments: list[str]) -> str | None:
+    if not script.is_file():
+        return f"no file {script}"
+    keys = [word.partition("=")[0] for word in arguments if re.match(r"[a-z_]+=", word)]
+    missing = [key for key in keys if not re.search(rf"\b{key}\b", script.read_text())]
+    return f"no key {missing[0]}" if missing else None
+
+
+def fault_of_make(words: list[str]) -> str | None:
+    makefile = (ROOT / "Makefile").read_text()
+    for word in words:
+        name, equals, value = word.partition("=")
+        if equals:
+            if f"$({name})" not in makefile:
+                return f"no variable {name}"
+        elif word.islower() and not re.search(rf"^{word}:", makefile, re.MULTILINE):
+            return f"no target {word}"
+        if name == "ARGS" and "..." not in value:
+            module = {"train": "zoo", "sweep": "zoo", "drive": "zoo.drive"}.get(words[0])
+            if module and (fault := fault_of_module(module, shlex.split(value))):
+                return fault
+    return None
+
+
+def test_every_command_exists_with_its_keys() -> None:
+    faults = {str(command): fault_of(list(command.words)) for command in COMMANDS}
+    assert {command: fault for command, fault in faults.items() if fault} == {}
+    assert len(COMMANDS) > 50
+
+
+@pytest.mark.parametrize(
+    ("command", "word"),
+    [
+        ("python -m zoo.evalute CKPT", "zoo.evalute"),
+        ("python -m zoo.evaluate CKPT trak=lake", "trak"),
+        ("python -m zoo model=lennet", "lennet"),
+        ("python -m zoo data.ofset=0.2", "data.ofset"),
+        ("python -m zoo.drive CKPT drive.speed.set_kmh=15", "set_kmh"),
+        ("python -m simulator record lapse=2", "lapse"),
+        ("drivezoo evalute CKPT", "evalute"),
+        ("make dem", "dem"),
+        ("python benchmarks/no_such.py", "no_such.py"),
+    ],
+)
+def test_a_typo_would_be_found(command: str, word: str) -> None:
+    assert word in (fault_of(shlex.split(command)) or "")
+
+
+@pytest.mark.parametrize("command", RUN, ids=str)
+def test_a_marked_command_runs(
+    command: Command, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It runs in a folder of its own, on a recording of 120 rows and a constant policy."""
+    places = {
+        "FOLDER": shutil.copytree(recorded.folder, tmp_path / "FOLDER"),
+        "CKPT": write_constant(tmp_path / "best.ckpt", 0.1),
+        "IMAGE": recorded.image(3),
+    }
+    words = list(command.words)
+    for name, place in places.items():
+        words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
+    assert words[:2] == ["python", "-m"], "only these can be run"
+    monkeypatch.chdir(tmp_path)
+    status, printed = run_here(words[2], words[3:])
+    assert status == 0, printed
+
+
+def test_some_commands_are_run() -> None:
+    assert len(RUN) > 3
+
+
+@functools.cache
+def anchors(page: Path) -> set[str]:
+    """Return the ids of a page's headings, as the site and GitHub make them."""
+    text = FENCE.sub("", page.read_text())
+    ids = set(re.findall(r"^\((\S+)\)=$", text, re.MULTILINE))
+    for included in re.findall(r"^```\{include\} (\S+)$", page.read_text(), re.MULTILINE):
+        ids |= anchors((page.parent / included).resolve())
+    for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE):
+        words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower()
+        ids.add(re.sub(r"[^\w\- ]", "", words).replace(" ", "-"))
+    return ids
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page: Path) -> None:
+    text = re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text()))
+    lost = []
+    for link in LINK.finditer(text):
+        target, _, anchor = link["target"].partition("#")
+        if "://" in target:
+            continue
+        place = (page.parent / target).resolve() if target else page
+        if not place.exists() or (anchor and anchor not in anchors(place)):
+            lost.append(link["target"])
+    assert lost == []
+
+
+def toctree_entries() -> Iterator[tuple[Path, str]]:
+    for page in PAGES:
+        for block in blocks(page):
+            if block["language"] == "{toctree}":
+                lines = [line.strip() for line in block["text"].splitlines()]
+                entries = [line for line in lines if line and not line.startswith(":")]
+                globs = ":glob:" in lines
+                for entry in entries:
+                    name = entry.rpartition("<")[2].rstrip(">")
+                    found = sorted(page.parent.glob(f"{name}.md")) if globs else []
+                    yield from ((page, str(one.relative_to(page.parent))[:-3]) for one in found)
+                    if not found:
+                        yield page, name
+
+
+def test_every_page_is_in_a_table_of_contents() -> None:
+    entries = {(page.parent / f"{name}.md").resolve() for page, name in toctree_entries()}
+    pages = {page.resolve() for page in PAGES if DOCS in page.parents} - {DOCS / "index.md"}
+    assert entries == pages
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= MOST_LINES
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    done = subprocess.run(
+        [*command, "-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")],
+        env=commands.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "troubleshooting.html").is_file()
