@@ -34,6 +34,7 @@ COMMAND = Command(
 )
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
 NAME_WIDTH, STATE_WIDTH = 12, 9
+FILES = (".ckpt", ".csv", ".onnx")  # a name that ends so is a path, even with = in it
 
 
 def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
@@ -74,7 +75,8 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
         path = Path(argument).expanduser()
         key, equals, text = argument.partition("=")
         key = key.replace("doctor.", "", 1)
-        if (equals or argument.startswith("--")) and not path.exists():
+        is_option = (equals or argument.startswith("--")) and path.suffix not in FILES
+        if is_option and not path.exists():
             if key not in defaults:
                 raise UsageError(f"{key}: no such key; {hint(key, defaults)}")
             if not (text.isdecimal() and 0 < int(text) < 65536):

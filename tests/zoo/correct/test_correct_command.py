@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -138,7 +139,7 @@ def test_the_same_command_resumes_after_the_last_finished_round(
         for root in config["data"]["root"]
     ]
     assert not names[1] & names[2]
-    assert printed.rstrip().endswith(".ckpt")
+    assert re.search(r"^wrote: .*\.ckpt$", printed, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ def test_a_checkpoint_that_drives_well_is_not_corrected(
     printed = capsys.readouterr().out
     assert "enough_m=5" in printed
     assert len(rounds_of(tmp_path / "out")) == 1
-    assert printed.rstrip().endswith(checkpoint)
+    assert not list((tmp_path / "out").rglob("*.ckpt"))
 
 
 # Corrections by a person.
@@ -295,7 +296,8 @@ def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_pat
 
 
 def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
-    command(["--help"])
+    with pytest.raises(SystemExit):
+        command(["--help"])
     printed = capsys.readouterr().out
     for key in ("track=lake", "rounds=3", "beta=0.0", "weight=4.0", "drive=null", "off_m=1.0"):
         assert key in printed

@@ -234,11 +234,11 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "usage: "),
+        ([], "resume=FOLDER"),
         (["resume=nowhere"], "nowhere: is no sweep (there is no such folder)"),
         (["resume=run"], "run: is no sweep (holds no sweep.json)"),
         (["resume=damaged"], "damaged/sweep.json: "),
-        (["resume=other", "seed=3"], "seed=3: "),
+        (["resume=other", "seed=3"], "seed: no such key"),
     ],
 )
 def test_a_folder_that_cannot_be_resumed_gets_one_line(

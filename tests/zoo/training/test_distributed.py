@@ -222,7 +222,7 @@ def test_more_processes_than_samples_in_a_batch_are_refused(
     recorded: Written, tmp_path: Path
 ) -> None:
     data = loaded(recorded, tmp_path, "data.batch_size=1")
-    said = "data.batch_size=1 is for all processes together, of which there are 2"
+    said = "data.batch_size=1 .* 2 processes"
     with pytest.raises(InputError, match=said):
         make_plan(None, data, None, Others(), None)
 
