@@ -125,7 +125,7 @@ def test_r_pauses_the_recording_and_the_mouse_steers(tmp_path, desktop: Desktop,
     assert recording.speed_mph[paused] < 0.5
 
 
-@pytest.mark.parametrize("how", ["window closed", "stopped"])
+@pytest.mark.parametrize("how", [pytest.param("window closed", marks=pytest.mark.slow), "stopped"])
 def test_a_recording_can_be_read_however_the_drive_ends(tmp_path, desktop: Desktop, begin, how):
     process = begin("out=mine", "track=mountain")
     desktop.tap("r")
@@ -167,7 +167,9 @@ def test_a_viewer_shows_frames(desktop: Desktop, monkeypatch, pipe):
     assert not viewer.show(frame)
 
 
-@pytest.mark.parametrize("display", [None, "", ":98765"])
+@pytest.mark.parametrize(
+    "display", [None, *(pytest.param(one, marks=pytest.mark.slow) for one in ("", ":98765"))]
+)
 def test_without_a_display_the_error_is_one_line(tmp_path, monkeypatch, display):
     monkeypatch.setenv("DISPLAY", "")
     if display is None:

@@ -41,7 +41,13 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
 
 
 @pytest.mark.parametrize("name", [environment_id(one) for one in track_names()])
-@pytest.mark.parametrize("arguments", [{}, {"cameras": "all", "render_mode": "rgb_array"}])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param({}, marks=pytest.mark.slow),
+        {"cameras": "all", "render_mode": "rgb_array"},
+    ],
+)
 def test_gymnasiums_checker_finds_no_fault(name, arguments):
     env = gymnasium.make(name, renderer="software", **arguments)
     with warnings.catch_warnings():

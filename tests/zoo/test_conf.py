@@ -62,7 +62,8 @@ def _construct(group: str, name: str, folder: Path) -> None:
         console = Console(quiet=True)
         network = build_network(config, data.view, console)
         plan = TrainingPlan(torch.device("cpu"))
-        build_module(config, network, plan, {}, console)
+        module = build_module(config, network, plan, {}, console)
+        assert module.configure_optimizers()["optimizer"].param_groups
     elif name == "gpu":
         instantiate(config.trainer, _partial_=True)  # a whole construction needs a GPU
     else:

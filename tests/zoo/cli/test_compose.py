@@ -6,51 +6,19 @@ from pathlib import Path
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.utils import get_object
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from tests.recordings import Written
 from tests.zoo.commands import environment, only_line, run
-from tests.zoo.trainings import module_of
 from zoo.cli.compose import (
     PATH_KEYS,
-    choices,
     compose_config,
     conf_folder,
     escape_interpolation,
     quote,
     quote_paths,
 )
-from zoo.training.build import build_data, build_trainer
-
-# Tracks and worlds are the simulator's: tests/zoo/test_conf.py reads them all.
-OTHER = ("track", "world")
-GROUPS = sorted(p.name for p in conf_folder().iterdir() if p.is_dir() and p.name not in OTHER)
-# Their packages are extras, which the tests do not install.
-OPTIONAL = {("logger", "mlflow"), ("logger", "wandb")}
-EVERY = [(group, name) for group in GROUPS for name in choices(group)]
-
-
-@pytest.mark.parametrize(("group", "name"), EVERY)
-def test_every_yaml_can_be_built(group: str, name: str, recorded: Written, tmp_path: Path) -> None:
-    override = f"augment=[{name}]" if group == "augment" else f"{group}={name}"
-    overrides = [override, f"data.root={recorded.folder}"]
-    if group != "trainer":
-        overrides.append("trainer.accelerator=cpu")
-    config = OmegaConf.create(compose_config(overrides))
-    config.model.weights = None
-    if (group, name) == ("trainer", "gpu"):
-        assert get_object(config.trainer["_target_"])
-        return
-    data = build_data(config)
-    if (group, name) in OPTIONAL:
-        assert config.logger[name]["_target_"].startswith("lightning.pytorch.loggers.")
-        return
-    module = module_of(config, data.view)
-    assert module.configure_optimizers()["optimizer"].param_groups
-    assert build_trainer(config, tmp_path, has_validation=True).callbacks
 
 
 @pytest.mark.parametrize("path", sorted(conf_folder().rglob("*.yaml")), ids=lambda path: path.stem)

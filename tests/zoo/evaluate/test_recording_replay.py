@@ -104,6 +104,7 @@ def test_a_recording_of_the_centre_camera_alone_will_do(tmp_path):
     assert 0 < max(abs(row.cross_track_m) for row in drive.rows) < 2
 
 
+@pytest.mark.slow
 def test_the_same_replay_twice_is_the_same(recording):
     drives = [replay(Recorded(recording, 0.02), recording) for _ in range(2)]
     first, second = ([replace(row, latency_ms=0.0) for row in one.rows] for one in drives)
@@ -136,6 +137,7 @@ def test_a_car_outside_of_a_bend_with_its_radius_stays_beside_the_path():
     assert car.heading_rad == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_it_begins_anew_after_a_pause_and_with_another_recording(tmp_path, folder):
     other = write_recording(tmp_path / "other", rows=ROWS, seed=1).folder
     recording = read_recordings([str(folder), str(other)])

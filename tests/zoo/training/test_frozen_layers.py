@@ -115,7 +115,7 @@ def test_random_frozen_blocks_are_neither_dead_nor_huge(recorded: Written) -> No
     assert (out.amax((0, 2, 3)) == 0).float().mean() < 0.2, "channels that never answer"
 
 
-@pytest.mark.parametrize("trainable", [0, 1])
+@pytest.mark.parametrize("trainable", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_run_on_cached_features_is_the_run_without(
     trainable: int, recorded: Written, cache: Path, tmp_path: Path
 ) -> None:
@@ -147,6 +147,7 @@ def test_a_run_on_cached_features_is_the_run_without(
     torch.testing.assert_close(one, other, rtol=2e-3, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_on_is_fed_the_features_of_its_own_front(
     recorded: Written, cache: Path, tmp_path: Path
 ) -> None:
