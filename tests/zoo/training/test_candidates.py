@@ -70,7 +70,7 @@ def test_without_drives_the_lowest_error_stays_and_the_run_says_so(
 def test_without_a_simulator_the_lowest_error_stays(
     run: Path, console: Console, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise SimulatorError("no renderer opens")
 
     monkeypatch.setattr(many_drives, "open_world", fail)
