@@ -458,7 +458,7 @@ def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: P
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("model.width=2", "set model and data.crop as it was trained"),
+        ("model.width=2", "last.ckpt: features.2.weight is [2, 11, 1] in the file"),
         ("optim.l2=0.001", "last.ckpt: its optimizer has groups of [4] parameters"),
         ("model=lenet", "a resumed run keeps"),
     ],
