@@ -1,16 +1,18 @@
 """`python benchmarks/model_tables.py`: write the tables of layers of `docs/models` from the code.
 
 A network's page has a line `<!-- layers of NAME -->` where its table belongs, and
-`docs/models/index.md` a line `<!-- networks -->`; each table ends at its closing marker.
+`docs/models/index.md` a line `<!-- networks -->`; each table ends at its closing marker. A network
+without a page is left out.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from torch import nn
 
 from benchmarks.marked_page import markdown_table, write_between
-from zoo.cli.compose import choices, compose_config
+from zoo.cli.compose import compose_config
 from zoo.models.commaai import SameConv2d
 from zoo.models.layers import Normalize
 from zoo.models.make_network import make_network, published_view
@@ -118,11 +120,11 @@ def layer_table(facts: NetworkFacts) -> str:
     return markdown_table(["layer", "output", "parameters"], rows)
 
 
-def networks_table(networks: list[NetworkFacts]) -> str:
+def networks_table(networks: list[NetworkFacts], pages: dict[str, Path]) -> str:
     """Return a line for each network, with a link to its page."""
     rows = [
         [
-            f"[`{one.name}`]({_page_of(one.name).name})",
+            f"[`{one.name}`]({pages[one.name].name})",
             _size((one.shape[2], *one.shape[:2])),
             one.colour,
             f"{one.parameters:,}",
@@ -139,20 +141,11 @@ def layers_mark(name: str) -> str:
     return f"<!-- layers of {name} -->"
 
 
-def _page_of(name: str) -> Path:
-    """Return the page that has a network's table.
-
-    Raises:
-        SystemExit: no page has it.
-    """
-    mark = layers_mark(name)
-    pages = [page for page in sorted(PAGES.glob("*.md")) if mark in page.read_text()]
-    if not pages:
-        raise SystemExit(
-            f"{PAGES}: no page has the line {mark}; write {PAGES}/{name}.md with it and, below, "
-            f"the line {LAYERS_END}"
-        )
-    return pages[0]
+def pages_by_network(folder: Path = PAGES) -> dict[str, Path]:
+    """Return the page of each network that has one, in alphabetical order of networks."""
+    mark = re.compile(re.escape(layers_mark("NAME")).replace("NAME", r"(\S+)"))
+    pages = {name: page for page in folder.glob("*.md") for name in mark.findall(page.read_text())}
+    return dict(sorted(pages.items()))
 
 
 def _size(shape: tuple[int, ...]) -> str:
@@ -161,10 +154,11 @@ def _size(shape: tuple[int, ...]) -> str:
 
 def write_tables() -> None:
     """Write every table into its page."""
-    networks = [network_facts(name) for name in choices("model")]
-    write_between(PAGES / "index.md", NETWORKS, NETWORKS_END, networks_table(networks))
+    pages = pages_by_network()
+    networks = [network_facts(name) for name in pages]
+    write_between(PAGES / "index.md", NETWORKS, NETWORKS_END, networks_table(networks, pages))
     for one in networks:
-        write_between(_page_of(one.name), layers_mark(one.name), LAYERS_END, layer_table(one))
+        write_between(pages[one.name], layers_mark(one.name), LAYERS_END, layer_table(one))
 
 
 if __name__ == "__main__":

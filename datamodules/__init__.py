@@ -1,4 +1,4 @@
-"""Recordings into batches. Knows nothing of networks, training or driving."""
+"""Recordings to batches; knows nothing of networks, training or driving."""
 
 from datamodules.early_interrupt import stop_quietly
 

@@ -1,4 +1,4 @@
-"""Augmentations, and the transforms that albumentations lacks.
+"""Augmentations: transforms that albumentations lacks, and their use on a batch.
 
 A transform changes a view's image and may change the steering. A new one is a class of
 albumentations, or a class here, and a YAML in `conf/augment`.
@@ -20,8 +20,8 @@ import numpy as np
 class Brightness(albumentations.ImageOnlyTransform):
     """Scale the V channel of HSV by a random factor, as the course's solutions do.
 
-    Red, green and blue are scaled alike, but never beyond white: hue and saturation stay. A grey
-    image is scaled in the same way.
+    Red, green and blue are scaled equally, but never beyond white: hue and saturation do not
+    change. A grey image is scaled in the same way.
 
     Args:
         scale: range of the factor.
@@ -49,13 +49,13 @@ class Brightness(albumentations.ImageOnlyTransform):
         low, high = self.scale
         return [{"factor": factor} for factor in rng.uniform(low, high, shape[0])]
 
-    def change_one(self, picture: np.ndarray, factor: float) -> None:
+    def change_one(self, image: np.ndarray, factor: float) -> None:
         """Change one image in place, as `apply`."""
-        _light(picture, factor)
+        _light(image, factor)
 
 
 class Shadow(albumentations.RandomShadow):
-    """The shadow of albumentations, marked as a change of light, which leaves saturation."""
+    """The shadow of albumentations, marked as a change of light."""
 
     lighting = True
 
@@ -75,20 +75,20 @@ class Shadow(albumentations.RandomShadow):
         ]
 
     def change_one(
-        self, picture: np.ndarray, vertices_list: np.ndarray, intensities: np.ndarray
+        self, image: np.ndarray, vertices_list: np.ndarray, intensities: np.ndarray
     ) -> None:
-        """Change one image in place, as `apply` but for rounding by half a grey level."""
+        """Change one image in place, as `apply` within half a grey level."""
         for vertices, intensity in zip(vertices_list, intensities, strict=True):
-            mask = np.zeros(picture.shape[:2], np.uint8)
+            mask = np.zeros(image.shape[:2], np.uint8)
             cv2.fillPoly(mask, [vertices.astype(np.int32)], 255)
-            dark = cv2.convertScaleAbs(picture, alpha=1 - intensity)
-            cv2.copyTo(dark, mask, picture)
+            dark = cv2.convertScaleAbs(image, alpha=1 - intensity)
+            cv2.copyTo(dark, mask, image)
 
 
 class Shift(albumentations.ImageOnlyTransform):
-    """Shift sideways, with the steering corrected per pixel, and up or down, as slopes do.
+    """Shift sideways, with the steering corrected per pixel, and up or down, as on slopes.
 
-    Scenery moved to the right is what a car sees that is too far left: it must steer right.
+    A car that is too far left sees the scenery moved to the right, and must steer right.
     From V. Yadav, "An augmentation based deep neural network approach to learn human driving
     behavior", 2016.
 
@@ -124,7 +124,7 @@ class Shift(albumentations.ImageOnlyTransform):
     def apply(self, img: np.ndarray, right: float, down: float, **_: object) -> np.ndarray:
         """Return the shifted image."""
         height, width = img.shape[:2]
-        # Repeats the edge outside. Within a grey level of warpAffine, in half its time.
+        # It repeats the edge. The result is within a grey level of warpAffine's, in half the time.
         center = (width - 1) / 2 - right * width / 320, (height - 1) / 2 - down
         return _shape_like(cv2.getRectSubPix(img, (width, height), center), img)
 
@@ -138,16 +138,16 @@ class Shift(albumentations.ImageOnlyTransform):
         down = rng.uniform(-self.rows, self.rows, shape[0])
         return [{"right": x, "down": y} for x, y in zip(right, down, strict=True)]
 
-    def change_one(self, picture: np.ndarray, right: float, down: float) -> None:
+    def change_one(self, image: np.ndarray, right: float, down: float) -> None:
         """Change one image in place, as `apply`."""
-        picture[:] = self.apply(picture, right, down)
+        image[:] = self.apply(image, right, down)
 
 
 class Augment:
-    """A sequence of transforms, for images of one colour.
+    """A sequence of transforms for images of one colour.
 
-    A change of light applies to RGB: a `yuv` image is converted to RGB and back. Saturation
-    (`hsv_s`) is not changed by light.
+    They apply to RGB: a `yuv` image is converted to RGB and back. Changes of light are left out for
+    saturation (`hsv_s`).
     """
 
     def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
@@ -157,18 +157,18 @@ class Augment:
         self.changes = [_change_of(one) for one in transforms]
 
     def __call__(
-        self, pictures: np.ndarray, steering: np.ndarray, seed: int
+        self, images: np.ndarray, steering: np.ndarray, seed: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return uint8 [N, H, W, C] images and float32 [N] steering, changed by `seed`."""
         if not self.changes:
-            return pictures, steering
-        changed, corrected = pictures.copy(), steering.copy()
+            return images, steering
+        changed, corrected = images.copy(), steering.copy()
         self.in_place(changed, corrected, seed)
         return changed, corrected
 
     def in_place(
         self,
-        pictures: np.ndarray,
+        images: np.ndarray,
         steering: np.ndarray,
         seed: int,
         place: tuple[int, int] | None = None,
@@ -176,24 +176,24 @@ class Augment:
         """Change images and steering in place.
 
         Args:
-            pictures: images, uint8 [n, H, W, C].
+            images: images, uint8 [n, H, W, C].
             steering: steering, float32 [n].
             seed: random seed of the batch.
             place: first index of a shard in its batch, and the batch's size; a shard is changed
-                exactly as it would be within the whole batch. None for a whole batch.
+                exactly as within the whole batch. None for a whole batch.
         """
-        if not self.changes or not len(pictures):
+        if not self.changes or not len(images):
             return
-        place = place or (0, len(pictures))
+        place = place or (0, len(images))
         if self.colour == "yuv":
-            _convert(pictures, cv2.COLOR_YUV2RGB)
-        # A random stream for each transform: albumentations gives all of them the same one, so that
-        # every shifted image would be blurred, too.
+            _convert(images, cv2.COLOR_YUV2RGB)
+        # Each transform has its own random stream. With one stream for all, as in albumentations,
+        # every shifted image would also be blurred.
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for change, stream in zip(self.changes, streams, strict=True):
-            change(pictures, steering, np.random.default_rng(stream), place)
+            change(images, steering, np.random.default_rng(stream), place)
         if self.colour == "yuv":
-            _convert(pictures, cv2.COLOR_RGB2YUV)
+            _convert(images, cv2.COLOR_RGB2YUV)
 
 
 class _OneByOne:
@@ -205,17 +205,17 @@ class _OneByOne:
 
     def __call__(
         self,
-        pictures: np.ndarray,
+        images: np.ndarray,
         steering: np.ndarray,
         rng: np.random.Generator,
         place: tuple[int, int],
     ) -> None:
         first, whole = place
-        seeds = rng.integers(2**31, size=whole)[first : first + len(pictures)]
-        for index, (picture, seed) in enumerate(zip(pictures, seeds.tolist(), strict=True)):
+        seeds = rng.integers(2**31, size=whole)[first : first + len(images)]
+        for index, (image, seed) in enumerate(zip(images, seeds.tolist(), strict=True)):
             self.transform.set_random_seed(seed)
-            result = self.compose(image=picture, steering=float(steering[index]))
-            picture[:] = result["image"].reshape(picture.shape)
+            result = self.compose(image=image, steering=float(steering[index]))
+            image[:] = result["image"].reshape(image.shape)
             steering[index] = result["steering"]
 
 
@@ -228,18 +228,18 @@ class _AllAtOnce:
 
     def __call__(
         self,
-        pictures: np.ndarray,
+        images: np.ndarray,
         steering: np.ndarray,
         rng: np.random.Generator,
         place: tuple[int, int],
     ) -> None:
         first, whole = place
         chosen = np.flatnonzero(rng.random(whole) < self.transform.p)
-        draws = self.transform.draw_batch((len(chosen), *pictures.shape[1:]), rng)
-        ours = slice(*np.searchsorted(chosen, [first, first + len(pictures)]))
+        draws = self.transform.draw_batch((len(chosen), *images.shape[1:]), rng)
+        ours = slice(*np.searchsorted(chosen, [first, first + len(images)]))
         # One thread: with several, Python's lock lets only one run between OpenCV's calls.
         for index, drawn in zip((chosen[ours] - first).tolist(), draws[ours], strict=True):
-            self.transform.change_one(pictures[index], **drawn)
+            self.transform.change_one(images[index], **drawn)
             if self.steers:
                 steering[index] = self.transform.apply_to_steering(steering[index], **drawn)
 
@@ -248,22 +248,22 @@ def _change_of(transform: albumentations.BasicTransform) -> "_OneByOne | _AllAtO
     return (_AllAtOnce if hasattr(transform, "change_one") else _OneByOne)(transform)
 
 
-def _light(picture: np.ndarray, factor: float) -> None:
+def _light(image: np.ndarray, factor: float) -> None:
     """Scale V of HSV in place."""
-    if factor <= 1 or picture.shape[2] == 1:
-        cv2.convertScaleAbs(picture, picture, alpha=factor)
+    if factor <= 1 or image.shape[2] == 1:
+        cv2.convertScaleAbs(image, image, alpha=factor)
         return
-    hsv = cv2.cvtColor(picture, cv2.COLOR_RGB2HSV)
+    hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
     hsv[:, :, 2] = cv2.convertScaleAbs(hsv[:, :, 2], alpha=factor)
-    cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB, picture)
+    cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB, image)
 
 
-def _convert(pictures: np.ndarray, code: int) -> None:
+def _convert(images: np.ndarray, code: int) -> None:
     """Convert the colours of images uint8 [N, H, W, 3] in place, all as one tall image."""
-    tall = pictures.reshape(-1, *pictures.shape[2:])
+    tall = images.reshape(-1, *images.shape[2:])
     cv2.cvtColor(tall, code, tall)
 
 
-def _shape_like(picture: np.ndarray, original: np.ndarray) -> np.ndarray:
+def _shape_like(image: np.ndarray, original: np.ndarray) -> np.ndarray:
     """Restore a last axis of one, which OpenCV drops."""
-    return picture.reshape(original.shape)
+    return image.reshape(original.shape)

@@ -14,12 +14,15 @@ from datamodules.samples import Samples
 class BatchKey:
     """The key of a batch, or of one rank's shard of it.
 
-    Random values are drawn for the whole batch, from the seed, the epoch and the number alone: all
+    Random values are drawn for the whole batch and depend only on seed, epoch and number: all
     shards together are the batch that one process would have.
 
     Attributes:
+        epoch: epoch, from 0.
+        number: batch of the epoch, from 0.
         samples: sample numbers of the whole batch, int64 [N].
-        rank, world: number of this process, and of all processes.
+        rank: rank of this process.
+        world: number of processes.
     """
 
     epoch: int
@@ -30,7 +33,7 @@ class BatchKey:
 
     @property
     def share(self) -> slice:
-        """Return which of `samples` are this rank's; may be none."""
+        """Return this rank's slice of `samples`, which may be empty."""
         return share_of(len(self.samples), self.rank, self.world)
 
     @property
@@ -60,12 +63,12 @@ def epoch_batches(
 ) -> list[np.ndarray]:
     """Return the batches of an epoch, each int64 [batch_size] (the last may be shorter).
 
-    Without `samples_per_epoch` every sample comes once, in a new order each epoch. With it, that
+    Without `samples_per_epoch` each sample occurs once, in a new order each epoch. With it, that
     many are drawn: a random row, then one of its cameras. No batch has more than
-    `floor(straight_cap * its size)` samples with |steering| below the threshold: excess samples are
-    replaced by random other ones, so that a batch never shrinks.
+    `floor(straight_cap * its size)` samples with |steering| below the threshold: the excess is
+    replaced by random samples with more steering, so that batches keep their size.
 
-    With `weights`, float64 [samples] above 0, a sample comes that many times instead of once; with
+    With `weights`, float64 [samples] above 0, a sample occurs that many times instead of once; with
     2.5, two or three times. Random draws, also those for the cap, are by weight.
 
     Raises:
@@ -102,7 +105,7 @@ def epoch_batches(
 def _draw_rows_then_cameras(
     samples: Samples, count: int, rng: np.random.Generator, weights: np.ndarray | None = None
 ) -> np.ndarray:
-    """Rows with fewer cameras (or cameras with fewer rows) come as often as others."""
+    """Draw rows first: a row with fewer cameras is drawn as often as another."""
     _, sizes = np.unique(samples.row, return_counts=True)
     by_row = np.argsort(samples.row, kind="stable")
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -116,15 +119,15 @@ def _draw_rows_then_cameras(
 def _repeat_by_weight(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Repeat each sample by its weight, in random order: `weighted_count` samples total."""
     order = rng.permutation(len(weights))
-    # Systematic resampling. In random order, or a weight of 1/3 would pick one camera of three.
+    # Systematic resampling, in random order: else a weight of 1/3 would always pick one camera.
     ends = np.cumsum(weights[order]) * (weighted_count(weights) / weights.sum())
-    ends[-1] = weighted_count(weights)  # which the sum of many fractions may miss by a hair
+    ends[-1] = weighted_count(weights)  # the sum of many fractions can differ in the last bit
     times = np.diff(np.floor(ends + rng.random()), prepend=0.0).astype(np.int64)
     return rng.permutation(np.repeat(order, times))
 
 
 def weighted_count(weights: np.ndarray) -> int:
-    """Return the samples in an epoch where each is repeated by its weight."""
+    """Return the number of samples in an epoch that repeats each by its weight."""
     return max(1, round(float(weights.sum())))
 
 
@@ -139,8 +142,12 @@ class BalancedBatches:
     and each step the same samples, as with one process.
 
     Args:
+        samples: samples to draw from.
         batch_size: samples in a batch, of all processes together.
-        balance: see `epoch_batches`.
+        seed: random seed of order and draws.
+        rank: rank of this process.
+        world: number of processes.
+        balance: other arguments of `epoch_batches`.
     """
 
     def __init__(

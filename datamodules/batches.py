@@ -1,4 +1,4 @@
-"""Batches as tensors: of training samples, and of rows to evaluate on."""
+"""Batches as tensors, of training samples and of evaluated rows."""
 
 from dataclasses import dataclass, replace
 
@@ -12,8 +12,8 @@ from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, LEFT, RIGHT, Samples
 
-# uint8 [N, C, H, W], in memory as [N, H, W, C], the layout in which convolutions are fastest; the
-# speed in mph, float32 [N]; steering and throttle, float32 [N, 2].
+# images: uint8 [N, C, H, W], in memory as [N, H, W, C], the fastest layout for convolutions;
+# speed: mph, float32 [N]; targets: steering and throttle, float32 [N, 2].
 Batch = dict[str, torch.Tensor]
 
 EVALUATION_BATCH = 256
@@ -21,7 +21,7 @@ EVALUATION_BATCH = 256
 
 @dataclass(frozen=True)
 class TrainingBatches(Dataset):
-    """Training batches by key: images, flips and augmentation, all from the key's seed."""
+    """Training batches by key; key and seed determine flips and augmentation."""
 
     views: RowViews
     samples: Samples
@@ -32,19 +32,19 @@ class TrainingBatches(Dataset):
     def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.samples, key.own
         mirrored, steering, seed = self.draw(key)
-        pictures = self.views.take(samples.row[own], samples.camera[own], mirrored)
+        images = self.views.take(samples.row[own], samples.camera[own], mirrored)
         place = (key.share.start, len(key.samples))
-        self.augment.in_place(pictures, steering, seed, place)
-        return make_batch(pictures, steering, samples.throttle[own], samples.speed_mph[own])
+        self.augment.in_place(images, steering, seed, place)
+        return make_batch(images, steering, samples.throttle[own], samples.speed_mph[own])
 
     def steering(self, key: BatchKey) -> np.ndarray:
-        """Return the batch's steering, float32 [n], flipped but before any augmentation."""
+        """Return the batch's steering, float32 [n], flipped but not augmented."""
         return self.draw(key)[1]
 
     def draw(self, key: BatchKey) -> tuple[np.ndarray, np.ndarray, int]:
         """Return mirrored, bool [n], the steering, float32 [n], and the augmentation's seed.
 
-        They are drawn for the whole batch, of which `n` samples are this rank's.
+        They are drawn for the whole batch; `n` samples are this rank's.
         """
         rng = np.random.default_rng([self.seed, key.epoch, key.number])
         drawn = rng.random(len(key.samples)) < self.flip
@@ -53,30 +53,30 @@ class TrainingBatches(Dataset):
         return mirrored, np.where(mirrored, -steering, steering), int(rng.integers(2**31))
 
 
-def as_it_is(batch: Batch | list[Batch]) -> Batch | list[Batch]:
-    """Return a batch as it is: a DataLoader would search it for arrays to convert."""
+def unchanged(batch: Batch | list[Batch]) -> Batch | list[Batch]:
+    """Return a batch as it is: a DataLoader's own function would search it for arrays."""
     return batch
 
 
 @dataclass(frozen=True)
 class EvaluationBatches(Dataset):
-    """Rows in order, one camera, true labels: never flipped, augmented, balanced or offset."""
+    """Batches of rows in order: one camera, recorded labels, no flips, no augmentation."""
 
     views: RowViews
     recording: Recording
     rows: np.ndarray
     camera: int = CENTER
-    least: int = 0  # number of batches, at least; one without rows is empty
+    least: int = 0  # least number of batches; without rows they are empty
 
     def share(self, rank: int, world: int) -> "EvaluationBatches":
         """Return one rank's contiguous rows.
 
-        A rank without rows has an empty batch: if it skipped the loop, the other ranks would wait.
+        A rank without rows has one empty batch: without a batch the other ranks would wait for it.
         """
         return replace(self, rows=np.array_split(self.rows, world)[rank], least=1)
 
     def sides(self) -> tuple["EvaluationBatches", "EvaluationBatches"]:
-        """Return the rows by the left and by the right camera, where both were loaded."""
+        """Return the left and the right images of rows whose side images are both loaded."""
         seen = (self.views.file[self.rows][:, [LEFT, RIGHT]] >= 0).all(axis=1)
         both = replace(self, rows=self.rows[seen])
         return replace(both, camera=LEFT), replace(both, camera=RIGHT)
@@ -98,11 +98,11 @@ class EvaluationBatches(Dataset):
 
 
 def make_batch(
-    pictures: np.ndarray, steering: np.ndarray, throttle: np.ndarray, speed_mph: np.ndarray
+    images: np.ndarray, steering: np.ndarray, throttle: np.ndarray, speed_mph: np.ndarray
 ) -> Batch:
     """Return arrays as a `Batch`; the images are uint8 [N, H, W, C]."""
     return {
-        "images": torch.from_numpy(pictures).permute(0, 3, 1, 2),
+        "images": torch.from_numpy(images).permute(0, 3, 1, 2),
         "speed": torch.from_numpy(speed_mph.astype(np.float32)),
         "targets": torch.from_numpy(make_targets(steering, throttle)),
     }

@@ -1,7 +1,7 @@
 """An augmentation that bends the road, and adds the steering for that bend.
 
-A recording holds only the bends of its own track; a network has to steer through others. The
-camera's geometry alone tells how a flat road looks when it bends more, or the other way.
+A recording holds only the bends of its own track; a network has to steer through others. From the
+camera's geometry follows how a flat road looks when it bends more, or the other way.
 """
 
 import os
@@ -42,7 +42,7 @@ class Bend(albumentations.ImageOnlyTransform):
         p: probability that a sample is changed, 0..1.
 
     Attributes:
-        crop: rows off the top and the bottom of the recording's 160; `DrivingData` sets its view's.
+        crop: rows off the top and the bottom of the recording's 160; set by `DrivingData`.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Bend(albumentations.ImageOnlyTransform):
         """
         top, bottom = self.crop
         rows = top + (np.arange(height) + 0.5) * (FRAME_HEIGHT - top - bottom) / height - 0.5
-        ahead = metres_ahead(rows)  # what is above the horizon moves with the farthest
+        ahead = metres_ahead(rows)  # rows above the horizon move with the farthest ground
         along = np.maximum(ahead + CAMERA_AHEAD_M - begin, 0)
         bent = np.minimum(along, length)
         metres = curvature * (bent**2 / 2 + bent * (along - bent))
@@ -115,8 +115,6 @@ class Bend(albumentations.ImageOnlyTransform):
             for one, start, metres in zip(curvature, begin, length, strict=True)
         ]
 
-    def change_one(
-        self, picture: np.ndarray, curvature: float, begin: float, length: float
-    ) -> None:
+    def change_one(self, image: np.ndarray, curvature: float, begin: float, length: float) -> None:
         """Change one image in place, as `apply`."""
-        picture[:] = self.apply(picture, curvature, begin, length)
+        image[:] = self.apply(image, curvature, begin, length)

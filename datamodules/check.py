@@ -1,6 +1,6 @@
-"""`python -m datamodules.check FOLDER [FOLDER...]`: is a recording whole, and good to train on?
+"""`python -m datamodules.check FOLDER [FOLDER...]`: check recordings before training.
 
-Decodes each image's header and looks for its end, not its pixels, so that thousands take seconds.
+Reads each image's header and end marker but decodes no pixels: thousands of images take seconds.
 """
 
 import argparse
@@ -36,17 +36,15 @@ from datamodules.recording_report import report_lines
 from datamodules.regular_file import read_regular
 from datamodules.terminal import error_line, printable
 
-FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
-SHOWN = 20  # bad images that are listed, before a count
+FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
+SHOWN = 20  # bad images that are listed; the others are counted
 
 
 def check(roots: list[str], images: str | None, console: Console) -> bool:
-    """Print what the recordings hold, what is wrong with their images and what is odd about them.
-
-    Return whether all images are whole; what is odd is an opinion.
+    """Print the recordings' figures, bad images and oddities; return whether all images are whole.
 
     Raises:
-        InputError: a folder, a log or a row cannot be read, or there is no image at all.
+        InputError: a folder, a log or a row cannot be read, or there is no image.
     """
     recording = read_recordings(roots, images, on_bad_image="skip")
     for line in report_lines(replace(recording, bad_images=())):
@@ -66,7 +64,9 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
         _print(console, line)
     if len(bad) > SHOWN:
         _print(console, f"and {len(bad) - SHOWN:,} more")
-    verdict = f"{len(bad):,} bad; record or copy again, or train with data.on_bad_image=skip"
+    verdict = (
+        f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"
+    )
     _print(console, verdict if bad else "all images are whole")
     oddities = find_oddities(recording)
     if oddities:
@@ -83,11 +83,11 @@ def _print(console: Console, line: str) -> None:
 
 
 def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Iterator[str]:
-    """Yield what to type next, a line a command, quoted for a shell and for Hydra."""
+    """Yield a line for each next command, quoted for a shell and for Hydra."""
     keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
     keys += [f"data.images={images}"] if images else []
     keys += ["data.on_bad_image=skip"] if any_bad else []
-    yield f"see what a network is fed: {shlex.join(['python', '-m', 'zoo.preview', *keys])}"
+    yield f"show the network's input: {shlex.join(['python', '-m', 'zoo.preview', *keys])}"
     yield f"train on it: {shlex.join(['python', '-m', 'zoo', FIRST_TRY, *keys])}"
 
 
@@ -108,7 +108,7 @@ def _hydra_text(text: str) -> str:
 
 
 def look_at_image(path: str) -> tuple[int, int] | str:
-    """`(width, height)` of a JPEG or PNG as its header says, or what is wrong with the file."""
+    """Return a JPEG's or PNG's `(width, height)` by its header, or what is wrong with the file."""
     try:
         data = read_regular(path, MOST_IMAGE_BYTES)
         if fault := find_fault(data[:HEAD], data[-TAIL:]):
@@ -122,7 +122,7 @@ def look_at_image(path: str) -> tuple[int, int] | str:
 def _look_at_images(
     recording: Recording, console: Console
 ) -> Iterator[tuple[int, str, tuple[int, int] | str]]:
-    """Row, path, and what `look_at_image` found, for every image, a thread per core."""
+    """Yield row, path and result of `look_at_image` for every image, with a thread per core."""
     images = [(row, path) for row, paths in enumerate(recording.images) for path in paths if path]
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
@@ -132,19 +132,19 @@ def _look_at_images(
             for (row, path), one in zip(images, looked_at, strict=True):
                 yield row, path, one
     finally:
-        pool.shutdown(cancel_futures=True)  # Ctrl-C need not wait for the rest
+        pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
 
 
 def main(arguments: list[str]) -> int:
-    """Exit status 0 where all is whole, 1 where not."""
+    """Check recordings; return 0 if all images are whole, else 1, or 130 on Ctrl-C."""
     parser = argparse.ArgumentParser(
         prog="python -m datamodules.check",
-        description="Is a recording whole, and good to train on?",
+        description="Check recordings before training: rows, images, and what is unusual.",
     )
-    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="it holds driving_log.csv")
-    parser.add_argument("--images", metavar="FOLDER", help="the pictures, if not in IMG")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="folder of a driving_log.csv")
+    parser.add_argument("--images", metavar="FOLDER", help="folder of the images, if not IMG")
     options = parser.parse_args(arguments)
-    # A folder's name may be no UTF-8.
+    # A folder's name may not be valid UTF-8.
     sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
         raise_again()
@@ -153,7 +153,9 @@ def main(arguments: list[str]) -> int:
         print(error_line("check", error), file=sys.stderr)
         return 1
     except MemoryError:
-        print("check: not enough memory; end other programs, or name fewer", file=sys.stderr)
+        print(
+            "check: not enough memory; end other programs, or name fewer folders", file=sys.stderr
+        )
         return 1
     except KeyboardInterrupt:
         print("check: stopped", file=sys.stderr)

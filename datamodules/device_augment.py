@@ -1,8 +1,8 @@
 """Augmentations as torch operations on a whole batch, on the device that trains.
 
-Each uses exactly the random draws of its counterpart in `augment.py` or `bend.py`, and changes
-images as OpenCV does, but for rounding: an image is rounded once, after all changes. numpy draws
-and corrects the steering, so that both are the same on every device.
+Each uses the random draws of its counterpart in `augment.py` or `bend.py`, and changes images as
+OpenCV does, except that an image is rounded once, after all changes. numpy draws and corrects the
+steering, so that both are the same on every device.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ Draw = Callable[[tuple[int, int, int, int], np.random.Generator], np.ndarray]
 
 @dataclass(frozen=True)
 class DeviceChange:
-    """One augmentation of a batch.
+    """An augmentation of a batch.
 
     Attributes:
         p: probability that an image is changed, 0..1.
@@ -44,22 +44,22 @@ class DeviceAugment:
     """The transforms of `Augment`, on a device.
 
     Raises:
-        InputError: a transform that has no equivalent here.
+        InputError: a transform has no equivalent here.
     """
 
     def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
         missing = without_equivalent(transforms)
         if missing:
             raise InputError(
-                f"data.augment_on=device: {', '.join(missing)} has no equivalent there; leave it "
-                "out of augment=[...], or set data.augment_on=cpu"
+                f"data.augment_on=device: {', '.join(missing)} has no equivalent on the device; "
+                "leave it out of augment=[...], or set data.augment_on=cpu"
             )
         self.colour = colour
         self.changes = [EQUIVALENTS[type(one)](one) for one in transforms]
 
     def __call__(
         self,
-        pictures: Tensor,
+        images: Tensor,
         steering: np.ndarray,
         seed: int,
         place: tuple[int, int] | None = None,
@@ -68,12 +68,12 @@ class DeviceAugment:
 
         `place` is as in `Augment.in_place`.
         """
-        if not self.changes or not len(pictures):
-            return pictures, steering
-        changed = pictures.permute(0, 3, 1, 2).float()
+        if not self.changes or not len(images):
+            return images, steering
+        changed = images.permute(0, 3, 1, 2).float()
         if self.colour == "yuv":
             changed = rgb_of_yuv(changed)
-        place = place or (0, len(pictures))
+        place = place or (0, len(images))
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for one, stream in zip(self.changes, streams, strict=True):
             rng = np.random.default_rng(stream)
@@ -85,35 +85,35 @@ class DeviceAugment:
 
 
 def without_equivalent(transforms: list[albumentations.BasicTransform]) -> list[str]:
-    """Return the names of transforms that only the CPU can do."""
+    """Return the names of transforms that only the CPU has."""
     return [type(one).__name__ for one in transforms if type(one) not in EQUIVALENTS]
 
 
 def _apply(
     one: DeviceChange,
-    pictures: Tensor,
+    images: Tensor,
     steering: np.ndarray,
     rng: np.random.Generator,
     place: tuple[int, int],
 ) -> tuple[Tensor, np.ndarray]:
     first, whole = place
     chosen = np.flatnonzero(rng.random(whole) < one.p)
-    count, channels, height, width = pictures.shape
+    count, channels, height, width = images.shape
     drawn = one.draw((len(chosen), height, width, channels), rng)
     ours = slice(*np.searchsorted(chosen, [first, first + count]))
     chosen, drawn = chosen[ours] - first, drawn[ours]
     if not len(chosen):
-        return pictures, steering
-    values = torch.from_numpy(drawn.astype(np.float32)).to(pictures.device, non_blocking=True)
+        return images, steering
+    values = torch.from_numpy(drawn.astype(np.float32)).to(images.device, non_blocking=True)
     if len(chosen) == count:
-        pictures = one.change(pictures, values)
+        images = one.change(images, values)
     else:
-        at = torch.from_numpy(chosen).to(pictures.device, non_blocking=True)
-        pictures = pictures.index_copy(0, at, one.change(pictures[at], values))
+        at = torch.from_numpy(chosen).to(images.device, non_blocking=True)
+        images = images.index_copy(0, at, one.change(images[at], values))
     if one.steer is not None:
         steering = steering.copy()
         steering[chosen] = one.steer(steering[chosen], drawn)
-    return pictures, steering
+    return images, steering
 
 
 def _brightness(transform: Brightness) -> DeviceChange:
@@ -121,7 +121,7 @@ def _brightness(transform: Brightness) -> DeviceChange:
         low, high = transform.scale
         return rng.uniform(low, high, shape[0])[:, None]
 
-    return DeviceChange(transform.p, draw, lambda pictures, drawn: lit(pictures, drawn[:, 0]))
+    return DeviceChange(transform.p, draw, lambda images, drawn: lit(images, drawn[:, 0]))
 
 
 def _shadow(transform: Shadow) -> DeviceChange:
@@ -138,11 +138,11 @@ def _shadow(transform: Shadow) -> DeviceChange:
             values[at, :count, -1] = one["intensities"]
         return values.reshape(shape[0], -1)
 
-    def change(pictures: Tensor, drawn: Tensor) -> Tensor:
+    def change(images: Tensor, drawn: Tensor) -> Tensor:
         for shadow in drawn.unflatten(1, (-1, 2 * corners + 1)).unbind(1):
             outline = shadow[:, :-1].unflatten(1, (corners, 2))
-            pictures = darkened(pictures, outline, shadow[:, -1])
-        return pictures
+            images = darkened(images, outline, shadow[:, -1])
+        return images
 
     return DeviceChange(transform.p, draw, change)
 
@@ -152,8 +152,8 @@ def _shift(transform: Shift) -> DeviceChange:
         right = rng.uniform(-transform.pixels, transform.pixels, shape[0])
         return np.stack([right, rng.uniform(-transform.rows, transform.rows, shape[0])], 1)
 
-    def change(pictures: Tensor, drawn: Tensor) -> Tensor:
-        return moved(pictures, drawn[:, :1] * (pictures.shape[3] / FRAME_WIDTH), drawn[:, 1])
+    def change(images: Tensor, drawn: Tensor) -> Tensor:
+        return moved(images, drawn[:, :1] * (images.shape[3] / FRAME_WIDTH), drawn[:, 1])
 
     def steer(steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         return np.clip(steering + drawn[:, 0] * transform.steering_per_pixel, -1, 1)
@@ -163,7 +163,7 @@ def _shift(transform: Shift) -> DeviceChange:
 
 def _bend(transform: Bend) -> DeviceChange:
     def draw(shape: tuple, rng: np.random.Generator) -> np.ndarray:
-        """Return the added steering, and how far each row moves, in the view's columns."""
+        """Return the added steering, and each row's move in columns of the view."""
         drawn = transform.draw_batch(shape, rng)
         names = ("curvature", "begin", "length")
         values = np.array([[one[name] for name in names] for one in drawn]).reshape(-1, 3)
@@ -173,8 +173,8 @@ def _bend(transform: Bend) -> DeviceChange:
         added = due * np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
         return np.concatenate([added, aside * shape[2] / FRAME_WIDTH], 1)
 
-    def change(pictures: Tensor, drawn: Tensor) -> Tensor:
-        return moved(pictures, drawn[:, 1:], torch.zeros_like(drawn[:, 0]), beyond="reflection")
+    def change(images: Tensor, drawn: Tensor) -> Tensor:
+        return moved(images, drawn[:, 1:], torch.zeros_like(drawn[:, 0]), beyond="reflection")
 
     def steer(steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
         return np.clip(steering + drawn[:, 0], -1, 1)

@@ -12,7 +12,7 @@ from datamodules.device_augment import DeviceAugment
 from datamodules.row_views import RowViews
 
 RESIDENT_SHARE = 0.5  # of the memory that is free when training begins
-CHUNK = 4096  # pictures copied to the device at a time
+CHUNK = 4096  # images that are copied to the device at a time
 
 
 class DeviceBatches(Dataset):
@@ -21,12 +21,12 @@ class DeviceBatches(Dataset):
     All views stay on the device if they fit; otherwise each batch's views are copied there.
 
     Args:
-        batches: batches by key, whose random draws are used.
+        batches: batches by key, which draw the random values.
         device: device that trains.
-        room: bytes that the views may take; None for half of the free memory.
+        room: most bytes that the views may take; None for half of the free memory.
 
     Raises:
-        InputError: a transform that has no equivalent on a device.
+        InputError: a transform has no equivalent on a device.
     """
 
     def __init__(
@@ -44,23 +44,23 @@ class DeviceBatches(Dataset):
     def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
         mirrored, steering, seed = self.batches.draw(key)
-        pictures = self._pictures(samples.row[own], samples.camera[own])
+        images = self._images(samples.row[own], samples.camera[own])
         if mirrored.any():
             flips = self._copy(mirrored)[:, None, None, None]
-            pictures = torch.where(flips, pictures.flip(2), pictures)
+            images = torch.where(flips, images.flip(2), images)
         place = (key.share.start, len(key.samples))
-        pictures, steering = self.augment(pictures, steering, seed, place)
+        images, steering = self.augment(images, steering, seed, place)
         labels = self._copy(
             np.column_stack([make_targets(steering, samples.throttle[own]), samples.speed_mph[own]])
         )
         return {
-            "images": pictures.permute(0, 3, 1, 2),
+            "images": images.permute(0, 3, 1, 2),
             "speed": labels[:, 2],
             "targets": labels[:, :2],
         }
 
-    def _pictures(self, rows: np.ndarray, cameras: np.ndarray) -> Tensor:
-        """uint8 [n, H, W, C], on the device."""
+    def _images(self, rows: np.ndarray, cameras: np.ndarray) -> Tensor:
+        """Return images on the device, uint8 [n, H, W, C]."""
         views = self.batches.views
         if self.resident is None:
             return self._copy(views.take(rows, cameras))
@@ -69,18 +69,20 @@ class DeviceBatches(Dataset):
 
     def _copy(self, array: np.ndarray) -> Tensor:
         tensor = torch.from_numpy(array)
-        if self.device.type == "cuda":  # without waiting for what the device is at
+        if self.device.type == "cuda":  # so that the copy does not wait for the device
             tensor = tensor.pin_memory()
         return tensor.to(self.device, non_blocking=True)
 
 
 def _copied(views: RowViews, device: torch.device) -> Tensor:
-    """All files of views in one tensor, uint8 [N, H, W, C], on a device."""
+    """Copy all files of views to a device, as one tensor, uint8 [N, H, W, C]."""
     shape = (sum(map(len, views.files)), *views.files[0].shape[1:])
     copied, done = torch.empty(shape, dtype=torch.uint8, device=device), 0
     for file in views.files:
         for start in range(0, len(file), CHUNK):
-            chunk = np.array(file[start : start + CHUNK])  # a file that is mapped is read-only
+            chunk = np.array(
+                file[start : start + CHUNK]
+            )  # torch needs writable memory, and a mapped file is read-only
             copied[done : done + len(chunk)].copy_(torch.from_numpy(chunk))
             done += len(chunk)
     return copied

@@ -1,37 +1,37 @@
 """Changes of a batch of images with torch, on any device.
 
-Images are float32 [n, C, H, W], 0..255; each function returns new ones.
+Images are float32 [n, C, H, W], 0..255; each function returns a new tensor.
 """
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-# OpenCV's, of 8-bit pictures: rows for Y, U and V of R, G and B; U and V are 128 where it is grey.
+# OpenCV's matrices for 8-bit images; a row each for Y, U and V. For grey, U and V are 128.
 _YUV = ((0.299, 0.587, 0.114), (-0.147108, -0.288804, 0.435912), (0.614777, -0.514799, -0.099978))
 _RGB = ((1.0, 0.0, 1.140), (1.0, -0.395, -0.581), (1.0, 2.032, 0.0))
 
 
-def lit(pictures: Tensor, factor: Tensor) -> Tensor:
+def lit(images: Tensor, factor: Tensor) -> Tensor:
     """Scale each image by its factor, float32 [n].
 
-    The brightest channel stays at most white, so that hue and saturation stay.
+    No channel exceeds white, so that hue and saturation do not change.
     """
-    brightest = pictures.amax(1, keepdim=True).clamp(min=1.0)
-    return pictures * torch.minimum(factor[:, None, None, None], 255.0 / brightest)
+    brightest = images.amax(1, keepdim=True).clamp(min=1.0)
+    return images * torch.minimum(factor[:, None, None, None], 255.0 / brightest)
 
 
-def darkened(pictures: Tensor, corners: Tensor, intensity: Tensor) -> Tensor:
-    """Darken each image by a share, float32 [n], within its polygon, float32 [n, K, 2]."""
-    mask = polygons(corners, *pictures.shape[2:])[:, None]
-    return torch.where(mask, pictures * (1 - intensity)[:, None, None, None], pictures)
+def darkened(images: Tensor, corners: Tensor, intensity: Tensor) -> Tensor:
+    """Darken each image within its polygon, float32 [n, K, 2], by a share 0..1, float32 [n]."""
+    mask = polygons(corners, *images.shape[2:])[:, None]
+    return torch.where(mask, images * (1 - intensity)[:, None, None, None], images)
 
 
 def polygons(corners: Tensor, height: int, width: int) -> Tensor:
     """Return the mask of polygons, bool [n, H, W].
 
-    Corners are float32 [n, K, 2], whole columns and rows. As in OpenCV, a pixel is inside where an
-    odd number of edges lies to its right, or where it is on the outline.
+    Corners are float32 [n, K, 2], whole columns and rows. As in OpenCV, a pixel is inside if an odd
+    number of edges lies to its right, or if it is on the outline.
     """
     rows = torch.arange(height, device=corners.device)[None, :, None]
     columns = torch.arange(width, device=corners.device)[None, None, :]
@@ -45,27 +45,27 @@ def polygons(corners: Tensor, height: int, width: int) -> Tensor:
         column = x1 + (rows - y1) * across / torch.where(down == 0, 1.0, down)
         row = y1 + (columns - x1) * down / torch.where(across == 0, 1.0, across)
         inside ^= ((y1 > rows) != (y2 > rows)) & (columns < column)
-        beside = (rows - y1) * (rows - y2) <= 0
-        above = (columns - x1) * (columns - x2) <= 0
+        within = (rows - y1) * (rows - y2) <= 0
+        between = (columns - x1) * (columns - x2) <= 0
         steep = down.abs() > across.abs()
-        outline |= steep & beside & ((columns - column).abs() <= 0.5)
-        outline |= ~steep & above & ((rows - row).abs() <= 0.5)
+        outline |= steep & within & ((columns - column).abs() <= 0.5)
+        outline |= ~steep & between & ((rows - row).abs() <= 0.5)
     return inside | outline
 
 
-def moved(pictures: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -> Tensor:
+def moved(images: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -> Tensor:
     """Move each row to the right, and each image down.
 
     Args:
-        pictures: images.
-        right: columns by row, float32 [n, H] or [n, 1].
-        down: rows by image, float32 [n].
+        images: images.
+        right: columns to move each row, float32 [n, H] or [n, 1].
+        down: rows to move each image, float32 [n].
         beyond: source of pixels outside the image: its `border`, as OpenCV's BORDER_REPLICATE, or
             its `reflection`, as BORDER_REFLECT_101.
     """
-    count, _, height, width = pictures.shape
-    columns = torch.arange(width, device=pictures.device, dtype=torch.float32)
-    rows = torch.arange(height, device=pictures.device, dtype=torch.float32)
+    count, _, height, width = images.shape
+    columns = torch.arange(width, device=images.device, dtype=torch.float32)
+    rows = torch.arange(height, device=images.device, dtype=torch.float32)
     x = columns[None, None, :] - right[:, :, None]
     y = rows[None, :, None] - down[:, None, None]
     grid = torch.stack(
@@ -75,23 +75,23 @@ def moved(pictures: Tensor, right: Tensor, down: Tensor, beyond: str = "border")
         ],
         -1,
     )
-    return F.grid_sample(pictures, grid, "bilinear", padding_mode=beyond, align_corners=True)
+    return F.grid_sample(images, grid, "bilinear", padding_mode=beyond, align_corners=True)
 
 
-def rgb_of_yuv(pictures: Tensor) -> Tensor:
-    """Convert YUV to RGB, as OpenCV for 8 bits, without rounding."""
-    grey = pictures.new_tensor([0.0, 128.0, 128.0])[:, None, None]
-    return _mixed(pictures - grey, _RGB).clamp(0, 255)
+def rgb_of_yuv(images: Tensor) -> Tensor:
+    """Convert YUV to RGB as OpenCV does for 8 bits, but without rounding."""
+    grey = images.new_tensor([0.0, 128.0, 128.0])[:, None, None]
+    return _mixed(images - grey, _RGB).clamp(0, 255)
 
 
-def yuv_of_rgb(pictures: Tensor) -> Tensor:
-    """Convert RGB to YUV, as OpenCV for 8 bits, without rounding."""
-    grey = pictures.new_tensor([0.0, 128.0, 128.0])[:, None, None]
-    return _mixed(pictures.clamp(0, 255), _YUV) + grey
+def yuv_of_rgb(images: Tensor) -> Tensor:
+    """Convert RGB to YUV as OpenCV does for 8 bits, but without rounding."""
+    grey = images.new_tensor([0.0, 128.0, 128.0])[:, None, None]
+    return _mixed(images.clamp(0, 255), _YUV) + grey
 
 
-def _mixed(pictures: Tensor, matrix: tuple[tuple[float, ...], ...]) -> Tensor:
-    # Sums of products rather than a product of matrices, which a GPU would do in TF32.
-    channels = pictures.unbind(1)
+def _mixed(images: Tensor, matrix: tuple[tuple[float, ...], ...]) -> Tensor:
+    # Sums of products: a GPU would compute a product of matrices in TF32.
+    channels = images.unbind(1)
     rows = [sum(w * one for w, one in zip(row, channels, strict=True)) for row in matrix]
-    return torch.stack(rows, 1)  # type: ignore[arg-type]  # no sum is of nothing, which is 0
+    return torch.stack(rows, 1)  # type: ignore[arg-type]  # mypy: an empty sum would be 0

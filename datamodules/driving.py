@@ -1,4 +1,4 @@
-"""The datamodule: from recordings to the batches that a network trains, validates and tests on."""
+"""The datamodule: recordings to batches for training, validation and test."""
 
 import copy
 import math
@@ -15,7 +15,7 @@ from torch.utils.data import DataLoader, Dataset
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
 from datamodules.batch_groups import BatchGroups, KeyGroups
-from datamodules.batches import EvaluationBatches, TrainingBatches, as_it_is
+from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
@@ -33,12 +33,12 @@ AUGMENT_ON = ("auto", "cpu", "device")
 
 
 class DrivingData(lightning.LightningDataModule):
-    """Recordings as batches, after `load`; the keys of `conf/data` are its arguments.
+    """The batches of recordings; call `load` before use. The keys of `conf/data` are arguments.
 
     Args:
         root: the recordings' folder, or a list of them.
         weights: factors by which each recording's training samples are drawn more often.
-        view: what the network sees (`data.crop`, `model.colour`, `model.size`).
+        view: view of the network (`data.crop`, `model.colour`, `model.size`).
         images: folder of the images, if not `IMG` next to each log.
         cameras: names of the cameras to train on.
         offset: steering added for the left camera and subtracted for the right one.
@@ -51,7 +51,7 @@ class DrivingData(lightning.LightningDataModule):
         split: kind of split or a file, with val_share, test_share, block_s, gap_s and split_seed.
         augment: transforms of `conf/augment`, by name.
         augment_on: `cpu`, or `device`: the device that trains keeps the views, if they fit, and
-            augments them; `auto` is `device` if that is no CPU and can do all of `augment`.
+            augments them; `auto` is `device` if that is no CPU and has all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
         cache: folder of decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
@@ -153,7 +153,7 @@ class DrivingData(lightning.LightningDataModule):
         }
         transforms = [transform for transform in (augment or {}).values() if transform]
         for transform in transforms:
-            if hasattr(transform, "crop"):  # it needs the rows of its images
+            if hasattr(transform, "crop"):  # its change depends on the rows that the view keeps
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
@@ -166,7 +166,7 @@ class DrivingData(lightning.LightningDataModule):
     def load(self, console: Console) -> None:
         """Read the recordings, decode images that are not cached, and split the rows."""
         recording = read_recordings(self.root, self.images, self.on_bad_image)
-        # Validation and test look through the centre camera, whichever are trained on.
+        # Validation and test always use the centre camera.
         views, faults = load_row_views(
             recording, [*self.cameras, "center"], self.view, self.cache, console
         )
@@ -208,7 +208,9 @@ class DrivingData(lightning.LightningDataModule):
         good = np.ones(len(recording), dtype=bool)
         good[list(faults)] = False
         if not good.any():
-            raise InputError(f"{lines[0]}; no row is left, all have a bad image")
+            raise InputError(
+                f"{lines[0]}; no row is left, all have a bad image; record or copy them again"
+            )
         return recording.keep(good, lines), views.keep(good)
 
     def sampler(self, rank: int = 0, world: int = 1) -> BalancedBatches:
@@ -218,26 +220,27 @@ class DrivingData(lightning.LightningDataModule):
         )
 
     def training_batches(self) -> TrainingBatches:
-        """Return training batches by `BatchKey`, as they are fed."""
+        """Return training batches by `BatchKey`, flipped and augmented."""
         flip = 0.0 if self.flip == "both" else float(self.flip)
         return TrainingBatches(self.views, self.samples, self.augment, flip, self.seed)
 
     def choose_batch_device(self, device: torch.device, console: Console) -> torch.device | None:
-        """Return where training batches are made, as `augment_on` says; None for the CPU.
+        """Return the device that creates training batches, as `augment_on` says; None for the CPU.
 
         Args:
             device: device that trains.
-            console: console for transforms that keep it on the CPU.
+            console: console for the names of transforms that only the CPU has.
 
         Raises:
-            InputError: `augment_on=device` with a transform that only the CPU can do.
+            InputError: `augment_on=device` with a transform that only the CPU has.
         """
         if self.augment_on == "cpu" or (self.augment_on == "auto" and device.type == "cpu"):
             return None
         missing = without_equivalent(self.augment.transforms)
         if missing and self.augment_on == "auto":
             console.print(
-                f"augmented on the CPU, which alone can do {', '.join(missing)}", highlight=False
+                f"augmented on the CPU: the device has no equivalent of {', '.join(missing)}",
+                highlight=False,
             )
             return None
         DeviceAugment(self.augment.transforms, self.augment.colour)
@@ -249,11 +252,11 @@ class DrivingData(lightning.LightningDataModule):
         batches_per_step: int = 1,
         features: RowViews | None = None,
     ) -> "DrivingData":
-        """Return the same loaded data, fed in another way.
+        """Return a copy that shares the loaded data and feeds it in another way.
 
         Args:
             batch_device: device that creates training batches; None for the CPU.
-            batches_per_step: number of training batches in a list; 1 for no lists.
+            batches_per_step: number of training batches in a group; 1 for single batches.
             features: features fed in place of images (`datamodules.features`).
         """
         fed = copy.copy(self)
@@ -281,7 +284,7 @@ class DrivingData(lightning.LightningDataModule):
             batches,
             batch_size=None,
             sampler=sampler,
-            collate_fn=as_it_is,
+            collate_fn=unchanged,
             num_workers=workers,
             persistent_workers=workers > 0,
         )
@@ -306,7 +309,7 @@ class DrivingData(lightning.LightningDataModule):
         return DataLoader(batches, batch_size=None, shuffle=False) if len(batches) else []
 
     def leaks(self) -> dict[str, Leak]:
-        """Return the train/validation similarity, of `val` and `test`."""
+        """Return the train/validation similarity of `val` and `test`."""
 
         def center_image(row: int) -> np.ndarray:
             return self.views.take(np.array([row]), CENTER)[0]

@@ -1,4 +1,4 @@
-"""Parse `driving_log.csv`, as the original simulator, the course and their forks write it."""
+"""Parse `driving_log.csv`, as the original simulator, the course and forks of both write it."""
 
 import csv
 import itertools
@@ -23,13 +23,13 @@ from datamodules.regular_file import open_text
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
 NUMBERS = COLUMNS[3:]
-# What a number may be. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
+# Ranges of the numbers. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
 RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0, 200)}
 
 ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 
-# What C# writes of a number with a decimal comma: no needless zero in front, none at the end, and
-# one digit before the comma where there is an exponent.
+# A number with a decimal comma as C# writes it: no needless zero at the start or end, and one digit
+# before the comma if there is an exponent.
 _NUMBER = re.compile(r"-?((0|[1-9]\d*)(,\d*[1-9])?|[1-9](,\d*[1-9])?E[-+]?\d+)$", re.IGNORECASE)
 _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
 
@@ -51,7 +51,7 @@ class LogRow:
 
 @dataclass(frozen=True)
 class LogColumns:
-    """A whole log: `LogRow`'s line, int64 [N]; paths, three lists; and numbers, float64 [N, 4]."""
+    """A whole log as columns: line, int64 [N]; paths, three lists; numbers, float64 [N, 4]."""
 
     line: np.ndarray
     paths: tuple[list[str], ...]
@@ -62,7 +62,7 @@ class LogColumns:
 
 
 def read_log_columns(log: Path) -> LogColumns:
-    """Read a log as columns, five times as fast as `read_log` if the simulator wrote it.
+    """Read a log as columns: a log of the simulator five times as fast as `read_log`.
 
     Raises:
         InputError: as `read_log`.
@@ -112,7 +112,7 @@ def _read_plain_log(log: Path) -> LogColumns | None:
                     floats = [list(map(float, cells[name])) for name in NUMBERS]
                     numbers.append(np.array(floats))
                     lines.append(np.arange(before + 1, before + 1 + len(rows)))
-        except (csv.Error, ValueError):  # a byte that is no UTF-8 is a ValueError, too
+        except (csv.Error, ValueError):  # invalid UTF-8 raises a ValueError, too
             return None
     if not numbers:
         return None
@@ -126,13 +126,13 @@ def _read_plain_log(log: Path) -> LogColumns | None:
 def read_log(log: Path) -> Iterator[LogRow]:
     """Yield the rows of `driving_log.csv`, with or without header, in any locale's numbers.
 
-    A decimal comma splits a number in two fields. The pieces are joined so that each number stays
-    within its range; where two readings remain, one that does not press throttle and brake at once
-    (the simulator cannot), and then the one whose speed is nearest to the row before.
+    A decimal comma splits a number into two fields. They are joined so that each number is within
+    its range. If several readings remain, those with throttle and brake at once are dropped (the
+    simulator cannot write them); of the others, the speed nearest to the previous row's counts.
 
     Raises:
-        InputError: a row has the wrong number of columns, a quote that runs on into the next row,
-            an image name that is no UTF-8, or a value that is no number or beyond its range; the
+        InputError: a row has the wrong number of columns, a quote that is not closed in its
+            row, an image name that is not UTF-8, or a value that is no number or out of range; the
             header names a column twice or lacks one; the log is UTF-16; or there is no row.
     """
     previous_speed = 0.0
@@ -177,7 +177,7 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
             )
         return names
     images = len([field for field in fields if _IMAGE.search(field)])
-    if images == 1 and len(fields) > 1 and fields[1]:  # the steering stands there, no empty path
+    if images == 1 and len(fields) > 1 and fields[1]:  # a steering, not an empty path
         return ["center", *NUMBERS]
     return list(COLUMNS)
 
@@ -185,7 +185,7 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
 def _arrange(
     log: Path, line: int, fields: list[str], order: list[str]
 ) -> tuple[tuple[str, ...], list[str]]:
-    """Return a row's three paths and the fields of its numbers (over 4: decimal commas)."""
+    """Return a row's three paths and its numbers' fields, over 4 if they have decimal commas."""
     if len(fields) == len(order):
         cells = dict(zip(order, fields, strict=True))
         paths = tuple(cells.get(camera, "") for camera in CAMERAS)
@@ -235,7 +235,7 @@ def _number(log: Path, line: int, name: str, text: str) -> float:
 
 
 def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
-    """Every way to join neighbouring pieces into four numbers that the simulator can have written.
+    """Yield each way to join neighbouring pieces into four numbers that the simulator could write.
 
     >>> list(_decimal_comma_readings(["0", "25", "1", "0", "30", "19028"]))
     [(0.25, 1.0, 0.0, 30.19028)]

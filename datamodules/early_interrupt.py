@@ -1,4 +1,4 @@
-"""Ctrl-C while Python still imports a command's modules: one line instead of an import's trace."""
+"""Ctrl-C while Python imports a command's modules: one line instead of a traceback."""
 
 import os
 import signal
@@ -6,15 +6,15 @@ import sys
 
 
 def stop_quietly(package: str) -> None:
-    """Let Ctrl-C end `python -m PACKAGE...` in one line, unless something else is set for it."""
+    """Let Ctrl-C end `python -m PACKAGE...` in one line, if no other handler is set."""
     is_ours = _named_module().partition(".")[0] == package
-    importing = sys.argv[:1] == ["-m"]  # so Python calls a command while it imports what it needs
+    importing = sys.argv[:1] == ["-m"]  # its value while `python -m` imports the command
     if is_ours and importing and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _stop)
 
 
 def raise_again() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt again, which a command handles."""
+    """Let Ctrl-C raise KeyboardInterrupt again, which commands handle."""
     if signal.getsignal(signal.SIGINT) is _stop:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

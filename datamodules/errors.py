@@ -1,12 +1,12 @@
-"""The exceptions that a user's input can cause, printed as one line and never as a trace."""
+"""Exceptions caused by a user's input; commands print them as one line, without a traceback."""
 
 
 class InputError(Exception):
-    """Bad input, in one line: the file, the row, what was found, and the fix."""
+    """An error of bad input, in one line: the file, the row, what was found, and the fix."""
 
 
 class UsageError(InputError):
-    """A command that cannot be meant: a key, a choice or an argument that does not exist or fit.
+    """An error of wrong use: a key, choice or argument does not exist or does not fit.
 
-    Commands exit with 2 for it, and with 1 for other input that they cannot use.
+    Commands exit with 2 for it, and with 1 for other bad input.
     """

@@ -1,6 +1,6 @@
-"""What the frozen front of a network makes of each picture, computed once and kept as views are.
+"""Features of images from a network's frozen layers, computed once and cached as views are.
 
-A front is any pure function of a picture; what it is, and whether it is frozen, is not known here.
+Here a front is any pure function of an image; this module knows nothing of networks.
 """
 
 import hashlib
@@ -24,20 +24,20 @@ from datamodules.row_views import RowViews
 from datamodules.view import View
 from datamodules.view_store import Keep, cache_key, is_stored, load_file
 
-# Raise it when what is kept of a picture changes: old files are then not read again.
+# Raise it when the cached features of an image change: old files are then not read again.
 VERSION = 1
-CHUNK = 32  # pictures computed at a time: more fall out of a core's cache, fewer leave it idle
-MIRRORED = len(CAMERAS)  # added to a camera's number, for its mirrored picture
+CHUNK = 32  # images computed at a time: more do not fit a core's cache, fewer leave the core idle
+MIRRORED = len(CAMERAS)  # added to a camera's number for its mirrored images
 
 
 @dataclass(frozen=True)
 class Front:
-    """A pure function of pictures.
+    """A pure function of images.
 
     Attributes:
-        compute: uint8 [n, H, W, C] to float16 [n, h, w, c].
+        compute: function from images, uint8 [n, H, W, C], to features, float16 [n, h, w, c].
         shape: `(h, w, c)`.
-        fingerprint: of all that it depends on but the picture.
+        fingerprint: hash of all that the features depend on, except the image.
     """
 
     compute: Callable[[np.ndarray], np.ndarray]
@@ -45,7 +45,7 @@ class Front:
     fingerprint: str
 
     @property
-    def picture_bytes(self) -> int:
+    def image_bytes(self) -> int:
         """Return the bytes of one image's features."""
         return int(np.prod(self.shape)) * np.dtype(np.float16).itemsize
 
@@ -55,11 +55,11 @@ class FeatureFile:
     """A file of the cache: features of one recording's images of one camera, or mirrored.
 
     Attributes:
-        rows: int64 [n], of the recording.
-        column: of `RowViews.file`: the camera, or the camera and `MIRRORED`.
-        paths: of the pictures.
-        name: says what it is, to a person.
-        target: the file; None in memory.
+        rows: recording's rows, int64 [n].
+        column: column of `RowViews.file`: the camera, plus `MIRRORED` for mirrored images.
+        paths: files of the images.
+        name: description for the user.
+        target: path of the file; None in memory.
     """
 
     rows: np.ndarray
@@ -70,16 +70,18 @@ class FeatureFile:
 
     @property
     def is_missing(self) -> bool:
-        """Whether it has to be computed."""
+        """Return whether it has to be computed."""
         return self.target is None or not is_stored(self.target)
 
 
 @dataclass(frozen=True)
 class FeaturePlan:
-    """All files that a training needs, and where they go.
+    """The feature files that a training needs.
 
     Attributes:
-        folder: the cache; None for memory.
+        files: all files, cached or not.
+        front: function that computes them.
+        folder: folder of the cache; None for memory.
     """
 
     files: list[FeatureFile]
@@ -87,22 +89,22 @@ class FeaturePlan:
     folder: Path | None
 
     @property
-    def pictures(self) -> int:
-        """How many there are, those that are in the cache too."""
+    def images(self) -> int:
+        """Return the number of images, with those in the cache."""
         return sum(len(file.rows) for file in self.files)
 
     @property
     def missing(self) -> int:
-        """How many are not in the cache yet."""
+        """Return the number of images that are not in the cache."""
         return sum(len(file.rows) for file in self.files if file.is_missing)
 
     @property
     def missing_bytes(self) -> int:
-        """What those will take."""
-        return self.missing * self.front.picture_bytes
+        """Return the bytes that the missing features will take."""
+        return self.missing * self.front.image_bytes
 
     def free_bytes(self) -> int:
-        """Of the disk, or memory, that they go to."""
+        """Return the free bytes of the cache's disk, or of memory."""
         if self.folder is None:
             return psutil.virtual_memory().available
         there = next(one for one in (self.folder, *self.folder.absolute().parents) if one.exists())
@@ -118,7 +120,7 @@ def plan_features(
     mirrored: bool,
     cache: Path | None,
 ) -> FeaturePlan:
-    """Return the plan for all `views`; with `mirrored` also for `cameras`' mirrored images."""
+    """Return the plan for all `views`; if `mirrored`, also for mirrored images of `cameras`."""
     files = []
     for number, name in enumerate(recording.names):
         for camera, camera_name in enumerate(CAMERAS):
@@ -126,9 +128,9 @@ def plan_features(
             if not len(rows):
                 continue
             paths = list(recording.images[rows, camera])
-            pictures = cache_key(paths, view) if cache else ""
+            images = cache_key(paths, view) if cache else ""
             for turned in (False, True)[: 1 + (mirrored and camera_name in cameras)]:
-                key = json.dumps([VERSION, pictures, front.fingerprint, turned])
+                key = json.dumps([VERSION, images, front.fingerprint, turned])
                 digest = hashlib.sha256(key.encode()).hexdigest()[:24]
                 files.append(
                     FeatureFile(
@@ -210,7 +212,7 @@ def _load(
 class FeatureBatches(Dataset):
     """The batches of `TrainingBatches` with features in place of images.
 
-    `images` are float16 [n, c, h, w], of the images that would be fed.
+    `images` holds features, float16 [n, c, h, w], of the images that it would hold.
     """
 
     batches: TrainingBatches

@@ -1,4 +1,4 @@
-"""What is odd about a recording: what it does to a training, and what to do about it."""
+"""What is unusual about a recording, its effect on training, and what to do about it."""
 
 import os
 from collections.abc import Callable
@@ -13,9 +13,9 @@ from datamodules.stretches import LEAST_CHANGE, find_stretches, steering_returns
 # rows share 414 values) from the expert's (no 0, as many values as rows).
 ZERO_SHARE = 0.4
 DISTINCT_SHARE = 0.8
-# Recordings of the expert's ways back have 6 to 7 in 1,000 rows, 3 with as many laps in the middle.
+# The expert's recordings of recoveries have 6 to 7 in 1,000 rows; with as many normal laps, 3.
 RECOVERIES_PER_ROW = 1 / 1000
-# A tenth of fewer rows, for validation or test, is less than one block of ten seconds: one place.
+# A tenth of fewer rows (validation or test) is less than one block of ten seconds: one place.
 FEW_ROWS = 1000
 SPEED_WINDOW_MPH, SPEEDS_APART_MPH = 3, 6
 SPEEDS_SHARE, SECOND_SPEED_SHARE = 0.8, 0.2
@@ -26,14 +26,14 @@ IDENTICAL_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Finding:
-    """An oddity: its kind, the same for all of its sort, and one line for a person."""
+    """An oddity of a recording: its kind, and one line of text for the user."""
 
     kind: str
     text: str
 
 
 def find_oddities(recording: Recording) -> list[Finding]:
-    """Return what is odd about a recording that loads; of several, about all rows together."""
+    """Return what is unusual about a recording; several are judged as one."""
     found = []
     for kind, look in _LOOKS.items():
         text = look(recording)
@@ -47,8 +47,8 @@ def _few_rows(recording: Recording) -> str | None:
     if rows >= FEW_ROWS:
         return None
     return (
-        f"{rows:,} rows are few: validation and test see one place each, and a network learns the "
-        f"road by heart; record two laps or more (some 2,700 rows), or try with quick=true"
+        f"only {rows:,} rows: validation and test cover one place each, and a network memorizes "
+        "the road; record two laps or more (about 2,700 rows), or try with quick=true"
     )
 
 
@@ -60,14 +60,14 @@ def _keyboard(recording: Recording) -> str | None:
         return None
     return (
         f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share {values:,} "
-        "values, as a keyboard leaves it: a network learns to go straight on and to jerk; keep "
+        "values, as from a keyboard: a network learns to drive straight and to jerk; keep "
         "data.straight_cap=0.5, or steer by mouse or gamepad (python -m simulator drive)"
     )
 
 
 def _no_recoveries(recording: Recording) -> str | None:
     if not np.isfinite(recording.time_s).any():
-        return None  # without times nothing tells of a pause
+        return None  # without times no pause can be found
     stretches = find_stretches(recording)
     if not len(stretches.first):
         return None
@@ -77,9 +77,10 @@ def _no_recoveries(recording: Recording) -> str | None:
     if count >= RECOVERIES_PER_ROW * len(recording):
         return None
     return (
-        f"{count} stretches follow a pause and steer back to the middle: a network learns to come "
-        "back from side cameras (data.offset) and augment=[shift] alone; record ways back: pause, "
-        "drive off the middle, record while you return (or python -m simulator record noise=1)"
+        f"{count} stretches follow a pause and steer back to the middle: a network learns to "
+        "return only from side cameras (data.offset) and augment=[shift]; record recoveries: "
+        "pause, drive off the middle, record while you return "
+        "(or python -m simulator record noise=1)"
     )
 
 
@@ -87,7 +88,7 @@ def _centre_only(recording: Recording) -> str | None:
     if any(image is not None for image in recording.images[:, 1:].flat):
         return None
     return (
-        "no side cameras: data.offset has no effect, and nothing shows how to come back to the "
+        "no side cameras: data.offset has no effect, and no image shows how to return to the "
         "middle; set augment=[shift], or record with three cameras"
     )
 
@@ -104,7 +105,7 @@ def _two_speeds(recording: Recording) -> str | None:
         return None
     return (
         f"{shares[0]:.0%} of rows are driven at about {first:.0f} mph, {shares[1]:.0%} at about "
-        f"{second:.0f}: one data.offset suits one speed only; set data.recover_s=2, which follows "
+        f"{second:.0f}: one data.offset fits only one speed; set data.recover_s=2, which uses "
         "each row's speed, or record at one speed"
     )
 
@@ -126,7 +127,7 @@ def _one_direction(recording: Recording) -> str | None:
     side, share = ("left", left) if left > 0.5 else ("right", 1 - left)
     return (
         f"{share:.0%} of the steering is to the {side}: a network pulls to that side; keep "
-        "data.flip=0.5, which mirrors half of the samples, or record the other way round, too"
+        "data.flip=0.5, which mirrors half of the samples, or also record in the other direction"
     )
 
 
@@ -136,19 +137,19 @@ def _duplicates(recording: Recording) -> str | None:
     if repeated:
         return (
             f"{repeated:,} of {len(named):,} images are named a second time: these rows count "
-            "twice and can be in training and validation both; delete the repeated rows of the log"
+            "twice and can be in both training and validation; delete the repeated rows of the log"
         )
     same = _identical_to_the_row_before(recording)
     if same < IDENTICAL_SHARE * len(recording):
         return None
     return (
         f"{same:,} of {len(recording):,} centre images repeat the row before's while the car "
-        "moves: these rows count twice; record again on a machine that other programs leave alone"
+        "moves: these rows count twice; end other programs and record again"
     )
 
 
 def _identical_to_the_row_before(recording: Recording) -> int:
-    """Return the count; only images of equal size are read."""
+    """Return the number of such rows; only images of equal size are read."""
     centre = recording.images[:, 0]
     size = np.array([_size(path) for path in centre])
     moving = recording.speed_mph[1:] > STANDSTILL_MPH

@@ -1,7 +1,7 @@
 """Geometry of image rows on flat ground, for augmentations of roads.
 
-The dimensions are those of the original simulator's centre camera and car; a test holds them equal
-to the embedded simulator's.
+The dimensions are those of the original simulator's centre camera and car; a test compares them
+with the embedded simulator's.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from datamodules.image import FRAME_HEIGHT
 CAMERA_HEIGHT_M, CAMERA_AHEAD_M = 1.2, 1.0  # ahead of the car's origin
 PITCH_DOWN_DEG = 9.5
 FOCAL_PX = FRAME_HEIGHT / 2 / np.tan(np.radians(30.0))
-WHEELBASE_M, REAR_AXLE_M = 2.87, 1.60  # the axle stands behind the origin
+WHEELBASE_M, REAR_AXLE_M = 2.87, 1.60  # the rear axle is behind the origin
 MAX_STEERING_DEG = 25.0
 FARTHEST_M = 60.0
 

@@ -1,4 +1,4 @@
-"""Decode a camera image; the one decoder for training and driving."""
+"""Decode camera images, for training and driving alike."""
 
 import io
 import struct
@@ -18,12 +18,12 @@ FRAME_HEIGHT, FRAME_WIDTH = 160, 320  # what the original simulator records and 
 MOST_IMAGE_BYTES = 32_000_000
 MOST_PIXELS = 64_000_000
 MOST_SCANS = 64  # of a JPEG, each a pass over all pixels; a progressive one has some 10
-TAIL = 1024  # bytes of a file in which its end is looked for
+TAIL = 1024  # bytes at a file's end that must hold the end marker
 
-# What a file begins with, and what stands near its end. Within a JPEG's data FF is never followed
-# by D9: the marker stands only at the true end.
+# The first bytes of each kind of file, and its end marker. A JPEG's data never holds FF D9, so the
+# marker stands only at the true end.
 _KINDS = ((b"\xff\xd8\xff", b"\xff\xd9"), (b"\x89PNG\r\n\x1a\n", b"IEND"))
-HEAD = 8  # bytes of a file that tell its kind
+HEAD = 8  # bytes that identify the kind of file
 NO_IMAGE = "the file is no JPEG or PNG"
 
 
@@ -38,11 +38,11 @@ def read_image(path: str | Path) -> np.ndarray:
 
 
 def decode_image(data: bytes) -> np.ndarray:
-    """Return the image in JPEG or PNG bytes, uint8 [160, 320, 3] RGB, resized where it has to be.
+    """Return the image in JPEG or PNG bytes, uint8 [160, 320, 3] RGB, resized if needed.
 
     Raises:
-        ValueError: the bytes are no JPEG or PNG, one without its end, which OpenCV would fill
-            with grey, or one of more than `MOST_PIXELS` or `MOST_SCANS`.
+        ValueError: the bytes are no JPEG or PNG; or the image lacks its end, which OpenCV would
+            fill with grey, or has more than `MOST_PIXELS` or `MOST_SCANS`.
     """
     if fault := find_fault(data[:HEAD], data[-TAIL:]):
         raise ValueError(fault)
@@ -50,14 +50,14 @@ def decode_image(data: bytes) -> np.ndarray:
     if fault := find_size_fault(width, height) or find_scan_fault(data):
         raise ValueError(fault)
     try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
     except cv2.error as error:  # a size that OpenCV refuses
         raise ValueError(error.err) from None
-    if picture is None:
+    if image is None:
         raise ValueError(NO_IMAGE)
-    if picture.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
-        picture = cv2.resize(picture, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
-    return picture
+    if image.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
+        image = cv2.resize(image, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
+    return image
 
 
 def find_fault(head: bytes, tail: bytes) -> str | None:
@@ -87,7 +87,7 @@ def find_scan_fault(data: bytes, most: int = MOST_SCANS) -> str | None:
 
 
 def image_size(file: BinaryIO) -> tuple[int, int]:
-    """Return a JPEG's or PNG's width and height as its header has them.
+    """Return the width and height in a JPEG's or PNG's header.
 
     Raises:
         ValueError: the header is damaged.
@@ -95,17 +95,17 @@ def image_size(file: BinaryIO) -> tuple[int, int]:
     head = file.read(HEAD)
     file.seek(0)
     try:
-        # Not Image.open, which warns of a size that is refused here.
+        # Image.open would print a warning about a size that this module refuses itself.
         kind = PngImageFile if head.startswith(_KINDS[1][0]) else JpegImageFile
         return kind(file).size
-    except Exception as error:  # Pillow fails in any way on bytes of any kind
+    except Exception as error:  # damaged bytes can make Pillow raise anything
         raise ValueError(f"{NO_IMAGE} ({str(error) or type(error).__name__})") from None
 
 
 def jpeg_size(data: bytes) -> tuple[int, int] | None:
-    """Return a plain JPEG's width and height, ten times as fast as Pillow; None of other data.
+    """Return a plain JPEG's width and height, ten times as fast as Pillow; None for other data.
 
-    Segments (ITU-T T.81, annex B) are passed over up to the frame's header.
+    It skips the segments (ITU-T T.81, annex B) before the frame's header.
     """
     at, end = 2, len(data) - 9
     if not data.startswith(b"\xff\xd8"):
@@ -115,7 +115,9 @@ def jpeg_size(data: bytes) -> tuple[int, int] | None:
         if kind in (0xC0, 0xC1, 0xC2):  # the frame: sequential or progressive
             height, width = struct.unpack_from(">HH", data, at + 5)
             return width, height
-        if kind < 0xC4 or 0xD0 <= kind <= 0xD9 or kind == 0xFF:  # markers without a length, filling
+        if (
+            kind < 0xC4 or 0xD0 <= kind <= 0xD9 or kind == 0xFF
+        ):  # markers without a length; fill bytes
             return None
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return None

@@ -9,22 +9,22 @@ from scipy.spatial.distance import cdist
 
 from datamodules.recording import Recording
 
-SAMPLED = 400  # rows of each kind that are compared: enough for a median
-COMPARED = 20_000  # training rows that they are compared with, beside those that are near
-NEAR = 16  # training rows on each side of a sampled one that are always among those
+SAMPLED = 400  # held-out rows that are compared: enough for a median
+COMPARED = 20_000  # training rows that they are compared with, and also their neighbours
+NEAR = 16  # neighbours on each side of a held-out row
 AT_ONCE = 1_000  # rows whose differences stay in the processor's cache
-STRANGERS = 4_000  # training rows that tell how different any two pictures are
+STRANGERS = 4_000  # training rows for the difference between any two images
 THUMBNAIL = (16, 8)
 
 
 @dataclass(frozen=True)
 class Leak:
-    """Medians over validation (or test) rows.
+    """The train/validation similarity: medians over validation (or test) rows.
 
     Attributes:
-        seconds: to the nearest training row of the same recording; NaN where no time is known.
-        likeness: the mean difference to the most alike training picture, as a share of the mean
-            difference between any two pictures: near 0 is a copy, 1 a stranger.
+        seconds: time to the nearest training row of the same recording; NaN without times.
+        likeness: mean difference to the most similar training image, divided by the mean
+            difference between any two images: near 0 for a copy, 1 for an unrelated image.
     """
 
     seconds: float
@@ -37,7 +37,7 @@ def measure_leak(
     held_out: np.ndarray,
     image_of: Callable[[int], np.ndarray],
 ) -> Leak:
-    """Return the leak from training rows to held-out rows.
+    """Return the similarity of held-out rows to training rows.
 
     Args:
         recording: recording of all rows.
@@ -51,9 +51,9 @@ def measure_leak(
     known = seconds[np.isfinite(seconds)]
     compared = train
     if len(train) > COMPARED:
-        # A row's neighbours, its likely copies, must be among them, however long the recording is.
-        beside = np.searchsorted(train, rows)[:, None] + np.arange(-NEAR, NEAR)
-        near = train[np.clip(beside, 0, len(train) - 1)]
+        # A row's neighbours are its likely copies: they are compared in recordings of any length.
+        around = np.searchsorted(train, rows)[:, None] + np.arange(-NEAR, NEAR)
+        near = train[np.clip(around, 0, len(train) - 1)]
         compared = np.union1d(rng.choice(train, COMPARED, replace=False), near)
     nearest, stranger = _differences(_thumbnails(image_of, rows), image_of, compared)
     likeness = float(np.median(nearest) / stranger) if stranger else 0.0
@@ -61,7 +61,7 @@ def measure_leak(
 
 
 def _seconds_to_nearest(recording: Recording, train: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Float64 [rows], from each to the nearest training row of its recording; NaN if unknown."""
+    """Return each row's seconds to its recording's nearest training row; NaN if unknown."""
     seconds = np.full(len(rows), np.nan)
     for number in np.unique(recording.recording[rows]):
         times = np.sort(recording.time_s[train[recording.recording[train] == number]])

@@ -1,4 +1,4 @@
-"""A log's text: its encoding, what stands between its fields, and quotes."""
+"""A log's text: its encoding, delimiter and quotes."""
 
 import codecs
 import csv
@@ -12,7 +12,7 @@ from datamodules.regular_file import open_text
 
 MOST_LOG_BYTES = 2_000_000_000  # some ten million rows
 
-# What `surrogateescape` makes of bytes that are no UTF-8, and NUL, in a path's last part.
+# Bytes that are not UTF-8, as `surrogateescape` decodes them, and NUL, in a path's last part.
 _NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -20,7 +20,7 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield each row's line and stripped fields, without empty rows."""
     _refuse_utf_16(log)
-    # A folder's name in an old code page does no harm: images are found by their own names.
+    # A folder's name may be in an old code page: images are found by their file names.
     with open_text(log, MOST_LOG_BYTES, errors="surrogateescape") as file:
         reader = csv.reader(file, delimiter=find_delimiter(file), skipinitialspace=True)
         while True:
@@ -35,7 +35,7 @@ def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
                 return
             if reader.line_num > line:
                 raise InputError(
-                    f"{log}, row {line}: a quote opens here and runs on to row {reader.line_num}; "
+                    f"{log}, row {line}: a quote opens here and closes in row {reader.line_num}; "
                     "delete the quote or the row"
                 )
             fields = [field.strip() for field in fields]
@@ -44,7 +44,7 @@ def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def find_delimiter(file: TextIO) -> str:
-    """Return what stands between the first line's fields; its numbers may have commas of theirs."""
+    """Return the delimiter of the first line, whose numbers may have decimal commas."""
     line = file.readline()
     file.seek(0)
     return ";" if line.count(";") >= max(3, line.count(",")) else ","
@@ -63,16 +63,16 @@ def _refuse_utf_16(log: Path) -> None:
 
 
 def printable_path(log: Path, line: int, path: str) -> str:
-    """Return a path that can be printed, or raise InputError where its file cannot be found."""
+    """Return a path that can be printed; raise InputError if its file name is not UTF-8."""
     if found := _NO_TEXT.search(path):
         name = replace_undecoded(found.group())
         raise InputError(
-            f"{log}, row {line}: the image name {name} is no UTF-8; save the log as UTF-8, or "
+            f"{log}, row {line}: the image name {name} is not UTF-8; save the log as UTF-8, or "
             "delete the row"
         )
     return replace_undecoded(path)
 
 
 def replace_undecoded(text: str) -> str:
-    """Return a text with a sign for each byte that `read_fields` could not decode."""
+    """Return a text with U+FFFD for each byte that `read_fields` could not decode."""
     return text.encode(errors="surrogateescape").decode(errors="replace").replace("\0", "\ufffd")

@@ -1,4 +1,4 @@
-"""Recordings: folders with a `driving_log.csv` and an `IMG` folder, wherever they were made."""
+"""Recordings: folders with a `driving_log.csv` and an `IMG` folder, from any machine."""
 
 import hashlib
 import os
@@ -12,25 +12,25 @@ from datamodules.driving_log import CAMERAS, LogColumns, read_log_columns
 from datamodules.errors import InputError
 
 LOG_NAME = "driving_log.csv"
-SUGGESTED = 3  # folders with a log that are named where the given one has none
-GAP_S = 1.0  # a pause between two rows that is longer than this is a gap in the recording
+SUGGESTED = 3  # folders with a log that the error about a folder without one names
+GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 
 _TIME = re.compile(r"(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d{3})(?=\.\w+$)")
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One or several recordings as columns, a row a frame, in the order they were driven.
+    """One or several recordings as columns: a row per frame, in the order of driving.
 
     Attributes:
-        names: the recordings' folders, as the user named them.
-        recording: int64 [N], which of `names` a row is of.
-        line: int64 [N], the row's line in its log.
-        images: object [N, 3], paths on this machine of center, left, right; None without a camera.
-        steering, throttle, brake: float64 [N], -1..1, 0..1, 0..1.
-        speed_mph: float64 [N].
-        time_s: float64 [N], seconds since 1970 from the file name; NaN where it carries none.
-        bad_images: what was skipped for `on_bad_image=skip`, one line each.
+        names: recordings' folders, as the user named them.
+        recording: index in `names`, int64 [N].
+        line: line in the log, int64 [N].
+        images: paths on this machine of center, left, right, object [N, 3]; None without an image.
+        steering, throttle, brake: recorded values, float64 [N], -1..1, -1..1, 0..1.
+        speed_mph: recorded speed, float64 [N].
+        time_s: seconds since 1970 from the file name, float64 [N]; NaN without a time.
+        bad_images: a line on each row that `on_bad_image=skip` left out.
     """
 
     names: tuple[str, ...]
@@ -59,7 +59,7 @@ class Recording:
         return f"{log}, row {self.line[row]}"
 
     def fingerprint(self) -> str:
-        """16 hex digits of the rows' labels and image names: equal wherever the folder stands."""
+        """Return 16 hex digits of labels and image names, the same wherever the folder is."""
         digest = hashlib.sha256()
         for name in ("steering", "throttle", "brake", "speed_mph", "recording"):
             digest.update(np.ascontiguousarray(getattr(self, name)).tobytes())
@@ -71,12 +71,12 @@ class Recording:
 def read_recordings(
     roots: str | list[str], images: str | None = None, on_bad_image: str = "fail"
 ) -> Recording:
-    """Read one folder or several; rows of several are concatenated and keep which is which.
+    """Read one folder, or several as one `Recording`.
 
     Args:
-        roots: folders that hold a `driving_log.csv` each (or the paths of such files).
-        images: the folder with the pictures, where it is not `IMG` beside the log.
-        on_bad_image: `fail` or `skip` a row whose image is missing.
+        roots: folders of a `driving_log.csv` each, or paths of such files.
+        images: folder of the images, if not `IMG` next to the log.
+        on_bad_image: `fail`, or `skip` a row whose image is missing.
 
     Raises:
         InputError: a folder, log, row or image is missing or wrong.
@@ -97,7 +97,7 @@ def read_recordings(
     if not len(whole):
         raise InputError(
             f"{', '.join(whole.names)}: no rows left, all {len(whole.bad_images)} have a bad image "
-            f"({whole.bad_images[0]})"
+            f"({whole.bad_images[0]}); copy the images, or set data.images=FOLDER"
         )
     return whole
 
@@ -127,7 +127,7 @@ def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) ->
         paths[:, camera] = found
         pairs = enumerate(zip(written, found, strict=True))
         missing.append([index for index, (name, path) in pairs if name and path is None])
-    # A folder from which every picture of a side camera was left out is a centre-only recording.
+    # A recording without any image of a side camera is a centre-only recording.
     for camera in (1, 2):
         if len(missing[camera]) == len(rows):
             missing[camera] = []
@@ -150,10 +150,10 @@ def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) ->
 
 
 def _suggest(root: Path) -> str:
-    """Return what to set `data.root` to: folders one level down, where they have a log."""
+    """Return what to set `data.root` to: subfolders that hold a log."""
     found = [str(path.parent) for path in sorted(root.glob(f"*/{LOG_NAME}"))]
     if not found:
-        return "set data.root to the folder that does"
+        return f"set data.root to the folder of a {LOG_NAME}"
     named, more = ", ".join(found[:SUGGESTED]), len(found) - SUGGESTED
     return f"set data.root to {'one of ' * (len(found) > 1)}{named}" + (
         f" ({more} more)" if more > 0 else ""
@@ -167,7 +167,7 @@ def _refuse_or_note(
     finder: "ImageFinder",
     on_bad_image: str,
 ) -> dict[int, str]:
-    """Rows with a missing image, and a line on each; InputError if that is to fail."""
+    """Return a line for each row with a missing image; raise InputError for `fail`."""
     bad = {}
     for camera, indices in enumerate(missing):
         for index in indices:
@@ -184,16 +184,16 @@ def _refuse_or_note(
 
 
 class ImageFinder:
-    """Finds on this machine the image that a log from another machine names.
+    """A finder on this machine of images that a log from another machine names.
 
-    A path may be of Windows, macOS or Linux, absolute or relative. Folders are looked at once.
+    A path may be of Windows, macOS or Linux, absolute or relative. Each folder is listed once.
     """
 
     def __init__(self, log: Path, images: str | None) -> None:
         self.root = log.parent
         self.images = Path(images).expanduser() if images else None
         if self.images and not self.images.is_dir():
-            raise InputError(f"{self.images}: no such folder; data.images names the pictures' one")
+            raise InputError(f"{self.images}: no such folder; set data.images=FOLDER of the images")
         self._listings: dict[Path, dict[str, str]] = {}
         self._candidates: dict[str, list[Path]] = {}
 
@@ -212,7 +212,7 @@ class ImageFinder:
         return None
 
     def find_all(self, written: list[str]) -> list[str | None]:
-        """`find` for each; most of a log names one folder, where a look in a table is enough."""
+        """Return each image's path or None, as `find`, but fast for a log that names one folder."""
         first = next(filter(None, written), "")
         folder = first[: len(first) - len(file_name(first))]
         self.find(first)
@@ -230,7 +230,7 @@ class ImageFinder:
         return str(self.images or self.root / "IMG")
 
     def _folders(self, written: str) -> list[Path]:
-        """Where to look, best first: the named folder, IMG beside the log, the path's own tail."""
+        """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
         if self.images:
             return [self.images]
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
@@ -242,7 +242,7 @@ class ImageFinder:
     def _listing(self, folder: Path) -> dict[str, str]:
         if folder not in self._listings:
             try:
-                # Regular files only: to open a pipe waits for its writer.
+                # Regular files only: opening a pipe would wait for its writer.
                 with os.scandir(folder) as entries:
                     files = (entry for entry in entries if entry.is_file())
                     self._listings[folder] = {entry.name: entry.path for entry in files}
@@ -261,7 +261,7 @@ def file_name(written: str) -> str:
 
 
 def times_from_names(names: list[str]) -> np.ndarray:
-    """Seconds since 1970 (float64 [N]) from `..._2018_07_16_17_11_43_382.jpg`; NaN without."""
+    """Return seconds since 1970, float64 [N], from `..._2018_07_16_17_11_43_382.jpg`; else NaN."""
     times = _plain_times(names)
     if times is None:
         stamps = [
@@ -272,14 +272,14 @@ def times_from_names(names: list[str]) -> np.ndarray:
         ]
         try:
             times = np.array(stamps, dtype="datetime64[ms]")
-        except ValueError:  # a name that looks like a time and is none, such as month 13
+        except ValueError:  # such as month 13
             return np.full(len(names), np.nan)
     seconds = times.astype("int64") / 1000.0
     return np.where(np.isnat(times), np.nan, seconds)
 
 
 def _plain_times(names: list[str]) -> np.ndarray | None:
-    """datetime64[ms] [N] where every name ends in a time and three letters; None otherwise."""
+    """Return times, datetime64[ms] [N]; None unless all names end in one and three letters."""
     try:
         tails = np.array([name[-27:] for name in names], "S27")
     except UnicodeEncodeError:

@@ -1,4 +1,4 @@
-"""What a recording holds, in figures: printed whenever one is loaded."""
+"""Figures of a recording, printed when it is loaded."""
 
 from dataclasses import dataclass
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from datamodules.recording import GAP_S, Recording
 
-KEYBOARD_SHARE = 0.4  # of steering exactly 0; above it, as a rule, a keyboard's
+KEYBOARD_SHARE = 0.4  # share of steering exactly 0 above which it usually is a keyboard's
 
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """Figures of one recording (or of all): see `report_recording`."""
+    """The figures of a recording, see `report_recording`."""
 
     name: str
     rows: int
@@ -24,7 +24,7 @@ class RecordingReport:
 
 
 def report_recordings(recording: Recording) -> list[RecordingReport]:
-    """Return a report on each recording; pauses between recordings are not gaps."""
+    """Return a report on each recording; times between recordings are not gaps."""
     return [
         report_recording(recording, recording.recording == number, name)
         for number, name in enumerate(recording.names)
@@ -32,12 +32,12 @@ def report_recordings(recording: Recording) -> list[RecordingReport]:
 
 
 def report_recording(recording: Recording, mask: np.ndarray, name: str) -> RecordingReport:
-    """Figures of the rows in `mask` (bool [N]).
+    """Return the figures of the rows in `mask`, bool [N].
 
-    `seconds` counts the time between neighbouring rows without the pauses longer than a second,
-    which are `gaps`; `fps` is one over the median step; both are NaN where the file names carry no
-    time. `side_cameras` is the number of rows with both. `zero_share` is the share of rows whose
-    steering is exactly 0, which is what a keyboard leaves.
+    `seconds` is the driven time, without gaps; `gaps` counts times over a second between rows;
+    `fps` is one over the median time between rows. Without times in the file names `seconds` and
+    `fps` are NaN. `side_cameras` counts rows with both side images. `zero_share` is the share of
+    rows whose steering is exactly 0: a keyboard gives many.
     """
     steps = np.diff(recording.time_s[mask])
     driven = steps[(steps > 0) & (steps <= GAP_S)]
@@ -73,5 +73,5 @@ def report_lines(recording: Recording) -> list[str]:
         )
     if recording.bad_images:
         count = len(recording.bad_images)
-        lines.append(f"skipped {count} rows with a bad image, first: {recording.bad_images[0]}")
+        lines.append(f"skipped {count} rows with a bad image, the first: {recording.bad_images[0]}")
     return lines

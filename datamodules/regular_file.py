@@ -1,7 +1,7 @@
-"""Open and read regular files alone: a pipe, a device or a folder is refused and never waited for.
+"""Open and read only regular files: refuse a pipe, device or folder without waiting for it.
 
-The kind and the size are those of the opened descriptor, so that no other file takes its place in
-between. A symbolic link to a regular file is one.
+The kind and the size are checked on the opened descriptor, so that the file cannot be replaced in
+between. A symbolic link to a regular file is allowed.
 """
 
 import errno
@@ -20,7 +20,7 @@ KINDS = {
     stat.S_IFSOCK: "is a socket",
     stat.S_IFDIR: "is a directory",
 }
-# Opening a pipe without it waits for a writer; a regular file ignores it.
+# O_NONBLOCK: opening a pipe does not wait for its writer. Regular files ignore it.
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
@@ -28,15 +28,14 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
     """Return a regular file's descriptor, for reading, and its size.
 
     Raises:
-        OSError: the file is missing, no regular file or above `most_bytes`; `strerror` has the
-            reason in words.
+        OSError: the file is missing, not regular, or above `most_bytes`; `strerror` says why.
     """
     try:
         descriptor = os.open(path, _FLAGS)
     except ValueError as error:  # a NUL in the path
         raise OSError(errno.EINVAL, str(error), ascii(str(path))) from None
     except OSError as error:
-        if error.errno == errno.ENXIO:  # what opening a socket says
+        if error.errno == errno.ENXIO:  # the error of opening a socket
             raise OSError(error.errno, "is a socket, no regular file", str(path)) from None
         raise
     try:
@@ -45,8 +44,8 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
             kind = KINDS.get(stat.S_IFMT(found.st_mode), "is of an unknown kind")
             raise OSError(errno.EINVAL, f"{kind}, no regular file", str(path))
         if found.st_size > most_bytes:
-            said = f"has {found.st_size:,} bytes, more than the {most_bytes:,} that are read"
-            raise OSError(errno.EFBIG, said, str(path))
+            reason = f"has {found.st_size:,} bytes, more than the {most_bytes:,} that are read"
+            raise OSError(errno.EFBIG, reason, str(path))
     except BaseException:
         os.close(descriptor)
         raise
@@ -54,9 +53,10 @@ def open_regular(path: str | Path, most_bytes: int) -> tuple[int, int]:
 
 
 def read_regular(path: str | Path, most_bytes: int) -> bytes:
-    """Return a file's bytes, as many as it had when it was opened; raises as `open_regular`.
+    """Return a file's bytes, as many as it had when it was opened.
 
-    Few calls: after each of them threads queue for Python's lock.
+    It raises what `open_regular` raises. It makes few system calls, because threads queue for
+    Python's lock after each.
     """
     descriptor, size = open_regular(path, most_bytes)
     try:
@@ -69,19 +69,19 @@ def read_regular(path: str | Path, most_bytes: int) -> bytes:
 
 
 def open_binary(path: str | Path, most_bytes: int) -> BinaryIO:
-    """Return a regular file, opened; raises as `open_regular`."""
+    """Open a regular file for reading; raises what `open_regular` raises."""
     descriptor, size = open_regular(path, most_bytes)
-    if not size:  # the kernel's files, such as /proc/kmsg, say so and can be read without end
+    if not size:  # the kernel's files, such as /proc/kmsg, may be endless
         os.close(descriptor)
         return io.BytesIO()
     return os.fdopen(descriptor, "rb")
 
 
 def open_text(path: str | Path, most_bytes: int, errors: str = "strict") -> TextIO:
-    """Return a CSV file's text, UTF-8 with or without a mark, its line ends as they are.
+    """Open a CSV file, UTF-8 with or without a byte order mark; keep its line ends.
 
     Raises:
-        InputError: see `open_regular`.
+        InputError: the file is missing, not regular or too large.
     """
     try:
         file = open_binary(path, most_bytes)

@@ -1,4 +1,4 @@
-"""The views of a recording's rows and cameras, wherever their files are."""
+"""The views of a recording's rows and cameras, in memory or in mapped files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,23 +13,22 @@ from datamodules.recording import Recording
 from datamodules.view import View
 from datamodules.view_store import load_views
 
-# Views up to this size in all are put together in memory, where one call takes a batch. Larger ones
-# stay mapped, so that memory does not grow with the rows.
+# Views up to this total size are joined in memory, where one call takes a batch. Larger ones stay
+# mapped, so that memory does not grow with the rows.
 RESIDENT_BYTES = 16_000_000
-SMALL_BYTES = 1_000  # of a picture, below which a call for each costs more than to copy it
+SMALL_BYTES = 1_000  # below it, a call for each image costs more than copying the image
 
 
 @dataclass(frozen=True)
 class RowViews:
-    """Pictures by row and camera.
+    """Images by row and camera.
 
-    There is a file per recording and camera, so that one more recording, or one more camera,
-    decodes nothing again.
+    There is a file per recording and camera: adding a recording or a camera decodes nothing again.
 
     Attributes:
-        files: uint8 [n, H, W, C], in memory or mapped; float16 of features, not of pictures.
-        file: int64 [N, 3], which of the files holds a row's picture of a camera.
-        position: int64 [N, 3], where in that file.
+        files: images uint8, or features float16, [n, H, W, C] each, in memory or mapped.
+        file: index in `files` for each row and camera, int64 [N, 3]; -1 without an image.
+        position: index in that file, int64 [N, 3].
     """
 
     files: list[np.ndarray]
@@ -43,9 +42,12 @@ class RowViews:
     def take(
         self, rows: np.ndarray, cameras: np.ndarray | int, mirrored: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return images uint8 [n, H, W, C] of rows (int64 [n]) and cameras (int64 [n] or one).
+        """Return copies of images, uint8 [n, H, W, C].
 
-        Those of `mirrored` (bool [n]) are flipped left to right.
+        Args:
+            rows: row numbers, int64 [n].
+            cameras: camera of each row, int64 [n], or one for all.
+            mirrored: whether to flip an image left to right, bool [n].
         """
         positions = self.position[rows, cameras]
         turned = np.zeros(len(rows), bool) if mirrored is None else mirrored
@@ -55,15 +57,15 @@ class RowViews:
             return out
         files = self.file[rows, cameras].tolist()
         out = np.empty((len(rows), *self.files[0].shape[1:]), self.files[0].dtype)
-        # One by one: all at once, numpy would copy a picture four times, and be slow to mirror it.
+        # One by one: numpy would copy the whole batch four times, and mirrors slowly.
         for at, (file, position, turn) in enumerate(
             zip(files, positions.tolist(), turned.tolist(), strict=True)
         ):
-            picture = self.files[file][position]
+            image = self.files[file][position]
             if turn:
-                cv2.flip(picture, 1, out[at])
+                cv2.flip(image, 1, out[at])
             else:
-                out[at] = picture
+                out[at] = image
         return out
 
     def resident(self) -> "RowViews":
@@ -85,7 +87,7 @@ def load_row_views(
     position = file.copy()
     files: list[np.ndarray] = []
     faults: dict[int, str] = {}
-    # Folders' names are not markup.
+    # A folder's name is not markup.
     text = TextColumn("{task.description}", markup=False)
     columns = (text, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     shown = console.is_terminal

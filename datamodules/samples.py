@@ -1,4 +1,4 @@
-"""Samples: a row and one of its cameras, with the steering corrected for where it looks from."""
+"""Samples: each is a row and one of its cameras, with steering corrected for the camera."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from datamodules.recording import Recording
 
 CENTER, LEFT, RIGHT = range(3)
 
-# Measured on the original simulator: metres from the centre line, wheelbase, lock of the wheels.
+# Measured on the original simulator: cameras' metres from the centreline, wheelbase, steering lock.
 CAMERA_OFFSET_M = {LEFT: -0.806, RIGHT: 0.825}
 WHEELBASE_M = 2.87
 MAX_STEERING_DEG = 25.0
@@ -23,12 +23,13 @@ class Samples:
     """Columns of M samples.
 
     Attributes:
-        row: int64 [M], the recording's row.
-        camera: int64 [M], 0 center, 1 left, 2 right.
-        steering: float32 [M], corrected for the camera, -1..1.
-        throttle: float32 [M], throttle less brake, -1..1.
-        speed_mph: float32 [M].
-        flipped: bool [M], mirrored before anything else (`steering` is not yet negated).
+        row: recording's row, int64 [M].
+        camera: 0 center, 1 left, 2 right, int64 [M].
+        steering: steering corrected for the camera, -1..1, float32 [M].
+        throttle: throttle minus brake, -1..1, float32 [M].
+        speed_mph: speed, float32 [M].
+        flipped: whether to mirror the sample before all else, bool [M] (`steering` is not yet
+            negated).
     """
 
     row: np.ndarray
@@ -62,7 +63,7 @@ def make_samples(
         both_ways: whether to add each sample a second time, mirrored.
 
     Raises:
-        InputError: an unknown camera, or no image of any of them.
+        InputError: a camera is unknown, or no row has an image of these cameras.
     """
     if not cameras or any(name not in CAMERAS for name in cameras):
         raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
@@ -77,7 +78,7 @@ def make_samples(
         parts.append((seen, np.full(len(seen), number), steering))
     row, camera, steering = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(row):
-        raise InputError(f"no row has an image of data.cameras={cameras}; name other cameras")
+        raise InputError(f"no row has an image of data.cameras={cameras}; name another camera")
     order = np.lexsort((camera, row))
     flipped = np.zeros(len(row), dtype=bool)
     if both_ways:
@@ -97,7 +98,7 @@ def make_samples(
 def recovery_steering(
     offset_m: float, speed_mph: np.ndarray | float, recover_s: float
 ) -> np.ndarray:
-    """Return the steering (-1..1) that returns a car to the line in `recover_s` seconds.
+    """Return the steering (-1..1) that returns a car to its line in `recover_s` seconds.
 
     The car is `offset_m` right of the line. Its arc meets the line at the distance driven in that
     time (pure pursuit: Coulter, "Implementation of the Pure Pursuit Path Tracking Algorithm",

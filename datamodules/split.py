@@ -1,4 +1,4 @@
-"""Train, validation and test rows, and how near they are to each other."""
+"""The split of rows into train, validation and test."""
 
 import csv
 import itertools
@@ -20,7 +20,7 @@ REDEALS = 100
 
 @dataclass(frozen=True)
 class Split:
-    """Row numbers (int64, ascending) of each part; rows of a gap are in none."""
+    """Row numbers of each part, int64, ascending; rows in gaps are in no part."""
 
     train: np.ndarray
     val: np.ndarray
@@ -39,23 +39,25 @@ def split_rows(
     """Deal rows to train, validation and test.
 
     Args:
-        kind: `blocks`: contiguous blocks of `block_s`, with `gap_s` of training rows dropped where
-            they border on another part, since neighbouring frames are near copies; `random`: row by
-            row, as the publications do; `recording`: whole recordings; or the path of a CSV with
-            `image,part` rows, such as the `split.csv` that every run leaves.
+        kind: `blocks`: contiguous blocks of `block_s`; `gap_s` of training rows next to another
+            part are dropped, because neighbouring frames are near copies; `random`: single rows, as
+            in the publications; `recording`: whole recordings; or the path of a CSV file of
+            `image,part` rows, such as a run's `split.csv`.
         recording: recording to split.
         val_share: share of validation rows, 0..1.
         test_share: share of test rows, 0..1.
         block_s: length of a block, seconds.
         gap_s: length of a gap, seconds.
-        seed: random seed of the split alone: experiments with other seeds share their test rows.
+        seed: random seed of the split only: experiments with other training seeds have the same
+            test rows.
 
     Raises:
-        InputError: an unknown kind, shares beyond 0..1, a part that gets no row.
+        InputError: the kind is unknown, a share is beyond 0..1, or a part gets no row.
     """
     if min(val_share, test_share) < 0 or val_share + test_share >= 1:
         raise InputError(
-            f"data.val_share={val_share} and data.test_share={test_share} leave nothing to train on"
+            f"data.val_share={val_share} and data.test_share={test_share} leave nothing to train "
+            "on; lower them"
         )
     shares = np.array([1 - val_share - test_share, val_share, test_share])
     rng = np.random.default_rng(seed)
@@ -84,7 +86,7 @@ def split_rows(
 
 
 def rows_per_second(recording: Recording) -> float:
-    """One over the median step between rows; 15, the simulator's rate, where no time is known."""
+    """Return one over the median time between rows; without times 15, the simulator's rate."""
     steps = np.diff(recording.time_s)
     steps = steps[steps > 0]
     return float(1 / np.median(steps)) if len(steps) else 15.0
@@ -102,7 +104,7 @@ def write_split(path: Path, recording: Recording, split: Split) -> None:
 
 
 def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Deal blocks of `sizes` to parts so that the parts' rows come near the shares."""
+    """Deal blocks of `sizes` to parts, whose shares of the rows are near `shares`."""
     part = np.zeros(len(sizes), dtype=np.int64)
     order = rng.permutation(len(sizes))
     start = 0
@@ -111,7 +113,7 @@ def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np
         if wanted == 0:
             continue
         reached = np.cumsum(sizes[order[start:]])
-        # The number of blocks that comes nearest to the share, but one at least, and one left over.
+        # The count nearest to the share, but one block at least for this and each later part.
         count = int(np.abs(reached - wanted).argmin()) + 1
         count = min(count, max(len(sizes) - start - (3 - number), 0))
         part[order[start : start + count]] = number
@@ -127,7 +129,7 @@ def _split_blocks(
     rng: np.random.Generator,
 ) -> np.ndarray:
     rate = rows_per_second(recording)
-    # A short recording is cut finer, so that every part gets a block.
+    # Blocks of a short recording are shorter, so that every part gets one.
     length = int(np.clip(block_s * rate, 1, max(len(recording) // 20, 1)))
     gap = min(round(gap_s * rate), length)
     bounds = [
@@ -136,7 +138,7 @@ def _split_blocks(
         for start in range(first, stop, length)
     ]
     sizes = np.array([stop - start for start, stop in bounds])
-    # Where blocks are few, the gaps can take all of a part that fell between the others: deal anew.
+    # With few blocks the gaps can remove a whole part: deal again.
     for _ in range(REDEALS):
         part = np.repeat(_deal(sizes, shares, rng), sizes)
         kept = _without_gaps(part, recording.recording, gap)
@@ -146,15 +148,15 @@ def _split_blocks(
 
 
 def _without_gaps(part: np.ndarray, recording: np.ndarray, gap: int) -> np.ndarray:
-    """`part` with -1 for rows that are within `gap` of another part of the same recording."""
+    """Return `part` with -1 for rows within `gap` of another part of the same recording."""
     kept = part.copy()
     for border in np.flatnonzero(np.diff(part)) + 1:
         if recording[border - 1] != recording[border]:
             continue
-        # Training rows give way first: they are many. Between the other two, validation does.
-        gives_way = min(part[border - 1], part[border])
+        # Of two neighbours the larger part loses rows: train before val before test.
+        loser = min(part[border - 1], part[border])
         near = slice(max(border - gap, 0), border + gap)
-        dropped = (part[near] == gives_way) & (recording[near] == recording[border])
+        dropped = (part[near] == loser) & (recording[near] == recording[border])
         kept[near][dropped] = -1
     return kept
 
@@ -186,7 +188,10 @@ def _read_split(recording: Recording, path: Path) -> np.ndarray:
     names = [file_name(image) for image in recording.images[:, 0]]
     part = np.array([parts.get(name, -1) for name in names])
     if (part < 0).all():
-        raise InputError(f"{path}: names no image of this recording ({LOG_NAME} starts {names[0]})")
+        raise InputError(
+            f"{path}: names no image of this recording ({LOG_NAME} starts "
+            f"with {names[0]}); name this recording's split, or set data.split=blocks"
+        )
     return part
 
 
@@ -197,15 +202,16 @@ def _fields(path: Path) -> Iterator[list[str]]:
             try:
                 row = next(reader, None)
             except csv.Error as error:
-                said = f"{path}, row {reader.line_num + 1}: cannot be read ({error})"
-                raise InputError(f"{said}; correct the row") from None
+                raise InputError(
+                    f"{path}, row {reader.line_num + 1}: cannot be read ({error}); correct the row"
+                ) from None
             if row is None:
                 return
             yield row
 
 
 def _runs(recording: Recording) -> list[tuple[int, int]]:
-    """First row and end of each recording."""
+    """Return each recording's first row and end."""
     borders = np.flatnonzero(np.diff(recording.recording)) + 1
     edges = [0, *borders.tolist(), len(recording)]
     return list(itertools.pairwise(edges))

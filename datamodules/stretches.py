@@ -1,4 +1,4 @@
-"""Stretches of a recording without a pause, and how far the steering comes back in each."""
+"""Stretches of a recording without a pause, and how far the steering returns to 0 in each."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,18 @@ from datamodules.split import rows_per_second
 
 STRETCH_S = 3.0
 SLOWEST_MPH = 3.0
-LEAST_CHANGE = 0.05  # of the steering: less is no recovery
+LEAST_CHANGE = 0.05  # change of steering, at least, in a recovery
 
 
 @dataclass(frozen=True)
 class Stretches:
-    """Stretches of `length` rows: int64 [n], their first rows; bool [n], which follow a pause."""
+    """Stretches of `length` rows.
+
+    Attributes:
+        first: first rows, int64 [n].
+        after_pause: whether a stretch follows a pause, bool [n].
+        length: number of rows in each.
+    """
 
     first: np.ndarray
     after_pause: np.ndarray
@@ -22,10 +28,10 @@ class Stretches:
 
 
 def find_stretches(recording: Recording) -> Stretches:
-    """Return all stretches of `STRETCH_S` without a pause or a standstill, one a row."""
+    """Return all stretches of `STRETCH_S` without a pause or standstill; each row may start one."""
     length = max(4, round(STRETCH_S * rows_per_second(recording)))
     steps = np.diff(recording.time_s)
-    # Where no time is known, nothing tells of a pause.
+    # Without times no pause can be found.
     paused = np.isfinite(steps) & ((steps > GAP_S) | (steps < 0))
     other = np.diff(recording.recording) != 0
     broken = np.concatenate([[0], np.cumsum(paused | other)])
@@ -38,9 +44,9 @@ def find_stretches(recording: Recording) -> Stretches:
 
 
 def steering_returns(recording: Recording, first: np.ndarray, length: int) -> np.ndarray:
-    """Return float64 [n], how far each stretch's steering comes back.
+    """Return how far each stretch's steering returns to 0, float64 [n].
 
-    It is the largest |steering| in the first half, less the mean of the last quarter.
+    It is the largest |steering| in the first half, minus the mean of the last quarter.
     """
     steering = np.abs(recording.steering)[first[:, None] + np.arange(length)]
     return steering[:, : length // 2].max(1) - steering[:, -max(1, length // 4) :].mean(1)

@@ -1,10 +1,10 @@
-"""Texts of files and folders on a terminal: their control characters are shown, not obeyed."""
+"""Escape control characters of foreign texts, such as file names, before they are printed."""
 
-MOST = 4000  # characters of an error's line, beyond which its middle is left out
+MOST = 4000  # characters of an error's line; the middle of a longer one is left out
 
 
 def printable(text: str) -> str:
-    r"""Return a text that cannot command a terminal: all but printable characters are escaped.
+    r"""Return a text with all characters escaped that are not printable.
 
     >>> print(printable("\x1b[2Jis é\u202e"))
     \x1b[2Jis é\u202e
@@ -21,7 +21,7 @@ def error_line(name: str, error: object) -> str:
 
     Args:
         name: command.
-        error: exception or text; its ends of lines become blanks.
+        error: exception or text; its line ends become blanks.
 
     >>> print(error_line("check", "a\x1b[2J:\nno such folder"))
     check: a\x1b[2J: no such folder
@@ -35,8 +35,8 @@ def error_line(name: str, error: object) -> str:
 def guard_rich() -> None:
     """Make rich escape the control characters of all texts that it prints, in any console.
 
-    rich removes five of them from every text by a table, and writes its own later. The table has
-    no public name: without it rich prints as it did before.
+    rich removes five of them from every text by a table, and adds its own control characters
+    later. The table has no public name: if a version of rich lacks it, nothing changes.
     """
     import rich.control
 

@@ -1,4 +1,4 @@
-"""What a network sees of a frame: crop, colour and size. The only code that decides it."""
+"""What a network sees of a frame: crop, colour and size. No other code decides this."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -11,21 +11,21 @@ from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 
 CONVERSIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "rgb": lambda picture: picture,
-    "yuv": lambda picture: cv2.cvtColor(picture, cv2.COLOR_RGB2YUV),
-    "gray": lambda picture: cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY),
-    "hsv_s": lambda picture: cv2.cvtColor(picture, cv2.COLOR_RGB2HSV)[:, :, 1],
+    "rgb": lambda image: image,
+    "yuv": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2YUV),
+    "gray": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY),
+    "hsv_s": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[:, :, 1],
 }
 
 
 @dataclass(frozen=True)
 class View:
-    """Crop, then colour, then size: uint8 in, uint8 out.
+    """A function from a frame to a network's input, uint8 to uint8: crop, then colour, then size.
 
     Attributes:
-        crop: rows taken off the top and the bottom of the 160.
+        crop: rows removed from the top and the bottom of the 160.
         colour: `rgb`, `yuv`, `gray` or `hsv_s` (the saturation of HSV).
-        size: `(height, width)` after resizing by area, or None to leave it as cropped.
+        size: `(height, width)` after resizing by area; None to keep the cropped size.
     """
 
     crop: tuple[int, int]
@@ -54,16 +54,16 @@ class View:
     def __call__(self, frame: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Return the view of a frame uint8 [160, 320, 3] RGB, written to `out` if given."""
         top, bottom = self.crop
-        picture = CONVERSIONS[self.colour](frame[top : FRAME_HEIGHT - bottom])
+        image = CONVERSIONS[self.colour](frame[top : FRAME_HEIGHT - bottom])
         if self.size is not None:
-            # By area: each pixel of the recording counts, so that thin lane lines do not flicker.
+            # By area, every pixel of the frame counts: thin lane lines do not flicker.
             height, width = self.size
-            picture = cv2.resize(picture, (width, height), dst=out, interpolation=cv2.INTER_AREA)
-        picture = picture.reshape(self.shape)
+            image = cv2.resize(image, (width, height), dst=out, interpolation=cv2.INTER_AREA)
+        image = image.reshape(self.shape)
         if out is None:
-            return picture
-        if not np.shares_memory(picture, out):
-            out[:] = picture
+            return image
+        if not np.shares_memory(image, out):
+            out[:] = image
         return out
 
     def to_dict(self) -> dict:
@@ -77,13 +77,13 @@ class View:
         return cls(**plain)
 
 
-def view_to_rgb(picture: np.ndarray, colour: str) -> np.ndarray:
+def view_to_rgb(image: np.ndarray, colour: str) -> np.ndarray:
     """Return a view's image, uint8 [H, W, C], as RGB [H, W, 3] to show."""
     if colour == "yuv":
-        return cv2.cvtColor(picture, cv2.COLOR_YUV2RGB)
-    if picture.shape[2] == 1:
-        return np.repeat(picture, 3, axis=2)
-    return picture
+        return cv2.cvtColor(image, cv2.COLOR_YUV2RGB)
+    if image.shape[2] == 1:
+        return np.repeat(image, 3, axis=2)
+    return image
 
 
 def _check_pair(key: str, pair: Any, least: int) -> None:

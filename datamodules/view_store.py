@@ -1,8 +1,8 @@
-"""Views of recordings, decoded once per image and view, ever.
+"""A cache of views on disk: each image is decoded once for each view.
 
-One `.npy` file per recording, camera and view, named by the fingerprint of all three, memory-mapped
-by whoever reads it. A file appears under its name only when it is whole. `datamodules.features` are
-kept likewise.
+There is one `.npy` file per recording, camera and view, named by the fingerprint of all three;
+readers map it into memory. A file gets its name only when it is complete. `datamodules.features`
+uses the same files.
 """
 
 import errno
@@ -27,18 +27,18 @@ from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.view import View
 
-# Raise it when `decode_image` or `View` changes what comes out: old files are then not read again.
+# Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
 VERSION = 2
-CHUNK = 32  # pictures that a thread decodes, and writes, at a time
+CHUNK = 32  # images that a thread decodes, and writes, at a time
 
 Progress = Callable[[int, int], None]
-# Takes rows of an array from where they start, from several threads at once.
+# A function that stores rows of an array from a start position; several threads may call it.
 Keep = Callable[[int, np.ndarray], None]
 
 
 @dataclass(frozen=True)
 class ViewFile:
-    """Views uint8 [N, H, W, C] of N images, and why some could not be decoded (by position)."""
+    """Views of N images, uint8 [N, H, W, C], and the faults of bad images by position."""
 
     views: np.ndarray
     faults: dict[int, str]
@@ -121,17 +121,17 @@ def load_file(
 
 
 def is_stored(target: Path) -> bool:
-    """Whether a file of the cache is there, and whole."""
+    """Return whether a file of the cache exists and is complete."""
     return target.exists() and _faults_path(target).exists()
 
 
 def cache_key(paths: list[str], view: View) -> str:
-    """Fingerprint of the files (name, size, time of change) and of the view."""
+    """Return the fingerprint of files (name, size, time of change) and view."""
     digest = hashlib.sha256(json.dumps([VERSION, view.to_dict()]).encode())
     for path in paths:
         try:
             status = os.stat(path)  # noqa: PTH116 - Path.stat costs three times as much
-            name = os.path.basename(path)  # noqa: PTH119 - so that a moved folder finds its views
+            name = os.path.basename(path)  # noqa: PTH119 - a moved folder keeps its views
             digest.update(f"{name}|{status.st_size}|{status.st_mtime_ns}\n".encode())
         except OSError:
             digest.update(f"{path}|missing\n".encode())
@@ -153,7 +153,7 @@ def decode_all(
             which are overwritten afterwards.
         progress: function called with (done, total).
     """
-    own = threading.local()  # one chunk a thread, so that no memory is cleared again and again
+    own = threading.local()  # a chunk per thread: new memory would be cleared each time
 
     def decode(start: int) -> tuple[int, dict[int, str]]:
         some = paths[start : start + CHUNK]
@@ -174,13 +174,13 @@ def decode_all(
 
     all_faults: dict[int, str] = {}
     threads = usable_cores()
-    # OpenCV gives up the interpreter's lock while it decodes, so threads are enough; and it would
-    # share each picture out among threads of its own.
+    # OpenCV releases Python's lock while it decodes, so threads are enough. Its own threads are
+    # off: they would share the work on each image.
     pool, its_own = ThreadPoolExecutor(threads), cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
         starts = iter(range(0, len(paths), CHUNK))
-        # A few ahead of those that are read, not all: an error ends it, and memory is bounded.
+        # Submit a few chunks ahead, not all: an error ends the work early, and memory is bounded.
         ahead = deque(pool.submit(decode, start) for start in islice(starts, 2 * threads))
         while ahead:
             done, faults = ahead.popleft().result()
@@ -200,10 +200,10 @@ def _build(
     dtype: np.dtype,
     fill: Callable[[Keep], dict[int, str]],
 ) -> None:
-    """Write beside the target, then rename: whoever sees the name sees the whole file."""
-    part = target.with_suffix(".part")  # a killed build's is overwritten: the lock is ours
+    """Write `target` as a `.part` file, then rename it: it is never incomplete."""
+    part = target.with_suffix(".part")  # a killed process's file is overwritten: we hold the lock
     try:
-        # Written, not mapped: on a full disk a write fails with an error, a mapped page kills.
+        # Not mapped: on a full disk a write raises an error, but a mapped page kills the process.
         with part.open("wb") as file:
             header = {"descr": dtype.str, "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, header)
@@ -223,7 +223,7 @@ def _build(
 
 
 def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
-    """All of a chunk: a system that has no more room may take a part of it first."""
+    """Write a whole chunk: on a nearly full disk the system may write only a part at first."""
     left = chunk.data.cast("B")
     while left:
         written = os.pwrite(descriptor, left, offset)
@@ -232,7 +232,7 @@ def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
 
 @contextmanager
 def _lock(target: Path, on_wait: Callable[[], None] | None) -> Iterator[None]:
-    """Hold the lock of a file; the system gives it back when a process dies."""
+    """Hold the lock of a file; the system releases it when the process dies."""
     lock = FileLock(target.with_suffix(".lock"))
     try:
         lock.acquire(timeout=0)

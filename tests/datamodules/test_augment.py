@@ -17,8 +17,8 @@ CONF = sorted((Path(__file__).parents[2] / "conf" / "augment").glob("*.yaml"))
 
 
 @pytest.fixture(scope="module")
-def pictures(recorded) -> np.ndarray:
-    """uint8 [6, 66, 200, 3] RGB."""
+def images(recorded) -> np.ndarray:
+    """Return RGB images, uint8 [6, 66, 200, 3]."""
     return views(recorded, "rgb")
 
 
@@ -27,8 +27,8 @@ def views(recorded, colour: str) -> np.ndarray:
     return np.stack([view(decode_image(recorded.image(row).read_bytes())) for row in range(6)])
 
 
-def zeros(pictures: np.ndarray) -> np.ndarray:
-    return np.zeros(len(pictures), np.float32)
+def zeros(images: np.ndarray) -> np.ndarray:
+    return np.zeros(len(images), np.float32)
 
 
 def always(scale: float, colour: str = "rgb") -> Augment:
@@ -37,7 +37,7 @@ def always(scale: float, colour: str = "rgb") -> Augment:
 
 @pytest.mark.parametrize("scale", [0.25, 0.6, 1.0, 1.2, 1.25, 3.0])
 def test_brightness_scales_v_of_hsv(scale):
-    """Within 6 of 255: OpenCV keeps the hue in steps of 2 degrees (4 levels), and rounds."""
+    """Errors reach 6 of 255: OpenCV rounds, and its hue has steps of 2 degrees (4 levels)."""
     colours = np.random.default_rng(0).integers(0, 256, (1, 12, 12, 3), np.uint8)
     changed, _ = always(scale)(colours, np.zeros(1, np.float32), seed=1)
     for before, after in zip(colours.reshape(-1, 3), changed.reshape(-1, 3), strict=True):
@@ -69,26 +69,26 @@ def test_brightness_draws_from_the_whole_range():
     assert factors.mean() == pytest.approx(0.75, abs=0.05)
 
 
-def test_light_leaves_the_steering_alone(pictures):
+def test_light_leaves_the_steering_alone(images):
     steering = np.linspace(-1, 1, 6, dtype=np.float32)
     augment = Augment([Brightness(), Shadow(p=1.0)], "rgb")
-    _, corrected = augment(pictures, steering, seed=1)
+    _, corrected = augment(images, steering, seed=1)
     np.testing.assert_array_equal(corrected, steering)
 
 
-def column_of_post(picture: np.ndarray) -> float:
-    weights = picture[..., 0].astype(float).sum(axis=0)
+def column_of_post(image: np.ndarray) -> float:
+    weights = image[..., 0].astype(float).sum(axis=0)
     return float((weights * np.arange(len(weights))).sum() / weights.sum())
 
 
 @pytest.mark.parametrize("width", [320, 160])
 def test_scenery_moved_right_steers_right_by_the_pixel(width):
-    """Pixels are those of the 320 wide recording, whatever the view's width."""
+    """The shift counts pixels of the recording's 320, in a view of any width."""
     posts = np.zeros((60, 40, width, 3), np.uint8)
     posts[:, :, width // 2 - 2 : width // 2 + 2] = 255
     augment = Augment([Shift(pixels=40, steering_per_pixel=0.01, p=1.0)], "rgb")
     moved, steering = augment(posts, zeros(posts), seed=3)
-    pixels = [column_of_post(picture) - column_of_post(posts[0]) for picture in moved]
+    pixels = [column_of_post(image) - column_of_post(posts[0]) for image in moved]
     right = np.array(pixels) * 320 / width
     np.testing.assert_allclose(steering, 0.01 * right, atol=0.006)
     assert right.min() < -30
@@ -96,11 +96,11 @@ def test_scenery_moved_right_steers_right_by_the_pixel(width):
 
 
 def test_shift_adds_to_the_steering_and_clips_it():
-    picture = np.zeros((200, 8, 320, 3), np.uint8)
+    image = np.zeros((200, 8, 320, 3), np.uint8)
     augment = Augment([Shift(pixels=40, steering_per_pixel=0.004, p=1.0)], "rgb")
-    _, around = augment(picture, np.full(200, 0.5, np.float32), seed=3)
+    _, around = augment(image, np.full(200, 0.5, np.float32), seed=3)
     assert np.abs(around - 0.5).max() == pytest.approx(0.16, abs=0.01)
-    _, clipped = augment(picture, np.full(200, 0.95, np.float32), seed=3)
+    _, clipped = augment(image, np.full(200, 0.95, np.float32), seed=3)
     assert clipped.max() == 1.0
 
 
@@ -115,20 +115,20 @@ def test_shift_of_rows_moves_up_and_down_without_steering():
     assert 24 < edges.max() <= 26
 
 
-def test_a_shift_is_an_affine_map_that_repeats_the_edge(pictures):
-    picture, (right, down) = pictures[0], (23.3, -2.6)
+def test_a_shift_is_an_affine_map_that_repeats_the_edge(images):
+    image, (right, down) = images[0], (23.3, -2.6)
     matrix = np.float32([[1, 0, right * 200 / 320], [0, 1, down]])
-    wanted = cv2.warpAffine(picture, matrix, (200, 66), borderMode=cv2.BORDER_REPLICATE)
-    difference = np.abs(Shift().apply(picture, right, down).astype(int) - wanted)
+    wanted = cv2.warpAffine(image, matrix, (200, 66), borderMode=cv2.BORDER_REPLICATE)
+    difference = np.abs(Shift().apply(image, right, down).astype(int) - wanted)
     assert difference.max() <= 2
     assert difference.mean() < 0.5
-    assert np.abs(picture.astype(int) - wanted).mean() > 5, "it was moved"
+    assert np.abs(image.astype(int) - wanted).mean() > 5, "it was moved"
 
 
-def test_what_is_not_shifted_keeps_its_steering(pictures):
+def test_what_is_not_shifted_keeps_its_steering(images):
     augment = Augment([Shift(pixels=40, p=0.5)], "rgb")
-    moved, steering = augment(pictures.repeat(20, axis=0), np.zeros(120, np.float32), seed=1)
-    same = (moved == pictures.repeat(20, axis=0)).all(axis=(1, 2, 3))
+    moved, steering = augment(images.repeat(20, axis=0), np.zeros(120, np.float32), seed=1)
+    same = (moved == images.repeat(20, axis=0)).all(axis=(1, 2, 3))
     np.testing.assert_array_equal(same, steering == 0)
     assert 40 < same.sum() < 80
 
@@ -137,7 +137,7 @@ def test_yuv_is_lit_as_rgb_is(recorded):
     rgb, yuv = views(recorded, "rgb"), views(recorded, "yuv")
     lit_rgb, _ = always(0.5)(rgb, zeros(rgb), seed=1)
     lit_yuv, _ = always(0.5, "yuv")(yuv, zeros(yuv), seed=1)
-    wanted = np.stack([cv2.cvtColor(picture, cv2.COLOR_RGB2YUV) for picture in lit_rgb])
+    wanted = np.stack([cv2.cvtColor(image, cv2.COLOR_RGB2YUV) for image in lit_rgb])
     difference = np.abs(lit_yuv.astype(int) - wanted)
     assert difference.mean() < 1
     assert np.abs(yuv.astype(int) - wanted).mean() > 10, "it was changed"
@@ -157,53 +157,53 @@ def everything() -> list[albumentations.BasicTransform]:
     return [Brightness(), Shadow(p=0.5), Shift(), albumentations.GaussNoise(p=0.5)]
 
 
-def test_same_seed_same_pictures(pictures):
-    steering = zeros(pictures)
+def test_same_seed_same_images(images):
+    steering = zeros(images)
     first = Augment(everything(), "rgb")
-    one = first(pictures, steering, seed=5)
-    first(pictures, steering, seed=6)
+    one = first(images, steering, seed=5)
+    first(images, steering, seed=6)
     for again in (
-        first(pictures, steering, 5),
-        Augment(everything(), "rgb")(pictures, steering, 5),
+        first(images, steering, 5),
+        Augment(everything(), "rgb")(images, steering, 5),
     ):
         np.testing.assert_array_equal(again[0], one[0])
         np.testing.assert_array_equal(again[1], one[1])
 
 
-def test_other_seed_other_pictures(pictures):
+def test_other_seed_other_images(images):
     augment = Augment(everything(), "rgb")
-    one, other = (augment(pictures, zeros(pictures), seed)[0] for seed in (5, 6))
+    one, other = (augment(images, zeros(images), seed)[0] for seed in (5, 6))
     assert not np.array_equal(one, other)
 
 
-def test_pictures_of_a_batch_are_changed_each_for_itself():
+def test_images_of_a_batch_are_changed_each_for_itself():
     same = np.full((8, 10, 10, 3), 100, np.uint8)
     changed, _ = Augment([Brightness()], "rgb")(same, zeros(same), seed=1)
-    assert len({picture.tobytes() for picture in changed}) > 4
+    assert len({image.tobytes() for image in changed}) > 4
 
 
 def test_transforms_of_a_batch_draw_independently():
-    """Albumentations would give all of them the same draws: both or neither, in every batch."""
+    """With albumentations' random stream both transforms would change the same images."""
     white = np.full((1, 8, 320, 3), 200, np.uint8)
     dark = Brightness(scale=(0.5, 0.5), p=0.5)
     augment = Augment([Shift(p=0.5), dark], "rgb")
     seen = set()
     for seed in range(60):
-        picture, steering = augment(white, np.zeros(1, np.float32), seed)
-        seen.add((steering[0] != 0, picture.mean() < 150))
+        image, steering = augment(white, np.zeros(1, np.float32), seed)
+        seen.add((steering[0] != 0, image.mean() < 150))
     assert len(seen) == 4
 
 
-def test_what_is_fed_in_is_left_as_it_was(pictures):
-    before, steering = pictures.copy(), zeros(pictures)
-    Augment(everything(), "rgb")(pictures, steering, seed=1)
-    np.testing.assert_array_equal(pictures, before)
+def test_what_is_fed_in_is_left_as_it_was(images):
+    before, steering = images.copy(), zeros(images)
+    Augment(everything(), "rgb")(images, steering, seed=1)
+    np.testing.assert_array_equal(images, before)
     assert not steering.any()
 
 
-def test_no_transforms_change_nothing(pictures):
-    same, steering = Augment([], "yuv")(pictures, zeros(pictures), seed=1)
-    np.testing.assert_array_equal(same, pictures)
+def test_no_transforms_change_nothing(images):
+    same, steering = Augment([], "yuv")(images, zeros(images), seed=1)
+    np.testing.assert_array_equal(same, images)
     assert not steering.any()
 
 
@@ -217,7 +217,7 @@ def test_every_yaml_runs_on_every_colour(path, colour, recorded):
     assert (steering.shape, steering.dtype) == ((6,), np.float32)
     unseen = colour == "hsv_s" and getattr(transform, "lighting", False)
     assert np.array_equal(changed, inputs) == unseen
-    assert np.abs(changed.astype(int) - inputs).mean() < 128, "still a picture of the same thing"
+    assert np.abs(changed.astype(int) - inputs).mean() < 128, "the image can still be recognized"
 
 
 @pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)
@@ -237,27 +237,27 @@ OURS = [
 
 @pytest.mark.parametrize("transform", OURS, ids=lambda one: type(one).__name__)
 def test_a_batch_is_changed_as_albumentations_would(transform, recorded):
-    """Ten figures of how 3,000 copies of one picture came out, by both, in quantiles."""
-    picture = views(recorded, "rgb")[0]
-    copies = np.repeat(picture[None], 3_000, axis=0)
+    """Both ways change 3,000 copies of an image alike, by quantiles of ten figures."""
+    image = views(recorded, "rgb")[0]
+    copies = np.repeat(image[None], 3_000, axis=0)
     batch, steering = Augment([transform], "rgb")(copies, np.zeros(3_000, np.float32), seed=1)
     compose = albumentations.Compose([transform], seed=2)
-    single = [compose(image=picture, steering=0.0) for _ in range(3_000)]
+    single = [compose(image=image, steering=0.0) for _ in range(3_000)]
     kinds = (batch, np.stack([one["image"] for one in single]))
     for window in (np.s_[:, :, :], np.s_[:, :20, :50], np.s_[:, 40:, 150:]):
         ours, theirs = (kind[window].mean((1, 2, 3)) for kind in kinds)
         assert stats.ks_2samp(ours, theirs).pvalue > 0.001
     corrected = [one["steering"] for one in single]
     assert stats.ks_2samp(steering, corrected).pvalue > 0.001
-    unchanged = [(kind == picture).all((1, 2, 3)).mean() for kind in kinds]
+    unchanged = [(kind == image).all((1, 2, 3)).mean() for kind in kinds]
     assert unchanged[0] == pytest.approx(unchanged[1], abs=0.04)
 
 
 @pytest.mark.parametrize("transform", OURS, ids=lambda one: type(one).__name__)
-def test_one_of_a_batch_is_what_albumentations_makes_of_it(transform, pictures):
-    """Within one of 255: albumentations cuts off in its shadow what OpenCV rounds."""
-    drawn = transform.draw_batch(pictures.shape, np.random.default_rng(3))
-    for picture, arguments in zip(pictures.copy(), drawn, strict=True):
-        wanted = transform.apply(picture, **arguments)
-        transform.change_one(picture, **arguments)
-        assert np.abs(picture.astype(int) - wanted).max() <= isinstance(transform, Shadow)
+def test_one_of_a_batch_is_what_albumentations_makes_of_it(transform, images):
+    """Shadows differ by up to 1 of 255: albumentations truncates, OpenCV rounds."""
+    drawn = transform.draw_batch(images.shape, np.random.default_rng(3))
+    for image, arguments in zip(images.copy(), drawn, strict=True):
+        wanted = transform.apply(image, **arguments)
+        transform.change_one(image, **arguments)
+        assert np.abs(image.astype(int) - wanted).max() <= isinstance(transform, Shadow)

@@ -25,7 +25,7 @@ def straight_of(samples: Samples, batch: np.ndarray, threshold: float = 0.1) -> 
 
 @st.composite
 def straight_and_curved(draw) -> np.ndarray:
-    """Steering of 2 to 300 rows, most of it straight; one curved row at least."""
+    """Draw steering of 2 to 300 rows, mostly straight, with at least one curved row."""
     rows = draw(st.integers(1, 300))
     share = draw(st.floats(0, 1))
     rng = np.random.default_rng(draw(st.integers(0, 1000)))
@@ -139,7 +139,7 @@ def test_keys_are_numbered_within_their_epoch():
 
 @st.composite
 def balances(draw) -> tuple[Samples, dict]:
-    """Samples, and how they are drawn: capped or not, weighted or not, each once or so many."""
+    """Draw samples and arguments of `epoch_batches`: with or without cap, weights and a count."""
     samples = samples_of(draw(straight_and_curved()))
     rng = np.random.default_rng(draw(st.integers(0, 1000)))
     balance = {
@@ -158,7 +158,7 @@ def balances(draw) -> tuple[Samples, dict]:
     epoch=st.integers(0, 3),
 )
 def test_the_shares_of_processes_are_the_batches_of_one(drawn, world, batch_size, epoch):
-    """Nothing twice, nothing left out, in the same order, step by step."""
+    """The ranks' shards hold each sample of each step once, in the same order."""
     samples, balance = drawn
     alone = BalancedBatches(samples, batch_size, 1, **balance)
     ranks = [

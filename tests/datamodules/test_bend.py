@@ -21,7 +21,7 @@ def test_the_camera_and_the_car_are_the_simulators() -> None:
 
 @pytest.mark.parametrize("curvature", [0.02, -0.02])
 def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature: float) -> None:
-    """Points of a circle tangent to the car at its rear axle, projected through the rig."""
+    """The reference projects points of a circle that touches the car at its rear axle."""
     moved = Bend().columns_aside(160, curvature, BEGUN, 60.0)
     for ahead in (4.0, 8.0, 15.0):
         along = ahead + rig.CAMERA_POSITIONS["center"][2] + rig.REAR_AXLE_M
@@ -59,22 +59,22 @@ def test_a_cropped_and_resized_view_moves_like_the_rows_it_shows() -> None:
     assert of_view == pytest.approx(of_frame[40:140].reshape(50, 2).mean(1), abs=0.7)
 
 
-def test_it_moves_the_picture_to_the_side_it_steers_to() -> None:
-    picture = np.zeros((1, 66, 200, 3), np.uint8)
-    picture[:, :, 98:102] = 255  # a line straight ahead
+def test_it_moves_the_image_to_the_side_it_steers_to() -> None:
+    image = np.zeros((1, 66, 200, 3), np.uint8)
+    image[:, :, 98:102] = 255  # a line straight ahead
     augment = Augment([bend := Bend(p=1.0, begun=1.0)], "rgb")
     bend.crop = (40, 20)
     for seed in range(20):
-        changed, steering = augment(picture, np.zeros(1, np.float32), seed)
+        changed, steering = augment(image, np.zeros(1, np.float32), seed)
         column = changed[0, 30].mean(-1).argmax()
         if abs(steering[0]) > 0.1:
             assert np.sign(column - 99.5) == np.sign(steering[0])
 
 
 def test_a_share_of_the_samples_is_left_alone() -> None:
-    pictures = np.random.default_rng(0).integers(0, 255, (400, 8, 16, 1)).astype(np.uint8)
+    images = np.random.default_rng(0).integers(0, 255, (400, 8, 16, 1)).astype(np.uint8)
     changed, steering = Augment([Bend(p=0.3, begun=0.5)], "gray")(
-        pictures, np.zeros(400, np.float32), seed=1
+        images, np.zeros(400, np.float32), seed=1
     )
-    assert 0.2 < (changed != pictures).any((1, 2, 3)).mean() < 0.4
+    assert 0.2 < (changed != images).any((1, 2, 3)).mean() < 0.4
     assert 0.15 < (steering != 0).mean() < 0.27

@@ -51,7 +51,7 @@ def test_several_recordings(written, tmp_path):
 
 
 def test_images_elsewhere(written, tmp_path):
-    elsewhere = (written.folder / "IMG").rename(tmp_path / "pictures")
+    elsewhere = (written.folder / "IMG").rename(tmp_path / "images")
     assert run_check(written.folder).returncode == 1
     assert run_check(written.folder, "--images", elsewhere).returncode == 0
 
@@ -68,7 +68,7 @@ def test_each_bad_image_is_named_with_its_row(written):
     assert f"{log}, row 5: {written.image(4)}: the file is empty" in done.stdout
     assert f"{log}, row 6: {written.image(5)}: the file is no JPEG or PNG" in done.stdout
     assert f"{log}, row 8: no image {written.image(7, 'right').name}" in done.stdout
-    assert "\n4 bad; " in done.stdout
+    assert "\n4 bad images; " in done.stdout
     assert done.stdout.splitlines()[-1].endswith(" data.on_bad_image=skip")
 
 
@@ -79,10 +79,10 @@ def test_after_twenty_bad_images_comes_a_count(written):
     lines = run_check(written.folder).stdout.splitlines()
     assert len([line for line in lines if "truncated" in line]) == 20
     after = lines.index("and 4 more")
-    assert lines[after + 1].startswith("24 bad; ")
+    assert lines[after + 1].startswith("24 bad images; ")
 
 
-def test_other_picture_sizes_are_counted(written):
+def test_other_image_sizes_are_counted(written):
     large = cv2.resize(cv2.imread(str(written.image(3))), (640, 320))
     cv2.imwrite(str(written.image(3)), large)
     done = run_check(written.folder)

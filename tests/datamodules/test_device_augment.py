@@ -48,8 +48,8 @@ def views(frames: list[np.ndarray], colour: str, times: int = 1) -> np.ndarray:
     return np.tile(np.stack([view(frame) for frame in frames]), (times, 1, 1, 1))
 
 
-def on_device(augment: DeviceAugment, pictures: np.ndarray, steering: np.ndarray, seed: int):
-    changed, steering = augment(torch.from_numpy(pictures), steering, seed)
+def on_device(augment: DeviceAugment, images: np.ndarray, steering: np.ndarray, seed: int):
+    changed, steering = augment(torch.from_numpy(images), steering, seed)
     assert changed.dtype == torch.uint8
     assert changed.is_contiguous()
     return changed.numpy(), steering
@@ -65,38 +65,34 @@ def test_all_of_ours_have_an_equivalent() -> None:
         pytest.param(kind, colour, id=f"{kind.__name__}-{colour}")
         for kind in TRANSFORMS
         for colour in VIEWS
-        if colour != "hsv_s" or not getattr(kind, "lighting", False)  # which it does not see
+        if colour != "hsv_s" or not getattr(kind, "lighting", False)  # it does not show light
     ],
 )
-def test_with_the_same_seed_it_is_the_same_picture_but_for_rounding(kind, colour, frames) -> None:
-    pictures = views(frames, colour)
-    steering = np.linspace(-1, 1, len(pictures), dtype=np.float32)
-    one, steered = Augment([make(kind)], colour)(pictures, steering, seed=3)
-    other, steered_there = on_device(
-        DeviceAugment([make(kind)], colour), pictures, steering, seed=3
-    )
+def test_with_the_same_seed_it_is_the_same_image_but_for_rounding(kind, colour, frames) -> None:
+    images = views(frames, colour)
+    steering = np.linspace(-1, 1, len(images), dtype=np.float32)
+    one, steered = Augment([make(kind)], colour)(images, steering, seed=3)
+    other, steered_there = on_device(DeviceAugment([make(kind)], colour), images, steering, seed=3)
     difference = np.abs(one.astype(int) - other)
     assert difference.mean() < 0.4
     assert (difference > 6).mean() < 0.002, "but for an edge of a shadow here and there"
     np.testing.assert_allclose(steered_there, steered, atol=1e-6)
-    unchanged = (one == pictures).all((1, 2, 3))
-    if colour != "yuv":  # which OpenCV cannot turn to RGB and back without a loss
-        np.testing.assert_array_equal((other == pictures).all((1, 2, 3))[unchanged], True)
+    unchanged = (one == images).all((1, 2, 3))
+    if colour != "yuv":  # OpenCV's conversion to RGB and back is not exact
+        np.testing.assert_array_equal((other == images).all((1, 2, 3))[unchanged], True)
 
 
 @pytest.mark.parametrize("colour", ["rgb", "gray"])
 def test_with_other_seeds_it_has_the_same_distribution(colour, frames) -> None:
-    """Means and quantiles over 600 pictures, of all augmentations in a row."""
-    pictures = views(frames, colour, times=10)
-    steering = np.zeros(len(pictures), np.float32)
+    """Means and quantiles over 600 images, of all augmentations in a row."""
+    images = views(frames, colour, times=10)
+    steering = np.zeros(len(images), np.float32)
     kinds = [make(kind) for kind in TRANSFORMS]
-    one, steered = Augment(kinds, colour)(pictures, steering, seed=1)
-    other, steered_there = on_device(DeviceAugment(kinds, colour), pictures, steering, seed=2)
+    one, steered = Augment(kinds, colour)(images, steering, seed=1)
+    other, steered_there = on_device(DeviceAugment(kinds, colour), images, steering, seed=2)
     assert not np.array_equal(steered, steered_there)
     quantiles = [0.05, 0.25, 0.5, 0.75, 0.95]
-    changes = [
-        np.abs(after.astype(np.float32) - pictures).mean((1, 2, 3)) for after in (one, other)
-    ]
+    changes = [np.abs(after.astype(np.float32) - images).mean((1, 2, 3)) for after in (one, other)]
     brightness = [after.mean((1, 2, 3)) for after in (one, other)]
     for here, there, spread in (
         (*changes, float(changes[0].std())),
@@ -113,7 +109,7 @@ def test_with_other_seeds_it_has_the_same_distribution(colour, frames) -> None:
 
 @pytest.mark.parametrize("size", [(66, 200), (11, 32)])
 def test_polygons_are_filled_as_opencv_fills_them(size) -> None:
-    """All but a pixel in two hundred, at the outline."""
+    """Masks differ in at most a pixel of two hundred, at the outline."""
     height, width = size
     corners = np.random.default_rng(0).integers(0, (width, height), (200, 5, 2))
     masks = np.zeros((200, height, width), np.uint8)
@@ -126,19 +122,19 @@ def test_polygons_are_filled_as_opencv_fills_them(size) -> None:
 
 @pytest.mark.parametrize("world", [2, 3])
 def test_shares_are_changed_as_within_the_whole(world, frames) -> None:
-    pictures, steering = torch.from_numpy(views(frames, "rgb")), np.zeros(60, np.float32)
+    images, steering = torch.from_numpy(views(frames, "rgb")), np.zeros(60, np.float32)
     augment = DeviceAugment([make(kind) for kind in TRANSFORMS], "rgb")
-    whole, steered = augment(pictures, steering, 5)
+    whole, steered = augment(images, steering, 5)
     for rank in range(world):
         share = BatchKey(0, 0, np.arange(60), rank, world).share
-        changed, corrected = augment(pictures[share], steering[share], 5, (share.start, 60))
+        changed, corrected = augment(images[share], steering[share], 5, (share.start, 60))
         assert (changed.int() - whole[share].int()).abs().max() <= 1
         assert corrected.tolist() == steered[share].tolist()
 
 
 @pytest.fixture(scope="module")
 def data(recorded, tmp_path_factory) -> DrivingData:
-    """Two recordings, so that views are in several files."""
+    """Load two recordings, so that views are in several files."""
     folder = tmp_path_factory.mktemp("device")
     other = write_recording(folder / "other", rows=40, seed=2, cameras=("center", "left"))
     roots = [str(recorded.folder), str(other.folder)]
@@ -185,12 +181,16 @@ def test_where_batches_are_made(data, monkeypatch, setting, device, augment, mad
     monkeypatch.setattr(data, "augment", Augment(augment, "rgb"))
     chosen = data.choose_batch_device(torch.device(device), console)
     assert chosen == (torch.device(made_on) if made_on else None)
-    said = "augmented on the CPU, which alone can do GaussNoise\n" if len(augment) > 1 else ""
-    assert console.file.getvalue() == said
+    printed = console.file.getvalue()
+    if len(augment) > 1:
+        assert "augmented on the CPU" in printed
+        assert "GaussNoise" in printed
+    else:
+        assert printed == ""
 
 
 def test_what_only_the_cpu_can_do_is_refused_on_a_device() -> None:
-    with pytest.raises(InputError, match=r"GaussNoise has no equivalent there; leave it out"):
+    with pytest.raises(InputError, match=r"GaussNoise has no equivalent .*; leave it out"):
         DeviceAugment([Shift(), albumentations.GaussNoise()], "rgb")
 
 

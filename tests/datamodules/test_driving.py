@@ -21,7 +21,7 @@ VIEW = View((60, 25), "yuv", (66, 200))
 
 @pytest.fixture
 def load(recorded, tmp_path, console):
-    """Make and load a datamodule over the shared recording, unless told of another."""
+    """Create and load a datamodule; its default is the shared recording."""
 
     def make(root=None, view: View = VIEW, **settings) -> DrivingData:
         settings = {"batch_size": 16, "cache": str(tmp_path / "cache")} | settings
@@ -39,7 +39,7 @@ def assert_same(one: dict, other: dict) -> None:
 
 
 def whole(data: DrivingData) -> BatchKey:
-    """All training samples in one batch."""
+    """Return the key of a batch of all training samples."""
     return BatchKey(0, 0, np.arange(len(data.samples)))
 
 
@@ -67,9 +67,9 @@ def test_unchanged_samples_are_the_views_and_their_corrected_labels(load, record
     batch = data.training_batches()[whole(data)]
     for at in (0, 1, 2, 100):
         row, camera = data.samples.row[at], data.samples.camera[at]
-        image = recorded.image(row, ("center", "left", "right")[camera])
-        picture = VIEW(decode_image(image.read_bytes())).transpose(2, 0, 1)
-        np.testing.assert_array_equal(batch["images"][at].numpy(), picture)
+        path = recorded.image(row, ("center", "left", "right")[camera])
+        frame = VIEW(decode_image(path.read_bytes())).transpose(2, 0, 1)
+        np.testing.assert_array_equal(batch["images"][at].numpy(), frame)
         steering = np.clip(recorded.steering[row] + (0, 0.25, -0.25)[camera], -1, 1)
         throttle = recorded.throttle[row] - recorded.brake[row]
         np.testing.assert_allclose(batch["targets"][at], [steering, throttle], atol=1e-6)
@@ -142,8 +142,8 @@ def test_validation_is_centre_even_when_only_side_cameras_are_trained_on(load, r
     assert set(data.samples.camera) == {1, 2}
     batch = next(iter(data.val_dataloader()))
     row = data.split.val[0]
-    picture = VIEW(decode_image(recorded.image(row).read_bytes()))
-    np.testing.assert_array_equal(batch["images"][0].permute(1, 2, 0).numpy(), picture)
+    image = VIEW(decode_image(recorded.image(row).read_bytes()))
+    np.testing.assert_array_equal(batch["images"][0].permute(1, 2, 0).numpy(), image)
 
 
 def test_sides_are_the_same_rows_through_the_other_cameras(load):
@@ -151,8 +151,8 @@ def test_sides_are_the_same_rows_through_the_other_cameras(load):
     batches = data.evaluation_batches("val")
     for number, side in enumerate(batches.sides(), start=LEFT):
         [batch] = side
-        pictures = data.views.take(data.split.val, np.full(len(data.split.val), number))
-        assert torch.equal(batch["images"], torch.from_numpy(pictures).permute(0, 3, 1, 2))
+        images = data.views.take(data.split.val, np.full(len(data.split.val), number))
+        assert torch.equal(batch["images"], torch.from_numpy(images).permute(0, 3, 1, 2))
         assert torch.equal(batch["targets"], batches[0]["targets"])
 
 
@@ -217,7 +217,7 @@ def test_the_report_is_printed(load, recorded, console):
 
 @pytest.fixture
 def damaged(tmp_path):
-    """A recording whose left image of row 6 is cut off."""
+    """Write a recording whose left image of row 6 is truncated."""
     written = write_recording(tmp_path / "damaged", rows=60)
     image = written.image(5, "left")
     image.write_bytes(image.read_bytes()[:1000])
@@ -257,8 +257,8 @@ def test_bad_image_may_be_skipped_and_is_said(load, damaged, console):
     assert "skipped 1 rows with a bad image" in printed
     assert f"{damaged.image(5, 'left')}: the image is truncated" in printed
     row = int(np.flatnonzero(data.recording.line == 7)[0])
-    picture = VIEW(decode_image(damaged.image(6).read_bytes()))
-    np.testing.assert_array_equal(data.views.take(np.array([row]), 0)[0], picture)
+    image = VIEW(decode_image(damaged.image(6).read_bytes()))
+    np.testing.assert_array_equal(data.views.take(np.array([row]), 0)[0], image)
 
 
 def test_bad_image_of_a_camera_that_is_not_used_is_no_matter(load, damaged):

@@ -126,7 +126,7 @@ def steering_numbers() -> st.SearchStrategy[float]:
 
 
 def pedals() -> st.SearchStrategy[tuple[float, float]]:
-    """Throttle and brake, which one axis of the simulator makes: never both."""
+    """Draw throttle and brake as the simulator writes them: never both at once."""
     press = st.floats(0, 1, width=32).map(lambda value: float(format_number(value)))
     return st.tuples(press, st.booleans()).map(
         lambda one: (one[0], 0.0) if one[1] else (0.0, one[0])
@@ -137,7 +137,7 @@ numbers_of_a_row = st.builds(
     lambda steering, pedal, speed: (steering, *pedal, speed),
     steering_numbers(),
     pedals(),
-    # Below a thousandth, "0,1,2E-05" is a brake of 0 or of 0.1 alike.
+    # Below a thousandth "0,1,2E-05" is ambiguous: its brake may be 0 or 0.1.
     st.floats(0, 31).map(lambda value: float(format_number(value)) if value > 0.001 else 0.0),
 )
 
@@ -282,7 +282,7 @@ def test_semicolons_in_a_folder_name(tmp_path):
 
 
 def rows_with_quotes(*where: int) -> str:
-    """120 rows; a quote stands at the start of those (1 is the first)."""
+    """Write 120 rows; the named ones (from 1) begin with a quote."""
     rows = range(1, 121)
     return "".join(f"{chr(34) * (row in where)}{PATHS},0,0,0,{row % 30}\n" for row in rows)
 

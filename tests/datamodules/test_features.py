@@ -1,4 +1,4 @@
-"""Features of pictures, kept as views are; the front here is a simple one that counts."""
+"""Cached features of images, with a simple front that counts its calls."""
 
 import errno
 import io
@@ -28,7 +28,7 @@ VIEW = View((60, 20), "rgb", (8, 20))
 
 
 class Halves:
-    """The left half of a picture divided by a number: 4 to the right and 4 down are one pixel."""
+    """A front that returns every fourth pixel of the left half, divided by a number."""
 
     def __init__(self, divisor: float = 255.0, fail_after: int | None = None) -> None:
         self.divisor, self.fail_after, self.computed = divisor, fail_after, 0
@@ -36,11 +36,11 @@ class Halves:
     def front(self) -> Front:
         return Front(self, (2, 3, 3), f"halves by {self.divisor}")
 
-    def __call__(self, pictures: np.ndarray) -> np.ndarray:
+    def __call__(self, images: np.ndarray) -> np.ndarray:
         if self.fail_after is not None and self.computed >= self.fail_after:
             raise OSError(errno.ENOSPC, "No space left on device")
-        self.computed += len(pictures)
-        return (pictures[:, ::4, :10:4] / self.divisor).astype(np.float16)
+        self.computed += len(images)
+        return (images[:, ::4, :10:4] / self.divisor).astype(np.float16)
 
 
 def data_of(recorded: Written, cache: Path | None, **settings: object) -> DrivingData:
@@ -65,11 +65,11 @@ def plan_of(data: DrivingData, front: Front, mirrored: bool = True) -> FeaturePl
 
 
 @pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
-def test_features_are_of_the_pictures_and_of_the_mirrored(recorded, tmp_path, console, cached):
+def test_features_are_of_the_images_and_of_the_mirrored(recorded, tmp_path, console, cached):
     data = data_of(recorded, tmp_path if cached else None)
     halves = Halves()
     plan = plan_of(data, halves.front())
-    assert (plan.pictures, plan.missing) == (480, 480)
+    assert (plan.images, plan.missing) == (480, 480)
     assert plan.missing_bytes == 480 * 2 * 3 * 3 * 2
 
     features = load_features(plan, data.views, console)
@@ -77,10 +77,10 @@ def test_features_are_of_the_pictures_and_of_the_mirrored(recorded, tmp_path, co
     rows, other = np.arange(120), Halves()
     for camera in (0, 1):
         for turned in (False, True):
-            pictures = data.views.take(rows, camera, np.full(120, turned))
+            images = data.views.take(rows, camera, np.full(120, turned))
             taken = features.take(rows, np.full(120, camera + MIRRORED * turned))
             assert taken.dtype == np.float16
-            np.testing.assert_array_equal(taken, other(pictures))
+            np.testing.assert_array_equal(taken, other(images))
     assert halves.computed == 480
 
 
@@ -96,23 +96,21 @@ def test_the_right_files_are_computed_again_and_no_others(recorded, tmp_path, co
     assert plan_of(data, Halves(2.0).front()).missing == 480, "another front's are others"
 
 
-def test_a_batch_holds_the_features_of_the_pictures_that_it_would_be_fed(
-    recorded, tmp_path, console
-):
+def test_a_batch_holds_the_features_of_the_images_that_it_would_be_fed(recorded, tmp_path, console):
     data, halves = data_of(recorded, tmp_path), Halves()
     batches = data.training_batches()
     fed = FeatureBatches(batches, load_features(plan_of(data, halves.front()), data.views, console))
     for key in data.sampler():
         features, plain = fed[key], batches[key]
-        pictures = plain["images"].permute(0, 2, 3, 1).numpy()
+        images = plain["images"].permute(0, 2, 3, 1).numpy()
         np.testing.assert_array_equal(
-            features["images"].permute(0, 2, 3, 1).numpy(), halves(pictures)
+            features["images"].permute(0, 2, 3, 1).numpy(), halves(images)
         )
         for name in ("speed", "targets"):
             np.testing.assert_array_equal(features[name], plain[name])
 
 
-def test_two_at_once_compute_each_picture_once(recorded, tmp_path):
+def test_two_at_once_compute_each_image_once(recorded, tmp_path):
     data, halves = data_of(recorded, tmp_path), Halves()
     loaded = []
 
@@ -147,8 +145,8 @@ def test_what_a_killed_build_left_is_written_over(recorded, tmp_path, console):
     plan = plan_of(data, halves.front())
     plan.files[0].target.with_suffix(".part").write_bytes(os.urandom(100_000))
     features = load_features(plan, data.views, console)
-    pictures = data.views.take(np.arange(120), 0)
-    np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(pictures))
+    images = data.views.take(np.arange(120), 0)
+    np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(images))
     assert not list(tmp_path.glob("*.part"))
     assert view_store.is_stored(plan.files[0].target)
 

@@ -17,7 +17,7 @@ SMOOTH = np.sin(np.arange(2_000) / 40) * 0.3 + RNG.normal(0, 1e-3, 2_000)
 
 
 def texts(recording: Recording) -> dict[str, str]:
-    """Each finding's text by its kind; they are one line each."""
+    """Return each finding's text by its kind; check that it is one line."""
     found = find_oddities(recording)
     assert all("\n" not in one.text for one in found)
     assert len({one.kind for one in found}) == len(found)
@@ -25,13 +25,13 @@ def texts(recording: Recording) -> dict[str, str]:
 
 
 def with_pauses(recording: Recording, rows: range) -> Recording:
-    """The same with a pause of ten seconds before each of `rows`."""
+    """Return the recording with a pause of ten seconds before each of `rows`."""
     paused = np.isin(np.arange(len(recording)), rows)
     return replace(recording, time_s=recording.time_s + 10 * np.cumsum(paused))
 
 
 def recoveries(count: int) -> Recording:
-    """2,000 rows on the middle; so many begin off it, after a pause, and steer back."""
+    """Return 2,000 rows in the middle of the road, with a number of recoveries after pauses."""
     steering, starts = RNG.normal(0, 1e-3, 2_000), range(100, 100 + 200 * count, 200)
     for start in starts:
         steering[start : start + 15] -= np.linspace(0.4, 0, 15)
@@ -51,7 +51,7 @@ def test_steering_that_is_always_0_is_a_keyboards():
 
 
 def test_a_wheel_that_is_let_go_of_is_no_keyboard():
-    """Half of the steering is 0, but no value of the rest comes twice."""
+    """Half of the steering is 0, but no other value occurs twice."""
     steering = np.where(np.arange(2_000) % 40 < 20, 0, SMOOTH)
     assert "keyboard" not in texts(recording_in_memory(steering))
 

@@ -14,9 +14,9 @@ def jpeg(recorded) -> bytes:
     return recorded.image(7).read_bytes()
 
 
-def encoded(picture: np.ndarray, kind: str) -> bytes:
+def encoded(image: np.ndarray, kind: str) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, kind)
+    Image.fromarray(image).save(buffer, kind)
     return buffer.getvalue()
 
 
@@ -29,22 +29,22 @@ def test_jpeg_is_rgb_as_another_library_decodes_it(jpeg):
 
 
 def test_png_to_the_bit():
-    picture = np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
-    np.testing.assert_array_equal(decode_image(encoded(picture, "PNG")), picture)
+    image = np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
+    np.testing.assert_array_equal(decode_image(encoded(image, "PNG")), image)
 
 
 def test_grey_png_becomes_rgb():
-    picture = np.random.default_rng(0).integers(0, 256, (160, 320), np.uint8)
-    np.testing.assert_array_equal(decode_image(encoded(picture, "PNG"))[:, :, 2], picture)
+    image = np.random.default_rng(0).integers(0, 256, (160, 320), np.uint8)
+    np.testing.assert_array_equal(decode_image(encoded(image, "PNG"))[:, :, 2], image)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2, 4])
 def test_another_size_is_resized_to_the_recordings(jpeg, factor):
-    picture = decode_image(jpeg)
-    other = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    image = decode_image(jpeg)
+    other = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     resized = decode_image(encoded(other, "PNG"))
     assert resized.shape == (160, 320, 3)
-    assert np.abs(resized.astype(int) - picture).mean() < 8
+    assert np.abs(resized.astype(int) - image).mean() < 8
 
 
 @pytest.mark.parametrize("share", [0.999, 0.9, 0.5, 0.1])
@@ -92,6 +92,6 @@ def test_empty_file():
 @pytest.mark.parametrize(
     "data", [b"version https://git-lfs.github.com/spec/v1", b"\xff\xd8\xff\xd9"]
 )
-def test_no_picture(data):
+def test_no_image(data):
     with pytest.raises(ValueError, match="no JPEG or PNG"):
         decode_image(data)

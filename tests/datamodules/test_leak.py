@@ -10,53 +10,53 @@ from tests.recordings import recording_in_memory, write_recording
 
 @pytest.fixture(scope="module")
 def lake(tmp_path_factory):
-    """A recording of 20 s and its centre pictures."""
+    """Return a recording of 20 s and its centre images."""
     written = write_recording(tmp_path_factory.mktemp("leak") / "lake", 300, cameras=("center",))
     recording = read_recordings(str(written.folder))
-    pictures = [decode_image(written.image(row).read_bytes())[60:135] for row in range(300)]
-    return recording, np.stack(pictures)
+    images = [decode_image(written.image(row).read_bytes())[60:135] for row in range(300)]
+    return recording, np.stack(images)
 
 
 def test_random_leaks_more_than_blocks(lake):
-    recording, pictures = lake
+    recording, images = lake
     leaks = {}
     for kind in ("random", "blocks"):
         split = split_rows(recording, kind, val_share=0.2, test_share=0.0, block_s=4)
-        leaks[kind] = measure_leak(recording, split.train, split.val, pictures.__getitem__)
+        leaks[kind] = measure_leak(recording, split.train, split.val, images.__getitem__)
     assert leaks["random"].seconds < leaks["blocks"].seconds
     assert leaks["random"].likeness < leaks["blocks"].likeness
 
 
 def test_seconds_to_the_nearest_training_row():
     recording = recording_in_memory(np.zeros(100))
-    pictures = np.zeros((100, 8, 16, 1), np.uint8)
-    leak = measure_leak(recording, np.arange(0, 41), np.array([70]), pictures.__getitem__)
+    images = np.zeros((100, 8, 16, 1), np.uint8)
+    leak = measure_leak(recording, np.arange(0, 41), np.array([70]), images.__getitem__)
     assert leak.seconds == pytest.approx(30 / 15)
 
 
 def test_seconds_do_not_count_across_recordings():
-    """Row 50 opens the second recording: the first one's last row is no neighbour."""
+    """Row 50 is the second recording's first: the first recording's last row is no neighbour."""
     recording = recording_in_memory(np.zeros(100), sizes=(50, 50))
-    pictures = np.zeros((100, 8, 16, 1), np.uint8)
+    images = np.zeros((100, 8, 16, 1), np.uint8)
     train = np.concatenate([np.arange(50), np.arange(65, 100)])
-    leak = measure_leak(recording, train, np.array([50]), pictures.__getitem__)
+    leak = measure_leak(recording, train, np.array([50]), images.__getitem__)
     assert leak.seconds == pytest.approx(1.0)
 
 
 def test_seconds_are_unknown_without_times():
     recording = recording_in_memory(np.zeros(20))
     recording.time_s[:] = np.nan
-    pictures = np.zeros((20, 8, 16, 1), np.uint8)
+    images = np.zeros((20, 8, 16, 1), np.uint8)
     assert np.isnan(
-        measure_leak(recording, np.arange(10), np.arange(10, 20), pictures.__getitem__).seconds
+        measure_leak(recording, np.arange(10), np.arange(10, 20), images.__getitem__).seconds
     )
 
 
 def test_a_copy_in_training_has_likeness_zero():
     noise = np.random.default_rng(0).integers(0, 256, (10, 64, 128, 3), np.uint8)
-    pictures = np.concatenate([noise, noise])
+    images = np.concatenate([noise, noise])
     leak = measure_leak(
-        recording_in_memory(np.zeros(20)), np.arange(10), np.arange(10, 20), pictures.__getitem__
+        recording_in_memory(np.zeros(20)), np.arange(10), np.arange(10, 20), images.__getitem__
     )
     assert leak.likeness == 0
 
@@ -70,7 +70,7 @@ def test_strangers_have_likeness_near_one():
 
 
 def test_neighbours_are_found_in_a_long_recording(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Row by row, each picture has a copy beside it, of which few training rows have any."""
+    """Every image has one copy, in the next row; only a sample of rows is compared."""
     monkeypatch.setattr("datamodules.leak.COMPARED", 10)
     pairs = np.random.default_rng(0).integers(0, 256, (500, 8, 16, 1), np.uint8)
     leak = measure_leak(

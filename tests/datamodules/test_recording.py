@@ -103,7 +103,7 @@ def test_centre_only_by_deleted_side_images(tmp_path):
 
 def test_images_elsewhere(tmp_path):
     written = write_recording(tmp_path / "lake", rows=2)
-    elsewhere = (written.folder / "IMG").rename(tmp_path / "all pictures")
+    elsewhere = (written.folder / "IMG").rename(tmp_path / "all images")
     recording = read_recordings(str(written.folder), images=str(elsewhere))
     assert Path(recording.images[0, 0]).parent == elsewhere
 
@@ -208,7 +208,7 @@ def test_bad_row_names_its_file(tmp_path):
     assert f"{written.log}, row 2: speed is 'NaN'" in refusal(str(written.folder))
 
 
-def test_missing_image_names_file_row_and_picture(tmp_path):
+def test_missing_image_names_file_row_and_image(tmp_path):
     written = write_recording(tmp_path / "lake", rows=4)
     written.image(2, "left").unlink()
     message = refusal(str(written.folder))

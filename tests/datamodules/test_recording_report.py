@@ -9,7 +9,7 @@ from tests.recordings import Written, write_recording
 
 
 def rename_time(written: Written, row: int, stem: str) -> None:
-    """Give a row another time, in its pictures' names and in the log."""
+    """Give a row another time, in its images' names and in the log."""
     for camera in ("center", "left", "right"):
         image = written.image(row, camera)
         image.rename(image.with_name(f"{camera}_{stem}.jpg"))

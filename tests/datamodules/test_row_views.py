@@ -22,7 +22,7 @@ def view_of(path: Path | str) -> np.ndarray:
 
 @pytest.fixture
 def two(tmp_path):
-    """A recording of three cameras and one of the centre alone."""
+    """Write a recording with three cameras and one with only the centre camera."""
     return [
         write_recording(tmp_path / "one", rows=8, seed=1),
         write_recording(tmp_path / "two", rows=6, seed=2, cameras=("center",)),
@@ -34,15 +34,15 @@ def roots(written) -> list[str]:
 
 
 @pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])
-def test_pictures_by_row_and_camera(two, tmp_path, console, cached):
+def test_images_by_row_and_camera(two, tmp_path, console, cached):
     recording = read_recordings(roots(two))
     cache = tmp_path / "cache" if cached else None
     views, faults = load_row_views(recording, CAMERAS, VIEW, cache, console)
     assert faults == {}
     rows, cameras = np.array([13, 2, 2, 7, 8]), np.array([0, 1, 0, 2, 0])
     taken = views.take(rows, cameras)
-    for picture, row, camera in zip(taken, rows, cameras, strict=True):
-        np.testing.assert_array_equal(picture, view_of(recording.images[row, camera]))
+    for image, row, camera in zip(taken, rows, cameras, strict=True):
+        np.testing.assert_array_equal(image, view_of(recording.images[row, camera]))
 
 
 def test_a_folders_name_is_no_markup_of_the_progress_bar(tmp_path):
@@ -59,14 +59,14 @@ def test_one_camera_for_all_rows(two, console):
     np.testing.assert_array_equal(taken[9], view_of(two[1].image(1)))
 
 
-def test_taken_pictures_are_copies(two, console):
+def test_taken_images_are_copies(two, console):
     views, _ = load_row_views(read_recordings(roots(two)), CAMERAS, VIEW, None, console)
     before = views.take(np.array([3]), 0)
     views.take(np.array([3]), 0)[:] = 0
     np.testing.assert_array_equal(views.take(np.array([3]), 0), before)
 
 
-def test_kept_rows_keep_their_pictures(two, console):
+def test_kept_rows_keep_their_images(two, console):
     recording = read_recordings(roots(two))
     views, _ = load_row_views(recording, CAMERAS, VIEW, None, console)
     mask = np.ones(14, dtype=bool)
@@ -78,7 +78,9 @@ def test_kept_rows_keep_their_pictures(two, console):
 def test_a_bad_image_is_named_by_its_row(two, console):
     bad = two[0].image(4, "left")
     bad.write_bytes(bad.read_bytes()[:500])
-    recording = read_recordings([*reversed(roots(two))])  # six rows of the other come first
+    recording = read_recordings(
+        [*reversed(roots(two))]
+    )  # the second recording's six rows come first
     _, faults = load_row_views(recording, CAMERAS, VIEW, None, console)
     assert faults == {10: f"{bad}: the image is truncated"}
 
@@ -103,7 +105,7 @@ def test_one_more_recording_leaves_the_others_views_alone(two, tmp_path, console
 
 @pytest.mark.parametrize("resident", [True, False])
 @pytest.mark.parametrize("size", [(33, 100), (6, 20)], ids=["large", "small"])
-def test_mirrored_pictures(two, tmp_path, console, monkeypatch, size, resident):
+def test_mirrored_images(two, tmp_path, console, monkeypatch, size, resident):
     if not resident:
         monkeypatch.setattr(row_views, "RESIDENT_BYTES", 0)
     view = View((60, 25), "rgb", size)
@@ -115,6 +117,6 @@ def test_mirrored_pictures(two, tmp_path, console, monkeypatch, size, resident):
     turned = views.take(rows, cameras, np.array([True, False, True, False]))
     np.testing.assert_array_equal(turned[[0, 2]], plain[[0, 2]][:, :, ::-1])
     np.testing.assert_array_equal(turned[[1, 3]], plain[[1, 3]])
-    for picture, row, camera in zip(plain, rows, cameras, strict=True):
+    for image, row, camera in zip(plain, rows, cameras, strict=True):
         whole = decode_image(Path(recording.images[row, camera]).read_bytes())
-        np.testing.assert_array_equal(picture, view(whole))
+        np.testing.assert_array_equal(image, view(whole))

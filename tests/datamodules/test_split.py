@@ -17,7 +17,7 @@ def driven(rows: int, sizes: tuple[int, ...] = ()) -> Recording:
 
 
 def part_of_each_row(split: Split, rows: int) -> np.ndarray:
-    """int64 [rows], 0 train, 1 val, 2 test, -1 in none; fails if a row is in two."""
+    """Return each row's part, int64 [rows], -1 for none; check that no row is in two."""
     part = np.full(rows, -1)
     for number, name in enumerate(PARTS):
         chosen = getattr(split, name)
@@ -28,7 +28,7 @@ def part_of_each_row(split: Split, rows: int) -> np.ndarray:
 
 
 def distance(one: np.ndarray, other: np.ndarray) -> int:
-    """Rows between the two nearest."""
+    """Return the number of rows between the nearest rows of two parts."""
     return int(np.abs(one[:, None] - other[None]).min())
 
 
@@ -36,7 +36,7 @@ def distance(one: np.ndarray, other: np.ndarray) -> int:
 def test_blocks_of_any_recording_are_apart(rows, seed):
     split = split_rows(driven(rows), "blocks", seed=seed)
     part_of_each_row(split, rows)
-    gap = min(15, max(rows // 20, 1))  # a second, or less where the blocks are shorter
+    gap = min(15, max(rows // 20, 1))  # a second, or less with shorter blocks
     for one, other in (("train", "val"), ("train", "test"), ("val", "test")):
         assert distance(getattr(split, one), getattr(split, other)) > gap
 
@@ -45,7 +45,7 @@ def test_blocks_are_contiguous_and_of_the_length_asked_for():
     split = split_rows(driven(9000), "blocks", block_s=10, gap_s=1)
     for held_out in (split.val, split.test):
         runs = np.split(held_out, np.flatnonzero(np.diff(held_out) > 1) + 1)
-        # Whole blocks of 150 rows, less a gap where validation borders on test.
+        # Whole blocks of 150 rows, minus a gap if validation is next to test.
         assert all(len(run) >= 150 - 2 * 15 for run in runs)
         assert 2 <= len(runs) <= 6
 
@@ -93,7 +93,7 @@ def test_same_seed_same_split(kind):
 
 
 def test_blocks_never_reach_across_recordings():
-    """Rows on both sides of a border between recordings are no neighbours: none is dropped."""
+    """Rows of two recordings are no neighbours: none is dropped at their border."""
     sizes = (300, 300)
     split = split_rows(driven(600, sizes), "blocks", val_share=0.5, test_share=0.0, block_s=20)
     part = part_of_each_row(split, 600)

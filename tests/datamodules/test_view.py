@@ -19,12 +19,12 @@ SHAPE_CASES = [
 
 @pytest.fixture(scope="module")
 def frame() -> np.ndarray:
-    """uint8 [160, 320, 3] of colours from all over the cube."""
+    """Return an image of random colours, uint8 [160, 320, 3]."""
     return np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
 
 
 def by_hand(frame: np.ndarray, colour: str) -> np.ndarray:
-    """Float [160, 320, C]: the textbook's formulas."""
+    """Convert with the textbook's formulas; return float [160, 320, C]."""
     red, green, blue = np.moveaxis(frame.astype(float), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     largest, smallest = frame.max(axis=2).astype(float), frame.min(axis=2).astype(float)
@@ -46,9 +46,9 @@ def test_colour_is_the_textbooks(frame, colour):
 @pytest.mark.parametrize(("crop", "colour", "size", "shape"), SHAPE_CASES)
 def test_shape(frame, crop, colour, size, shape):
     view = View(crop, colour, size)
-    picture = view(frame)
-    assert picture.shape == view.shape == shape
-    assert picture.dtype == np.uint8
+    image = view(frame)
+    assert image.shape == view.shape == shape
+    assert image.dtype == np.uint8
 
 
 def test_crop_takes_rows_off_the_top_and_the_bottom(frame):
@@ -119,7 +119,7 @@ def test_unknown_colour_names_those_there_are(colour):
 def test_out_takes_the_same_and_nothing_beside_it(
     crop: tuple, colour: str, size: tuple | None, shape: tuple, frame: np.ndarray
 ) -> None:
-    """As the cache is filled: into one of several, whose neighbours stay as they are."""
+    """The cache writes each view into an array: its neighbours do not change."""
     view, several = View(crop, colour, size), np.full((3, *shape), 7, np.uint8)
     assert view(frame, out=several[1]).base is several
     assert np.array_equal(several[1], view(frame))

@@ -21,7 +21,7 @@ from tests.recordings import Written, write_recording
 VIEW = View((60, 25), "rgb", (33, 100))
 REPOSITORY = Path(__file__).parents[2]
 
-# Says "ready", waits for a line, builds in chunks of 16, and says what happened.
+# Prints "ready", waits for a line, builds in chunks of 16, and prints the result.
 PROCESS = """
 import hashlib, json, resource, sys, time
 from pathlib import Path
@@ -92,14 +92,14 @@ def digest(views: np.ndarray) -> str:
 
 
 def overwrite_unseen(path: str) -> None:
-    """Change a file's bytes, but neither its size nor its time: only who reads it again knows."""
+    """Change a file's bytes but not its size and time: only reading it again shows the change."""
     status = Path(path).stat()
     Path(path).write_bytes(bytes(status.st_size))
     os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
 class Count:
-    """A progress that counts the images decoded."""
+    """A progress function that counts decoded images."""
 
     def __init__(self) -> None:
         self.decoded = 0
@@ -187,11 +187,11 @@ def test_bad_images_are_zeros_and_named(written, cache, cached):
     whole = Path(paths[2]).read_bytes()
     Path(paths[2]).write_bytes(whole[: len(whole) // 2])
     Path(paths[5]).write_bytes(b"")
-    Path(paths[9]).write_bytes(b"no picture")
+    Path(paths[9]).write_bytes(b"no image")
     cv2.imencode(".bmp", np.zeros((160, 320, 3), np.uint8))[1].tofile(paths[10])
     Path(paths[11]).unlink()
     folder = cache if cached else None
-    for _ in range(2):  # found in the cache, they are still known
+    for _ in range(2):  # the cache keeps them
         loaded = load_views(paths, VIEW, folder)
         assert sorted(loaded.faults) == [2, 5, 9, 10, 11]
         assert loaded.faults[2] == f"{paths[2]}: the image is truncated"
@@ -267,7 +267,7 @@ def test_failed_write_is_one_line_and_leaves_earlier_files(written, cache):
 
 @contextmanager
 def small_disk(folder: Path):
-    """A real disk of 256 kB; skips the test where it may not be mounted."""
+    """Mount a real disk of 256 kB; skip the test if that is not allowed."""
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
     try:

@@ -105,7 +105,7 @@ def test_a_report_escapes_the_name_of_its_run(tmp_path: Path) -> None:
     result = run(tmp_path, str(folder), module="zoo.report", timeout=100)
     assert result.returncode == 0, result.stderr
     assert not control_characters(result.stdout + result.stderr)
-    assert len(result.stdout.splitlines()) == 3  # two paths and the next command
+    assert len(result.stdout.splitlines()) == 3, "two files and the next command"
 
 
 def test_rich_escapes_texts_and_keeps_its_own_sequences(capsys: pytest.CaptureFixture) -> None:

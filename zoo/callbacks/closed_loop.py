@@ -27,8 +27,8 @@ class ClosedLoop(lightning.Callback):
     The weights with the highest `drive/score` are kept as `checkpoints/driven.ckpt`: a candidate
     for `best.ckpt` at the end of the run.
 
-    A copy of the network drives on the CPU: training is not changed. Of several processes the first
-    drives, and the other ones wait for its figures.
+    A copy of the network drives on the CPU: training is not changed. The first rank drives, and the
+    other ranks wait for its figures.
 
     Args:
         track: name or file of a track.
@@ -36,9 +36,9 @@ class ClosedLoop(lightning.Callback):
         starts: number of drives, from places evenly spaced along the centreline.
         metres: length of each drive.
         speed: speed to hold, mph.
-        share: largest time of driving, as a share of the training's own time, without the first
-            drive and the best checkpoint's; epochs are skipped to keep it. Which ones depends on
-            the machine's speed; with null none is skipped, and runs repeat exactly.
+        share: largest share of the training's time for driving, not counting the first drive and
+            the best checkpoint's; drives are skipped to keep it. The machine's speed decides
+            which; with null no drive is skipped, and runs repeat exactly.
         quality: `full`, or `simple` images, which render slightly faster.
     """
 
@@ -116,7 +116,7 @@ class ClosedLoop(lightning.Callback):
         self.best_score = state.get("best_score", float("-inf"))
 
     def on_train_end(self, trainer: lightning.Trainer, module: lightning.LightningModule) -> None:
-        """Print what the drives took."""
+        """Print the time of the drives."""
         trained_s = self._trained_s()
         if self.drives and trained_s > 0:
             self.cost = {

@@ -1,8 +1,8 @@
-"""`python -m zoo.doctor [CKPT] [RECORDING] [key=value ...]`: find what is wrong here, and its fix.
+"""`python -m zoo.doctor [CKPT] [RECORDING] [key=value ...]`: check this machine and installation.
 
-Prints what is installed and works here, which renderer opens and who holds the port, and makes a
-round trip with the original simulator's protocol; each fault with its fix. Exits 0 where nothing is
-at fault, with or without warnings; 1 otherwise.
+Prints which packages and renderers work and which process uses the port, and sends frames to a
+driver in the original simulator's protocol; each fault comes with its fix. Exits 0 without faults,
+with or without warnings; 1 otherwise.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 COMMAND = Command(
     __doc__,
     {
-        "[CKPT]": f"{CHECKPOINT}: can it be read, and what does it expect?",
-        "[RECORDING]": "recording's folder: is it whole?",
+        "[CKPT]": f"{CHECKPOINT}; checks that it loads and drives",
+        "[RECORDING]": "folder of a recording; checks its log and a sample of its images",
     },
 )
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
@@ -42,7 +42,7 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
     yield from careful("Python", installation.check_python)
     if sys.version_info < installation.OLDEST:
         return  # all else would fail for that one reason
-    renderers = renderer.start_renderers()  # goes on while torch is imported
+    renderers = renderer.start_renderers()  # they open while torch is imported
     yield from careful("packages", installation.check_packages)
     yield from careful("device", machine.check_device)
     yield from careful("renderer", renderers)
@@ -140,10 +140,10 @@ def main(arguments: list[str]) -> int:
     except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    print(f"{counts[FAULT]} at fault, {counts[WARNING]} to be warned of, {counts[OK]} ok")
+    print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
     if counts[FAULT]:
         return 1
-    print_next("python -m zoo.demo", "do the main job from nothing")
+    print_next("python -m zoo.demo", "record, train and drive a demo")
     return 0
 
 

@@ -79,7 +79,7 @@ def _check_package(line: str) -> Iterator[Finding]:
         yield Finding(FAULT, "packages", found, install)
     for rival in RIVALS.get(name, ()):
         if installed_version(rival):
-            found = f"{rival} is installed, too; it overwrites modules of {name}"
+            found = f"{rival} is also installed; it overwrites modules of {name}"
             yield Finding(WARNING, "packages", found, f"pip uninstall {rival} {name}; {install}")
 
 

@@ -29,7 +29,7 @@ def check_device() -> Iterator[Finding]:
         yield Finding(WARNING, "CPU", found, fix)
     else:
         yield Finding(OK, "CPU", found)
-    with warnings.catch_warnings(record=True) as caught:  # as for an old graphics driver
+    with warnings.catch_warnings(record=True) as caught:  # torch warns about an old graphics driver
         warnings.simplefilter("always")
         available = torch.cuda.is_available()
     if available:

@@ -36,7 +36,7 @@ OWN_KEYS = ("compile",)  # keys of `trainer` that are not arguments of Lightning
 
 
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
-    """Return the config to train with: apply `quick`, make the recording of `data.record`."""
+    """Return the config to train with: apply `quick`, and record `data.record`."""
     return with_recording(with_quick(config), console)
 
 
@@ -72,7 +72,7 @@ def build_data(config: DictConfig) -> DrivingData:
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     places = {key: settings.pop(key) for key in PLACES if key in settings}
-    # Hydra would turn the view, a dataclass, into a config.
+    # Hydra would convert the view, a dataclass, to a config.
     make = _instantiate("data", settings, _partial_=True)
     return make(view=view, seed=config.seed, **places)
 
@@ -95,7 +95,7 @@ def build_network(
     elif config.model.weights is not None:
         loaded = load_weights(network, str(config.model.weights))
         console.print(f"weights: {loaded}", highlight=False, markup=False)
-    # The layout of the images: weights in another one would be converted at every step.
+    # The images' layout: weights in another layout would be converted at every step.
     return network.to(memory_format=torch.channels_last)
 
 
@@ -132,7 +132,7 @@ def build_module(
 
 
 def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> DrivingData:
-    """Return the loaded data as the plan feeds them; compute the features that are not cached."""
+    """Return the data with the plan's feed; compute the features that are not cached."""
     features = load_features(plan.features, data.views, console) if plan.features else None
     return data.with_feed(plan.batch_device, plan.batches_per_step, features)
 
@@ -200,8 +200,8 @@ def keep_earlier_log(folder: Path) -> None:
 
 def silence_libraries() -> None:
     """Silence library messages that a user cannot act on."""
-    # "GPU available: ...", "TPU ...", tips of the day: the run prints its device itself.
-    # With several processes each process would print them.
+    # "GPU available: ...", "TPU ...", tips: each process would print them, and the run prints its
+    # device itself.
     for name in ("lightning.pytorch", "lightning.fabric"):
         logging.getLogger(name).setLevel(logging.WARNING)
     ignored = [

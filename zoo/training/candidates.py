@@ -1,8 +1,8 @@
-"""The choice of `best.ckpt` at the end of a run: the candidate that drives best.
+"""Choose `best.ckpt` at the end of a run: the candidate that drives best.
 
-Validation error is a poor guide to driving (`docs/offline_metrics.md`): the epoch with the lowest
-error is often the first, which hardly steers. The candidates do not start where the drives of the
-score start, so that the score is not the best of several attempts.
+Validation error hardly predicts driving (`docs/offline_metrics.md`): the epoch with the lowest
+error is often the first, which hardly steers. The candidates' starts differ from the starts of the
+score, so that the score is not the best of several attempts.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from zoo.evaluate.many_drives import Setup, drive_all
 from zoo.evaluate.track_scores import RunScore
 from zoo.runs.whole_file import write_whole
 
-START_SEED = 1000  # far from the seeds of the score, which count from 0
+START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
 # In the order in which ties are broken.
 SOURCES = {BEST: "", DRIVEN: "best drive while training", "last.ckpt": "last epoch"}
@@ -63,10 +63,10 @@ class Choice:
 def choose_best(
     score: RunScore | None, monitor: str | None, folder: Path, console: Console
 ) -> Choice | None:
-    """Make the candidate that drives best `best.ckpt`; print which one and why.
+    """Save the candidate that drives best as `best.ckpt`; print which one and why.
 
-    Where another candidate drives better than the checkpoint that the monitored figure chose, that
-    checkpoint is kept as `monitored.ckpt`.
+    If that is not the checkpoint that the monitored figure chose, the latter is kept as
+    `monitored.ckpt`.
 
     Args:
         score: settings of the run's score; each candidate drives `candidate_laps` on the first
@@ -87,7 +87,7 @@ def choose_best(
     else:
         try:
             drives = _drive(score, checkpoints, candidates, console)
-        except InputError as error:  # no simulator: the trained network is kept
+        except InputError as error:  # without a simulator the monitored checkpoint is kept
             choice = Choice(candidates[0].epoch, f"{candidates[0].what}; not driven: {error}")
         else:
             choice = _decide(candidates[0], drives)
@@ -122,7 +122,7 @@ def monitored_as(monitor: str | None) -> str:
 
 
 def take(checkpoints: Path, file: str) -> None:
-    """Make a candidate `best.ckpt`; a kill at any moment leaves a whole file."""
+    """Save a candidate as `best.ckpt`; if the process is killed, the file is still complete."""
     best, monitored = checkpoints / BEST, checkpoints / MONITORED
     monitored.unlink(missing_ok=True)
     if file == BEST:
@@ -189,13 +189,15 @@ def _undriven(score: RunScore | None, candidates: Sequence[Candidate]) -> str:
     if len(candidates) == 1:
         return f"{first}; no other candidate"
     key = "score=none" if score is None else "score.candidate_laps=0"
-    return f"{first}; no candidate was driven ({key}), and this figure says little about driving"
+    return f"{first}; no candidate was driven ({key}), and this figure hardly predicts driving"
 
 
 def _print_drives(score: RunScore, drives: Sequence[dict], console: Console) -> None:
     laps = f"{_laps(score):g} lap{'' if _laps(score) == 1 else 's'}"
     track = Path(score.tracks[0]).stem
-    lines = [f"candidates for best.ckpt, {laps} of the {track} each, not from the score's start:"]
+    lines = [
+        f"candidates for best.ckpt, {laps} of the {track} each, from another start than the score:"
+    ]
     for one in sorted(drives, key=lambda one: one["epoch"]):
         count = one["interventions"]
         lines.append(

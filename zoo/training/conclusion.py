@@ -192,9 +192,9 @@ def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Con
     try:
         with working("writing the report", console):
             written = [write_report(folder)]
-    except Exception as error:  # of any kind: a failed report must not lose the training
+    except Exception as error:  # any error: the training is complete, and must not be lost
         reason = " ".join(str(error).split()) or type(error).__name__
-        console.print(f"no report: {reason}", highlight=False, markup=False)
+        console.print(f"report not written: {reason}", highlight=False, markup=False)
         written = []
     best_path = folder / "checkpoints" / "best.ckpt"
     written = [best_path, *written] if best_path.is_file() else written

@@ -23,13 +23,13 @@ LOOK_S, GRACE_S = 0.5, 15.0
 
 
 @contextmanager
-def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Iterator[None]:
+def ending_together(trainer: lightning.Trainer, folder: Path, command: str) -> Iterator[None]:
     """Turn an error of any process into one of the first process, which alone prints it.
 
     Args:
         trainer: Lightning's trainer.
         folder: run's folder.
-        go_on: command that resumes the run.
+        command: command that resumes the run.
 
     Raises:
         InputError: another process failed or was killed; the message holds its reason.
@@ -38,7 +38,7 @@ def ending_together(trainer: lightning.Trainer, folder: Path, go_on: str) -> Ite
     if trainer.world_size == 1:
         yield
         return
-    watch = Watch(folder, go_on)
+    watch = Watch(folder, command)
     trainer.callbacks.append(watch)
     try:
         yield
@@ -65,8 +65,8 @@ class Watch(lightning.Callback):
     for minutes. Lightning's own watch kills the first process before it can print why.
     """
 
-    def __init__(self, folder: Path, go_on: str) -> None:
-        self.folder, self.go_on = folder, go_on
+    def __init__(self, folder: Path, command: str) -> None:
+        self.folder, self.command = folder, command
         self.others: list[subprocess.Popen] = []
         self.over = threading.Event()
 
@@ -78,7 +78,7 @@ class Watch(lightning.Callback):
             self.others = list(getattr(trainer.strategy.launcher, "procs", []))
             for thread in threading.enumerate():
                 if thread.name == "child-process-observer":
-                    thread._child_processes = []  # it then takes all of them for finished
+                    thread._child_processes = []  # Lightning then ignores them
             self._start(self._failed_other)
         elif os.environ.get("LOCAL_RANK", "0") != "0":
             parent = os.getppid()
@@ -97,7 +97,7 @@ class Watch(lightning.Callback):
                 how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
                 return (
                     f"process {number + 1} of the {len(self.others) + 1} that train together ended "
-                    f"({how}); the epochs that were complete are saved; resume with: {self.go_on}"
+                    f"({how}); complete epochs are saved; resume with: {self.command}"
                 )
         return None
 
@@ -116,12 +116,12 @@ class Watch(lightning.Callback):
     def _notes(self) -> list[Path]:
         return sorted(self.folder.glob("process-*.txt"))
 
-    def _start(self, gone: Callable[[], bool]) -> None:
-        threading.Thread(target=self._look, args=(gone,), daemon=True).start()
+    def _start(self, is_over: Callable[[], bool]) -> None:
+        threading.Thread(target=self._look, args=(is_over,), daemon=True).start()
 
-    def _look(self, gone: Callable[[], bool]) -> None:
+    def _look(self, is_over: Callable[[], bool]) -> None:
         while not self.over.wait(LOOK_S):
-            if not gone() or self.over.wait(GRACE_S):
+            if not is_over() or self.over.wait(GRACE_S):
                 continue
             reason = self.reason()
             if self.others and reason:

@@ -1,4 +1,4 @@
-"""`data=lake`: a recording that the embedded simulator makes once, on first use."""
+"""`data=lake`: record with the embedded simulator once, on first use."""
 
 import json
 import shutil
@@ -16,7 +16,7 @@ from zoo.runs.saved_config import RECIPE
 def with_recording(config: DictConfig, console: Console) -> DictConfig:
     """Return a config whose `data.root` is set; record `data.record` if it is not.
 
-    Of two runs that start at once only one records. A recording that was stopped is repeated.
+    If two runs start at the same time, only one records. A stopped recording is repeated.
 
     Raises:
         InputError: an option of `data.record` is wrong, the folder cannot be written, or it was
@@ -34,7 +34,9 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
                 if not (folder / RECIPE).is_file():  # another process may have recorded it
                     _record(folder, recipe, console)
     except OSError as error:
-        raise InputError(f"{folder}: cannot record there: {error.strerror}") from None
+        raise InputError(
+            f"{folder}: cannot record there ({error.strerror}); set data.record.out=FOLDER"
+        ) from None
     _check_recipe(folder, recipe)
     config = config.copy()
     config.data.root = escape_interpolation(str(folder))
@@ -49,7 +51,7 @@ def _record(folder: Path, recipe: dict, console: Console) -> None:
 
     if folder.exists():
         raise InputError(
-            f"{folder}: exists and holds no {RECIPE}; remove it, or name your own recording "
+            f"{folder}: exists but holds no {RECIPE}; remove it, or name your own recording "
             "with data.root=FOLDER"
         )
     unfinished = Path(f"{folder}.part")

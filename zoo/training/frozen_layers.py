@@ -1,9 +1,9 @@
 """Cached features of a network's frozen layers (`model.cache_features`).
 
-They are computed once for each image instead of in every epoch, kept in the views' cache, and fed
+They are computed once for each image instead of in every epoch, stored in the views' cache, and fed
 in place of the images. That changes no gradient and no random draw: frozen weights give the same
-features for the same image. Half precision changes features by up to 1/2048 of their value; the
-README says what effect that has.
+features for the same image. Half precision changes features by up to 1/2048 of their value;
+`docs/models/vgg.md` has its effect on steering.
 """
 
 import hashlib
@@ -19,9 +19,8 @@ from datamodules.errors import InputError
 from datamodules.features import FeaturePlan, Front, plan_features
 
 KEY = "model.cache_features"
-AUTO_BYTES = (
-    16_000_000_000  # most that `auto` uses of a disk or memory; also at most half of what is free
-)
+# `auto` uses at most this many bytes of a disk or memory, and at most half of the free bytes.
+AUTO_BYTES = 16_000_000_000
 
 
 def plan_cached_features(
@@ -41,11 +40,11 @@ def plan_cached_features(
         console: console for the decision.
 
     Returns:
-        The plan, nothing of which is computed yet; None to train on images.
+        The plan, before anything is computed; None to train on images.
 
     Raises:
         InputError: the setting is not auto, true or false; or it is true and nothing is frozen,
-            images are augmented, or there is no room; or features exceed half precision.
+            images are augmented, or there is no space; or features exceed half precision.
     """
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
@@ -64,8 +63,8 @@ def plan_cached_features(
         listed = ",".join(changes)
         if setting is True:
             raise InputError(
-                f"{KEY}=true: augment=[{listed}] changes every image, and features are "
-                f"of recorded and mirrored images; set augment=[], or {KEY}=false"
+                f"{KEY}=true: augment=[{listed}] changes every image, and features exist only for "
+                f"recorded and mirrored images; set augment=[], or {KEY}=false"
             )
         _print(
             console,
@@ -95,8 +94,8 @@ def random_front_lines(weights: str | None, network: nn.Module) -> list[str]:
     if weights is not None or getattr(network, "frozen_front", None) is None:
         return []
     return [
-        "frozen blocks keep their random weights (model.weights=null), as random features; "
-        "model.trainable_blocks=5 trains them all"
+        "frozen blocks keep their random weights (model.weights=null): random features; "
+        "model.trainable_blocks=5 trains all blocks"
     ]
 
 
@@ -104,8 +103,8 @@ def _front(network: nn.Module, frozen: nn.Module, data: DrivingData) -> Front:
     device = next(frozen.parameters()).device
 
     @torch.inference_mode()
-    def compute(pictures: np.ndarray) -> np.ndarray:
-        images = torch.from_numpy(pictures).permute(0, 3, 1, 2).to(device)
+    def compute(batch: np.ndarray) -> np.ndarray:
+        images = torch.from_numpy(batch).permute(0, 3, 1, 2).to(device)
         features = network.front(images).half()
         if not torch.isfinite(features).all():
             raise InputError(f"features exceed 65,504, the largest half; set {KEY}=false")
@@ -131,16 +130,16 @@ def _draws(config: DictConfig, data: DrivingData) -> int:
 
 
 def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console) -> bool:
-    """Return whether to cache features; print what that takes, or why not.
+    """Return whether to cache features; print their size, or why they are not cached.
 
     Raises:
-        InputError: `model.cache_features=true`, and there is no room.
+        InputError: `model.cache_features=true`, and there is no space.
     """
-    if setting == "auto" and draws < plan.pictures:
+    if setting == "auto" and draws < plan.images:
         _print(
             console,
             f"frozen blocks are computed when needed: the training reads {draws:,} images of "
-            f"{plan.pictures:,} ({KEY}=true computes all of them, for other runs)",
+            f"{plan.images:,} ({KEY}=true computes all of them, for other runs)",
         )
         return False
     where = f"in {plan.folder}" if plan.folder else "in memory (data.cache=null)"
@@ -149,14 +148,14 @@ def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console)
         words = f"{_size(needed)} of features of frozen blocks, with {_size(free)} free {where}"
         remedy = "a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
         if setting is True:
-            raise InputError(f"{KEY}=true: {words}; set {remedy}")
+            raise InputError(f"{KEY}=true: {words}; set {remedy}, or {KEY}=false")
         _print(
             console,
-            f"frozen blocks are computed again in every epoch: keeping them would take "
+            f"frozen blocks are computed again in every epoch: caching them would take "
             f"{words}; set {remedy}",
         )
         return False
-    size = f"{plan.pictures:,} images, {plan.front.picture_bytes / 1e3:.1f} kB each"
+    size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
     if plan.missing:
         _print(
             console,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-# glibc's names for them, from malloc.h, and the largest block that its heap may hold.
+# Constants of glibc's malloc.h, and the largest block that its heap may hold.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
 
@@ -14,8 +14,8 @@ _LARGEST_HEAP_BLOCK = 32 * 1024 * 1024
 def set_up_process(threads: int) -> None:
     """Set memory and threads of this process for training."""
     keep_freed_memory()
-    # With trainer.deterministic torch fills all memory that it allocates, which takes 4 to 7 % of
-    # PilotNet's step.
+    # With trainer.deterministic torch would fill all memory that it allocates: 4 to 7 % of a step
+    # of PilotNet.
     torch.utils.deterministic.fill_uninitialized_memory = False
     torch.set_num_threads(threads)
 
@@ -23,8 +23,8 @@ def set_up_process(threads: int) -> None:
 def keep_freed_memory() -> bool:
     """Make the allocator keep freed memory; return whether it does.
 
-    glibc gives large blocks back to the kernel, which clears each page again when a training step
-    allocates the same blocks: up to 14,000 page faults a step, a fifth of its time.
+    glibc returns large blocks to the kernel, which clears each page when the next step allocates
+    them again: up to 14,000 page faults in a step, a fifth of its time.
     """
     if platform.libc_ver()[0] != "glibc":
         return False

@@ -17,14 +17,14 @@ from zoo.runs.status import read_status
 def naming_lost_files(folder: Path) -> Iterator[None]:
     """Raise InputError for a full disk or a removed folder; name the file and what is kept."""
     before = threading.excepthook
-    # TensorBoard writes in a thread, and raises its errors in the main thread.
+    # TensorBoard writes in a thread; the main thread raises its errors, too.
     threading.excepthook = lambda failed: isinstance(failed.exc_value, OSError) or before(failed)
     try:
         yield
     except OSError as error:
         place = error.filename or _open_file(error) or folder
         if not folder.is_dir():
-            remedy = f"{folder} was removed, with all that the run had saved; start it again"
+            remedy = f"{folder} was removed, with all that the run had saved; start the run again"
         else:
             last = folder / "checkpoints" / "last.ckpt"
             kept = f"{last} is kept" if last.is_file() else kept_without_last(folder)
@@ -36,7 +36,7 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
 
 
 def _open_file(error: OSError) -> str | None:
-    """Return the file that the failed code had open: a write error does not name it."""
+    """Return the name of the file that the failed code had open; a write error lacks it."""
     for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
         for one in frame.f_locals.values():
             if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):

@@ -41,9 +41,8 @@ def side_response(left: np.ndarray, right: np.ndarray) -> float | None:
     """Return a network's recovery response, -1..1; None without side images.
 
     It is half of the mean difference in steering between the left camera's images and the right
-    camera's (0.8 m to each side), and needs no label. Of all figures that need no drive it was the
-    best predictor of driving
-    (`docs/offline_metrics.md`).
+    camera's (0.8 m to each side), and needs no label. Of all figures without a drive it predicted
+    driving best (`docs/offline_metrics.md`).
     """
     return float((left - right).mean() / 2) if len(left) else None
 

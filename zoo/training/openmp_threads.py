@@ -1,4 +1,4 @@
-"""The OpenMP wait policy during training: spin on a quiet machine, sleep on a busy one.
+"""The OpenMP wait policy during training: spin on a quiet machine, sleep on a busy machine.
 
 A spinning thread continues at once; a sleeping thread has to be woken, hundreds of times a step.
 But on a core that another program needs, a spinning thread delays that program, and all threads
@@ -18,7 +18,7 @@ from pathlib import Path
 STAT, MAPS = Path("/proc/stat"), Path("/proc/self/maps")
 LOOK_EVERY_S = 0.5
 QUIET_LOOKS = 2  # quiet measurements in a row before threads spin
-SPARE_CORES = 0.7  # of our threads' cores, which other programs may use
+SPARE_CORES = 0.7  # cores of our threads that other programs may use on a quiet machine
 
 
 def choose_waiting() -> None:
@@ -27,9 +27,8 @@ def choose_waiting() -> None:
     An existing OMP_WAIT_POLICY or GOMP_SPINCOUNT is kept.
     """
     if not _was_chosen():
-        os.environ.setdefault(
-            "KMP_BLOCKTIME", "0"
-        )  # of Intel's and LLVM's OpenMP; GNU's ignores it
+        # Intel's and LLVM's OpenMP use it; GNU's does not.
+        os.environ.setdefault("KMP_BLOCKTIME", "0")
         if not STAT.exists():
             os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
 
@@ -106,7 +105,7 @@ def _usage() -> tuple[float, float, float]:
     """Return seconds by the clock, of this process, and of all programs on our cores."""
     ours = {f"cpu{number}" for number in os.sched_getaffinity(0)}
     rows = (line.split() for line in STAT.read_text().splitlines())
-    # All columns but idle and iowait, up to steal.
+    # All columns up to steal, except idle and iowait.
     ticks = sum(sum(map(int, r[1:4])) + sum(map(int, r[6:9])) for r in rows if r[0] in ours)
     return time.perf_counter(), time.process_time(), ticks / os.sysconf("SC_CLK_TCK")
 

@@ -72,7 +72,7 @@ def make_plan(
     trainer: lightning.Trainer,
     console: Console,
 ) -> TrainingPlan:
-    """Return the plan of a training; print which settings it cannot follow, and why.
+    """Return the plan of a training; print which settings have no effect, and why.
 
     Args:
         config: experiment's config.
@@ -95,8 +95,8 @@ def make_plan(
     device, precision = trainer.strategy.root_device, trainer.precision
     if device.type == "cpu" and "bf16" in precision and multiplies_bf16() is False:
         console.print(
-            f"trainer.precision={precision}: this processor has no instructions for it, "
-            "32-true trains twice to eight times as fast",
+            f"trainer.precision={precision}: this processor has no instructions for it; "
+            "trainer.precision=32-true trains two to eight times as fast",
             highlight=False,
             markup=False,
         )

@@ -28,7 +28,9 @@ def resume(folder: Path, overrides: list[str]) -> None:
     """
     saved_path = folder / ".hydra" / "config.yaml"
     if not saved_path.is_file():
-        raise InputError(f"{folder}: is no run's folder (it holds no .hydra/config.yaml)")
+        raise InputError(
+            f"{folder}: is no run's folder (no .hydra/config.yaml); name the folder of a run"
+        )
     overrides, trusted = split_trust(overrides)
     chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
     if chosen:
@@ -68,7 +70,7 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
         if one.is_delete():
             value = None
         elif one.is_sweep_override():
-            raise InputError(f"{one.input_line}: a run takes one value for a key")
+            raise InputError(f"{one.input_line}: is a sweep; give one value to resume a run")
         else:
             value = one.value()
         OmegaConf.update(
@@ -101,9 +103,9 @@ class FinishedRun:
     def lines(self, overrides: list[str]) -> list[str]:
         """Return the lines to print: the run's files, and how to train further."""
         early = f" of {_max_epochs(self.config)}, stopped early" if self.stopped_early else ""
-        lines = [f"{self.folder}: is finished, after {self.epochs} epochs{early}; nothing to do"]
+        lines = [f"{self.folder}: finished after {self.epochs} epochs{early}; nothing to do"]
         if overrides:
-            lines[0] += f" ({' '.join(overrides)}: asks for no more epochs)"
+            lines[0] += f" ({' '.join(overrides)}: no more epochs)"
         best_epoch = self.metrics.get("best_epoch")
         after = f" (after epoch {best_epoch})" if best_epoch else ""
         page = self.folder / "report" / "index.html"

@@ -25,13 +25,13 @@ class ResumePoint:
 
     def check_optimizer(self, module: SteeringModule) -> None:
         """Raise InputError if the new optimizer has other groups than the saved one."""
-        made = module.configure_optimizers()["optimizer"].param_groups
-        now = [len(group["params"]) for group in made]
+        groups = module.configure_optimizers()["optimizer"].param_groups
+        now = [len(group["params"]) for group in groups]
         if self.group_sizes != now:
             raise InputError(
-                f"{self.path}: its optimizer held groups of {self.group_sizes} parameters, with "
-                f"these settings (optim, model) and this version of drivezoo they are {now}; set "
-                "the values that the run was started with, or start a new run with "
+                f"{self.path}: its optimizer has groups of {self.group_sizes} parameters, but "
+                f"these settings (optim, model) and this version of drivezoo give {now}; set the "
+                "values that the run was started with, or start a new run with "
                 f"model.weights={self.path}"
             )
 
@@ -50,7 +50,7 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
     last = folder / "checkpoints" / "last.ckpt"
     if not last.is_file():
         if (last.parent / "best.ckpt").is_file():
-            line = f"starts again from the first epoch: {kept_without_last(folder)}"
+            line = f"training starts again at the first epoch: {kept_without_last(folder)}"
             console.print(line, highlight=False, markup=False)
         return None
     checkpoint = read_checkpoint_file(last)  # executes no code from the file

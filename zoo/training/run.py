@@ -54,8 +54,9 @@ def run_experiment(
     With `keep_config`, `config` replaces the folder's config once it is known to fit the
     checkpoint: a run that is stopped again resumes with it.
 
-    Returns the validation MSE of the best checkpoint (NaN without validation rows), which a
-    sweeper can minimise.
+    Returns:
+        The validation MSE of the best checkpoint, which a sweeper can minimise; NaN without
+        validation rows.
 
     Raises:
         InputError: the config, the recording or a file is wrong, or another process trains in the
@@ -73,7 +74,7 @@ def run_experiment(
 
 def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_config: bool) -> float:
     started = time.perf_counter()
-    code_fingerprint()  # of the code as imported: edits during training do not count
+    code_fingerprint()  # before training: later edits of the files do not count
     console = Console(soft_wrap=True, quiet=not first)
     score = run_options(config.get("score"))
     asked, config = config, settle_config(config, console)

@@ -35,7 +35,7 @@ def print_start(
 
 def _leak_lines(leaks: dict[str, Leak]) -> list[str]:
     return [
-        f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame, and differs"
-        f" {leak.likeness:.0%} as much from the most alike as from any (medians)"
+        f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it differs "
+        f"from the most similar one {leak.likeness:.0%} as much as from any other (medians)"
         for part, leak in leaks.items()
     ]

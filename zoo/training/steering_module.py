@@ -124,16 +124,16 @@ class SteeringModule(lightning.LightningModule):
             compiled = self._compiled and count == self._compiled_batch
             loss = (self._compiled if compiled else self._loss)(batch)
         if self.trainer.world_size > 1:
-            return self._share_of_loss(loss, batch["targets"], count)
+            return self._rank_loss(loss, batch["targets"], count)
         # Not summed in place: a compiled step owns the loss that it returns.
         self._loss_sum = self._loss_sum + loss.detach() * count
         self._loss_count += count
         return loss
 
-    def _share_of_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
+    def _rank_loss(self, loss: Tensor, targets: Tensor, count: int) -> Tensor:
         """Return this rank's loss, weighted so that the ranks' mean is the whole batch's loss.
 
-        All ranks sum the whole loss: all stop where it is not finite.
+        All ranks sum the whole loss: if it is not finite, all stop.
         """
         divisor = getattr(self.loss, "divisor", None)  # without one, a mean over samples
         share = loss.new_tensor(count) if divisor is None else divisor(targets).to(loss)
@@ -187,7 +187,7 @@ class SteeringModule(lightning.LightningModule):
             )
 
     def _check_weights(self) -> None:
-        """Check the weights, too: the last loss was computed before the last step."""
+        """Check the weights: the last loss was computed before the last step."""
         if not all(bool(torch.isfinite(one).all()) for one in self.network.parameters()):
             raise InputError(
                 f"the weights are not finite after epoch {self.current_epoch + 1}: training "
@@ -203,7 +203,7 @@ class SteeringModule(lightning.LightningModule):
 
     def validation_step(self, batch: Batch, _: int) -> None:
         """Collect predicted and true steering."""
-        if not len(batch["targets"]):  # fewer rows than processes
+        if not len(batch["targets"]):  # this rank has no rows
             return
         self._predicted += self(batch)[:, 0].float().tolist()
         self._true += batch["targets"][:, 0].tolist()
@@ -244,7 +244,7 @@ class SteeringModule(lightning.LightningModule):
     def _parameter_groups(self) -> list[dict]:
         """Return parameter groups: weights decay, biases do not; a backbone may have its own rate.
 
-        Each group costs another call of the optimizer, so there are as few as possible.
+        Each group costs a call of the optimizer, so there are as few as possible.
         """
         backbone = getattr(self.network, "backbone", None)
         slow = {id(p) for p in backbone.parameters()} if backbone is not None else set()

@@ -10,7 +10,7 @@ from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.runs.status import read_metrics
 
-FIRST_TRY = "experiment=first_try"  # README, "A first try that drives"
+FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def small(recorded: Written, *overrides: str) -> list[str]:
 def fit(
     recorded: Written, folder: Path, console: Console, *overrides: str
 ) -> tuple[lightning.Trainer, dict[str, torch.Tensor]]:
-    """A trainer after its training, and the weights."""
+    """Train; return the trainer and the weights."""
     config = OmegaConf.create(compose_config(small(recorded, *overrides)))
     data = build_data(config)
     data.load(console)
@@ -55,7 +55,7 @@ def driver_of(trainer: lightning.Trainer) -> ClosedLoop:
 
 
 def logged(folder: Path, name: str) -> dict[int, float]:
-    """By epoch, from 0."""
+    """Return the figures by epoch, from 0."""
     with (folder / "metrics.csv").open(newline="") as file:
         return {int(row["epoch"]): float(row[name]) for row in csv.DictReader(file) if row[name]}
 

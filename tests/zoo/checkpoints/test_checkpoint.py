@@ -39,7 +39,7 @@ def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(best: Path) -
 
 
 def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> None:
-    """In another folder, another process, without the recording or the run's config."""
+    """The process and the folder are new, without the recording and the run's config."""
     copy = shutil.copy(best, tmp_path / "a=b [c].ckpt")
     code = (
         "import sys, numpy as np; from zoo.checkpoints.policy import load_policy;"

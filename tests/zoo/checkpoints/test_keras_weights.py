@@ -73,7 +73,7 @@ def write_keras(
 
 
 def keras_convolve(x: np.ndarray, kernel: np.ndarray, bias: np.ndarray, stride: int, same: bool):
-    """Channels last, by windows and a sum of products: x [N, H, W, C]."""
+    """Convolve x [N, H, W, C] as a sum of products over windows."""
     if same:
         pads = [(0, 0)]
         for size, k in zip(x.shape[1:3], kernel.shape[:2], strict=True):
@@ -149,7 +149,7 @@ def test_weights_alone_and_long_lists_of_names_load(tmp_path: Path) -> None:
 
 
 def channels_first(layers: list) -> list:
-    """LeNet's layers as Keras 1 keeps them with the channels first: kernels (out, in, h, w)."""
+    """Return LeNet's layers as channels-first Keras 1 saves them: kernels (out, in, h, w)."""
     stored = [(k.transpose(3, 2, 0, 1) if k.ndim == 4 else k, b) for k, b in layers]
     kernel, bias = stored[2]
     by_channel = kernel.reshape(5, 13, 16, -1).transpose(2, 0, 1, 3).reshape(kernel.shape)
@@ -157,7 +157,7 @@ def channels_first(layers: list) -> list:
 
 
 def turned(layers: list) -> list:
-    """Kernels (h, w, in, out) as Theano, which convolves, keeps them."""
+    """Return kernels (h, w, in, out) as Theano saves them: mirrored, since it convolves."""
     return [(k[::-1, ::-1] if k.ndim == 4 else k, b) for k, b in layers]
 
 

@@ -33,7 +33,7 @@ def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
 
 
 class Moody(LeNet):
-    """Takes another way by what it sees, which no graph of one way can."""
+    """A network whose branch depends on the image, which one traced graph cannot repeat."""
 
     def forward(self, images: Tensor) -> Tensor:
         out = super().forward(images)

@@ -17,9 +17,9 @@ class Browser:
     """A browser with one page; a context manager.
 
     Args:
-        profile: an empty folder of its own.
-        width, height: of the page, in pixels.
-        scheme: `light` or `dark`, what the person prefers.
+        profile: new, empty folder.
+        width, height: size of the page, pixels.
+        scheme: `light` or `dark`, which the browser reports as the user's preference.
     """
 
     def __init__(self, profile: Path, width: int, height: int, scheme: str = "light") -> None:

@@ -80,9 +80,11 @@ class OldClient:
         self.emit("telemetry", telemetry(**values))
 
     def packet(self, timeout_s: float | None = None) -> str:
-        """The next Engine.IO packet; a PING is answered, as the original does, and not returned.
+        """Return the next Engine.IO packet; answer a PING, as the original does, and go on reading.
 
-        Raises TimeoutError where none comes, ConnectionError where the driver has hung up.
+        Raises:
+            TimeoutError: no packet arrives.
+            ConnectionError: the driver has disconnected.
         """
         if timeout_s is not None:
             self.socket.settimeout(timeout_s)

@@ -36,7 +36,7 @@ def stop_half_way(go_on: Path, report: Callable[[float], None]) -> None:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
-    """The drives end only once one that is half done was shown as such."""
+    """The drives end only after a half finished one was shown as such."""
     go_on = tmp_path / "go on"
     shown = []
 

@@ -30,7 +30,7 @@ ROWS = 250  # 16.6 s
 
 
 class Recorded:
-    """Policy that steers as recorded, plus a constant."""
+    """A policy that returns the recorded steering plus a constant."""
 
     def __init__(self, recording, besides: float = 0.0):
         self.steering = iter(recording.steering + besides)

@@ -26,7 +26,7 @@ MISSING = re.compile(r'<p class="missing">(.*?)</p>')
 
 
 class Page(HTMLParser):
-    """A page's links and words."""
+    """A parser of a page's links and words."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()

@@ -19,7 +19,7 @@ UNDRIVEN = run_options(OmegaConf.create({"candidate_laps": 0}))
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """A run whose lowest validation error, of epoch 1, steers off the road at once."""
+    """Write a run whose monitored checkpoint, of epoch 1, leaves the road at once."""
     write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0, epoch=0)
     write_constant(tmp_path / "checkpoints" / "last.ckpt", steering=0.0, epoch=4)
     return tmp_path
@@ -70,7 +70,7 @@ def test_without_drives_the_lowest_error_stays_and_the_run_says_so(
 def test_without_a_simulator_the_lowest_error_stays(
     run: Path, console: Console, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(**_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise SimulatorError("no renderer opens")
 
     monkeypatch.setattr(many_drives, "open_world", fail)

@@ -23,7 +23,7 @@ def threads() -> None:
 def train(
     recorded: Written, folder: Path, *overrides: str, together: int = 1
 ) -> tuple[dict[str, torch.Tensor], float]:
-    """The weights and the mean loss after an epoch."""
+    """Train for an epoch; return the weights and the mean loss."""
     module, _ = train_here(
         recorded,
         folder,
@@ -40,7 +40,7 @@ def train(
 def test_without_augmentation_it_learns_the_same_to_the_bit(
     recorded: Written, tmp_path: Path
 ) -> None:
-    """Mirrored and balanced alike; and several batches at a time, as on a GPU."""
+    """Mirroring and balance are the same; batches come in groups, as on a GPU."""
     plain, _ = train(recorded, tmp_path, "augment=[]", "data.augment_on=cpu")
     for together in (1, GROUP):
         there, _ = train(

@@ -62,7 +62,7 @@ def loaded(recorded: Written, tmp_path: Path, *overrides: str) -> DrivingData:
 def test_shares_put_together_are_the_batch_of_one_process(
     recorded: Written, tmp_path: Path, world: int, flip: str
 ) -> None:
-    """Flips and augmentations too, our own and albumentations'; and where some get nothing."""
+    """So are flips and augmentations, our own and albumentations', also with empty shards."""
     data = loaded(recorded, tmp_path, f"data.flip={flip}", "model.colour=yuv")
     batches = data.training_batches()
     for number, size in enumerate((19, 2, 1)):
@@ -84,7 +84,7 @@ def test_shares_put_together_are_the_batch_of_one_process(
 def test_the_rows_to_validate_on_are_shared_out_in_order(
     recorded: Written, tmp_path: Path, world: int
 ) -> None:
-    """Eleven rows: some processes of 13 get none, and an empty batch to go through."""
+    """With 11 rows and 13 processes, two processes get an empty batch."""
     data = loaded(recorded, tmp_path)
     batches = replace(data.evaluation_batches("val"), rows=data.split.train[:11])
     shares = [batches.share(rank, world) for rank in range(world)]
@@ -96,7 +96,7 @@ def test_the_rows_to_validate_on_are_shared_out_in_order(
 
 
 class Kept(lightning.Callback):
-    """Each process's figures of validation, in a file."""
+    """Write this rank's validation figures to a file."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -108,8 +108,10 @@ class Kept(lightning.Callback):
 
 
 def validate_together(root: str, folder: str) -> None:
-    """In a process of its own: forks two more, which each leave `RANK.npz`, and the first `one.npz`
-    of all rows at once; in a folder for 2 rows and one for 50."""
+    """Fork two ranks, which write `RANK.npz`; also validate alone and write `one.npz`.
+
+    There is a folder for 2 rows and one for 50. Run this in a separate process.
+    """
     config = OmegaConf.create(compose_config([*SETTINGS, root, "data.cache=null"]))
     data = build_data(config)
     data.load(Console(quiet=True))
@@ -222,13 +224,12 @@ def test_more_processes_than_samples_in_a_batch_are_refused(
     recorded: Written, tmp_path: Path
 ) -> None:
     data = loaded(recorded, tmp_path, "data.batch_size=1")
-    said = "data.batch_size=1 .* 2 processes"
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=r"data\.batch_size=1 .* 2 processes .*; set it to 2"):
         make_plan(None, data, None, Others(), None)
 
 
 class Others:
-    """A trainer's looks, for what waits for other processes."""
+    """A stand-in for a trainer with two processes."""
 
     world_size, global_rank = 2, 0
 
@@ -244,7 +245,7 @@ def ended(how: str) -> subprocess.Popen:
 
 
 def lose(folder: Path, other: subprocess.Popen) -> None:
-    """What happens in the first process's training when the second is gone."""
+    """Raise, as the first process's training does, when the second process has ended."""
     trainer = Others()
     with ending_together(trainer, folder, "GO ON"):
         trainer.callbacks[0].others = [other]
@@ -282,7 +283,7 @@ def test_an_error_of_our_own_is_not_hidden(tmp_path: Path) -> None:
 
 
 def test_a_process_that_waits_for_ever_is_ended(tmp_path: Path) -> None:
-    """As with NCCL: the main thread never hears of the other's end."""
+    """With NCCL the main thread gets no error when the other process ends."""
     source = (
         "import time, zoo.training.distributed as together\n"
         "from pathlib import Path\n"

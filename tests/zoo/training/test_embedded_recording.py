@@ -19,7 +19,7 @@ SHORT = (
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which `python -m zoo` ran, with a short recording and no other data."""
+    """Run `python -m zoo` with a short recording and no other data; return its folder."""
     cwd = tmp_path_factory.mktemp("first_use")
     result = run(cwd, *SHORT, "hydra.run.dir=run")
     assert result.returncode == 0, result.stderr

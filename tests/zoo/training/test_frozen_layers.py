@@ -68,7 +68,7 @@ def weights(folder: Path) -> dict[str, torch.Tensor]:
 def prepare(
     config: OmegaConf, folder: Path, console: Console
 ) -> tuple[SteeringModule, DrivingData, lightning.Trainer]:
-    """All that a training of `config` needs, features too."""
+    """Build all that a training of `config` needs, including features."""
     data = build_data(config)
     data.load(Console(quiet=True))
     config.callbacks = {}
@@ -225,4 +225,4 @@ def test_a_disk_without_room_is_said_before_anything_is_computed(
     else:
         module, _, _ = prepare(config, tmp_path / "run", console)
         assert not module.skips_front
-        assert "keeping them would take" in console.file.getvalue()
+        assert "caching them would take" in console.file.getvalue()

@@ -27,7 +27,7 @@ def arguments(recorded: Written, tmp_path: Path) -> list[str]:
 
 @pytest.fixture
 def unlimited() -> Iterator[None]:
-    """The limit on files is what it was, after the test."""
+    """Restore the limit on the size of files after the test."""
     import resource
 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

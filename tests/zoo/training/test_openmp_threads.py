@@ -86,7 +86,7 @@ def test_openmp_is_found_in_a_folder_with_spaces(
 
 
 class OpenMP:
-    """Four cores, and a team of nobody."""
+    """A stand-in for OpenMP with four cores and no threads."""
 
     teams = 0
 

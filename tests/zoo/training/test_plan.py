@@ -28,7 +28,7 @@ def threads() -> None:
 def train(
     recorded: Written, folder: Path, *overrides: str, together: int | None = None
 ) -> tuple[dict[str, torch.Tensor], int]:
-    """The weights after two epochs, and how many batches came at a time."""
+    """Train for two epochs; return the weights and the number of batches in a group."""
     module, data = train_here(
         recorded,
         folder,
@@ -99,7 +99,7 @@ def test_bf16_that_the_processor_does_not_know_is_said(
 
 
 def test_a_plan_finishes_the_constructors(recorded: Written, tmp_path: Path) -> None:
-    """What is planned is in the objects that are built, and the loaded data stay as they were."""
+    """The built objects follow the plan; the loaded data do not change."""
     overrides = ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu")
     config = OmegaConf.create(compose_config([*overrides, f"data.root={recorded.folder}"]))
     config.data.update(cache=str(tmp_path / "cache"), block_s=0.5, gap_s=0.1, batch_size=16)

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def quick(*overrides: str) -> tuple[int, int]:
-    """Epochs, and samples of each, of a quick training."""
+    """Return a quick training's epochs and samples per epoch."""
     config = with_quick(OmegaConf.create(compose_config(["quick=true", *overrides])))
     return config.trainer.max_epochs, config.data.samples_per_epoch
 

@@ -37,13 +37,13 @@ def times(folder: Path) -> dict[str, int]:
 
 @pytest.fixture
 def zoo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Zoo:
-    """Run `python -m zoo ARGUMENTS` in a folder of its own, in this process."""
+    """Run `python -m zoo ARGUMENTS` in a new folder, in this process."""
     return lambda *arguments: zoo_here(monkeypatch, tmp_path, *arguments)
 
 
 @pytest.fixture(scope="module")
 def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished run of two epochs, which tests copy."""
+    """Train for two epochs; tests copy the run."""
     cwd = tmp_path_factory.mktemp("trained")
     arguments = (*SMALL, f"data.root={recorded.folder}", f"data.cache={cwd / 'cache'}")
     with pytest.MonkeyPatch.context() as monkeypatch:
@@ -54,13 +54,13 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 @pytest.fixture
 def two_epochs(trained: Path, tmp_path: Path) -> Path:
-    """A finished run of two epochs of the test's own."""
+    """Copy the finished run of two epochs for one test."""
     return Path(shutil.copytree(trained, tmp_path / "run"))
 
 
 @pytest.fixture
 def other_process() -> Iterator[int]:
-    """The number of a process that lives while the test does."""
+    """Yield the number of a process that runs during the test."""
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     yield process.pid
     process.communicate()
@@ -208,7 +208,7 @@ def test_a_run_that_another_process_trains_is_not_resumed(
 def test_odd_names_are_trained_in_and_resumed(
     zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    """Of the recording, its cache, its split and the run."""
+    """The recording, its cache, its split and the run have such names."""
     odd = tmp_path / "a${b} 'ï' [x]=1"
     odd.mkdir()
     (odd / "lake").symlink_to(recorded.folder)

@@ -50,7 +50,7 @@ def equal(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
 
 @contextmanager
 def started(cwd: Path, *arguments: str) -> Iterator[subprocess.Popen]:
-    """A run that goes on while the test does, and no longer; it prints to `log.txt`."""
+    """Start a run that prints to `log.txt`; end it after the test."""
     with (cwd / "log.txt").open("w") as log:
         process = subprocess.Popen(
             command("zoo", *arguments),
@@ -130,7 +130,7 @@ def test_csv_logs_hold_every_epoch(run_folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_network_learns_the_drawn_road(recorded: Written, tmp_path: Path) -> None:
-    """Better than both baselines on rows it has not seen, which nothing but looking can give."""
+    """It beats both baselines on held-out rows, which needs the images."""
     result = run(
         tmp_path,
         "model=nvidia",
@@ -186,7 +186,7 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
     assert json.loads((tmp_path / "killed" / "status.json").read_text())["status"] == "finished"
 
 
-def test_ctrl_c_saves_and_says_how_to_go_on(recorded: Written, tmp_path: Path) -> None:
+def test_ctrl_c_saves_and_prints_how_to_resume(recorded: Written, tmp_path: Path) -> None:
     log = tmp_path / "log.txt"
     endless = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=100000")
     with started(tmp_path, *endless, "hydra.run.dir=run") as process:
@@ -403,7 +403,7 @@ def test_bad_input_gets_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    """In this process: importing torch 23 times would cost minutes."""
+    """Commands run in this process: importing torch 23 times would take minutes."""
     written = write_recording(tmp_path / "lake", rows=40)
     fault(written.folder)
     monkeypatch.chdir(tmp_path)
@@ -458,8 +458,8 @@ def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: P
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("model.width=2", "set model and data.crop"),
-        ("optim.l2=0.001", "its optimizer held groups of [4] parameters, with these settings"),
+        ("model.width=2", "last.ckpt: features.2.weight is [2, 11, 1] in the file"),
+        ("optim.l2=0.001", "last.ckpt: its optimizer has groups of [4] parameters"),
         ("model=lenet", "a resumed run keeps"),
     ],
 )
@@ -481,7 +481,7 @@ def test_resuming_as_what_it_was_not_is_refused(
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 @pytest.mark.slow
 def test_no_disk_space_is_said_in_one_line(recorded: Written, tmp_path: Path) -> None:
-    """A limit on the size of files stands for a full disk: writes fail in the same place."""
+    """A limit on the size of files replaces a full disk: writes fail at the same place."""
     arguments = command("zoo", *SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run")
     result = subprocess.run(
         ["bash", "-c", 'ulimit -f 8; trap "" XFSZ; exec "$@"', "bash", *arguments],

@@ -49,7 +49,7 @@ def test_a_rate_that_is_none_is_refused(recorded: Written) -> None:
 def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
     recorded: Written, tmp_path: Path
 ) -> None:
-    """The epoch's losses are finite: they are those of the weights before."""
+    """The epoch's losses are finite: they come from the weights before the last step."""
     one_step = ("model=lenet", "data.batch_size=16", "data.samples_per_epoch=16")
     with pytest.raises(InputError, match=r"weights are not finite after epoch 1.*optim\.lr"):
         train_here(recorded, tmp_path, *one_step, "optim.lr=1e39", "trainer.max_epochs=1")
