@@ -83,7 +83,7 @@ def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
     for what in ("port", "locale", "checkpoint", "recording"):
         assert "fix: " in row(result, what)
     assert not row(result, "round trip"), "it would fail for the same reason"
-    assert result.stdout.splitlines()[-1].startswith("3 at fault, 1 ")
+    assert result.stdout.splitlines()[-1].startswith("3 faults, 1 ")
 
 
 def test_a_package_that_carries_malware_is_a_fault(tmp_path: Path) -> None:
