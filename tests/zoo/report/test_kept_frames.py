@@ -88,5 +88,5 @@ def test_a_wrong_film_speed_is_refused_before_driving(
     speed: str, run_folder: Path, tmp_path: Path
 ) -> None:
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
-    with pytest.raises(InputError, match=r"film_speed=.*: must be in 1\.\.100"):
+    with pytest.raises(InputError, match=r"film_speed=.*: must be .*1\.\.100"):
         command([checkpoint, "film=true", f"film_speed={speed}", f"out={tmp_path / 'out'}"])
