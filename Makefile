@@ -8,15 +8,15 @@ export NO_ALBUMENTATIONS_UPDATE = 1
 
 setup: $(READY)
 
-# From the project's files alone, and only when they changed.
+# Runs again only if one of the project's files changed.
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
 	@touch $@
-	@echo "set up in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
+	@echo "installed in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
-# Two processes, a file of tests each; ARGS="-n 4" takes more. Prints the ten slowest tests.
-# test-all runs the slow ones, too.
+# Two processes run the tests; ARGS="-n 4" starts four. Prints the ten slowest tests.
+# test-all also runs the tests that are marked slow.
 test: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 -m "not slow" $(ARGS)
 
@@ -45,7 +45,7 @@ train: $(READY)
 sweep: $(READY)
 	$(BIN)/python -m zoo -m $(ARGS)
 
-# Records the embedded lake, trains on it, drives it, and says where everything is.
+# Records the embedded lake, trains on it, drives it, and prints the files that it wrote.
 demo: $(READY)
 	$(BIN)/python -m zoo.demo
 
@@ -54,7 +54,7 @@ drive: $(READY)
 	@test -n "$(CKPT)" || { echo "make drive: name a checkpoint, CKPT=outputs/.../checkpoints/best.ckpt" >&2; exit 2; }
 	$(BIN)/python -m zoo.drive "$(CKPT)" $(if $(SIM),drive.sim=$(SIM)) $(ARGS)
 
-# How fast everything is, against what, in under five minutes: make bench [ONLY=feed,start]
+# Prints timings and what they are compared with, in under five minutes: make bench [ONLY=feed,start]
 bench: $(READY)
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)
 

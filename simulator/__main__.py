@@ -26,12 +26,12 @@ def simulator(arguments: Sequence[str]) -> None:
         print("usage: python -m simulator COMMAND [key=value...]\n")
         for command, meaning in COMMANDS.items():
             print(f"  {command:<8}{meaning}")
-        print("\noptions of a command: python -m simulator COMMAND --help")
+        print("\nhelp on a command: python -m simulator COMMAND --help")
         return
     if name not in COMMANDS:
         near = difflib.get_close_matches(name, COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(COMMANDS)}"
-        raise UsageError(f"there is no command {name}; {hint}")
+        raise UsageError(f"{name}: no such command; {hint}")
     module = importlib.import_module(f"simulator.{name}")
     if any(one in HELP for one in rest):
         print(f"usage: python -m simulator {name} [key=value...]\n\n{help_text(module)}")

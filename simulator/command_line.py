@@ -33,11 +33,11 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
         key, sign, text = argument.lstrip("-").partition("=")
         key = key.replace("-", "_")
         if key not in names:
-            raise UsageError(f"there is no option {key}{_nearest(key, names)}")
+            raise UsageError(f"{key}: no such key{_nearest(key, names)}")
         if not sign and not argument.startswith("--"):
-            raise UsageError(f"{argument} has no value: write {key}=VALUE")
+            raise UsageError(f"{argument}: no value given; write {key}=VALUE")
         if key in given:
-            raise UsageError(f"{key} is given twice")
+            raise UsageError(f"{key}: given twice; give it once")
         given[key] = _value(text) if sign else True
     for field in fields(kind):
         if (
@@ -45,7 +45,7 @@ def read_options(kind: type[Options], arguments: Sequence[str]) -> Options:
             and field.default is MISSING
             and field.default_factory is MISSING
         ):
-            raise UsageError(f"{field.name} is not given: add {field.name}=VALUE")
+            raise UsageError(f"{field.name}: not given; add {field.name}=VALUE")
     try:
         return OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(kind), given))
     except OmegaConfBaseException as error:

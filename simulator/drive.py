@@ -4,7 +4,7 @@ import datetime
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -22,8 +22,6 @@ from simulator.window import Window
 from simulator.world import Start, World, open_world
 from simulator.world_settings import WorldSettings
 
-DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
-
 
 @dataclass(frozen=True)
 class DriveOptions(WorldSettings):
@@ -31,7 +29,6 @@ class DriveOptions(WorldSettings):
 
     Args:
         out: folder of the recording; auto is recordings/ and the time of its start.
-        direction: forward or backward.
         seed: random seed of the weather.
         start: start position in metres along the lap.
         width: width of the window in pixels, 320..7680; its height is half of that.
@@ -42,7 +39,7 @@ class DriveOptions(WorldSettings):
     """
 
     out: str = "auto"
-    direction: str = field(default="forward", kw_only=True)
+
     seed: int = 0
     start: float = 0.0
     width: int = 1280
@@ -90,10 +87,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _open(options: DriveOptions) -> World:
-    if options.direction not in DIRECTIONS:
-        raise SimulatorError(f"direction={options.direction}: must be forward or backward")
-    place = options.place | {"direction": DIRECTIONS[options.direction]}
-    WorldSettings(**place, weather=options.weather).check()
+    options.check()
     if options.renderer == "none":
         raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
     if not 320 <= options.width <= 7680:
@@ -101,7 +95,8 @@ def _open(options: DriveOptions) -> World:
     if not 0 <= options.seconds < float("inf"):
         raise SimulatorError(f"seconds={options.seconds:g}: must be 0 or more")
     check_free(_folder(options.out))
-    world = open_world(renderer=options.renderer, **place | {"frame_rate": 1 / PHYSICS_STEP_S})
+    place = options.place | {"frame_rate": 1 / PHYSICS_STEP_S}
+    world = open_world(renderer=options.renderer, **place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     return world
 

@@ -3,7 +3,7 @@
 import difflib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -22,7 +22,6 @@ from simulator.world_settings import WorldSettings
 
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
 CONTROLS = ("expert", *REACTION_S)
-DIRECTIONS = {"forward": (1,), "1": (1,), "backward": (-1,), "-1": (-1,), "both": (1, -1)}
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class RecordOptions(WorldSettings):
     control: str = "expert"
     speed: float = 30.0
     noise: float = 0.0
-    direction: str = field(default="forward", kw_only=True)
+
     seed: int = 0
     start: float = 0.0
     renderer: str = "auto"
@@ -164,9 +163,11 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def _directions(options: RecordOptions) -> tuple[int, ...]:
-    if options.direction not in DIRECTIONS:
+    if options.direction == "both":
+        return (1, -1)
+    if options.direction not in (1, -1):
         raise SimulatorError(f"direction={options.direction}: must be forward, backward or both")
-    return DIRECTIONS[options.direction]
+    return (options.direction,)
 
 
 def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | HumanControl]:

@@ -18,12 +18,12 @@ from zoo.training.openmp_threads import choose_waiting
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-# torch, lightning and albumentations take seconds to import; --help and a typo need none of them.
-# Nothing slow is imported before run_command, which catches Ctrl-C.
+# Slow imports (torch, lightning, albumentations) come late: --help and typos answer at once, and
+# run_command catches Ctrl-C during them.
 
 
 def zoo(arguments: list[str]) -> None:
-    """`resume=FOLDER [overrides]`, or what Hydra makes of the arguments."""
+    """Print the help, resume a run, run a sweep, or train once, as the arguments say."""
     if is_help(arguments):
         from zoo.cli.config_help import config_help
 
@@ -49,10 +49,11 @@ def zoo(arguments: list[str]) -> None:
 
 
 def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
-    """Train as the arguments say, in a folder of its own.
+    """Train once in a new folder.
 
     Args:
-        is_started: called when the run can show by itself what it does.
+        arguments: overrides of the config.
+        is_started: function to call when the run begins to print its progress.
     """
     import hydra
     from hydra.core.hydra_config import HydraConfig
@@ -73,12 +74,12 @@ def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
         try:
             return run_experiment(config, Path(HydraConfig.get().runtime.output_dir))
         except InputError as error:
-            failures.append(error)  # Hydra would print more than a line
+            failures.append(error)  # Hydra would print a traceback
             return float("nan")
         except StoppedError as error:
             raise KeyboardInterrupt(str(error)) from error
 
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # hands its errors to us, who say them in one line
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises its errors instead of printing them
     conf = str(conf_folder().resolve())
     try:
         with claimed_folder(quote_paths(arguments)) as claimed:
@@ -87,19 +88,19 @@ def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
     except KeyboardInterrupt as error:
         raise StoppedError(str(error) or "stopped") from None
     except OSError as error:
-        if began or isinstance(error, HydraException):  # of a config that is missing
+        if began or isinstance(error, HydraException):  # a missing config is an OSError, too
             raise
         named = error.filename or next(filter(is_folder_named, arguments), "outputs")
         raise InputError(
-            f"{named}: cannot be made the run's folder ({error.strerror or error}); set "
-            "hydra.run.dir=FOLDER to another"
+            f"{named}: cannot be the run's folder ({error.strerror or error}); name another one "
+            "with hydra.run.dir=FOLDER"
         ) from error
     if failures:
         raise failures[0]
 
 
 def is_sweep(arguments: list[str]) -> bool:
-    """Whether a command asks for several runs."""
+    """Return whether the arguments start a sweep."""
     return any(one in ("-m", "--multirun", "hydra.mode=MULTIRUN") for one in arguments)
 
 

@@ -1,7 +1,7 @@
-"""`python -m zoo.demo`: do the main job from nothing: record, train, score, report, drive, film.
+"""`python -m zoo.demo`: run the whole chain: record, train, score, report, drive, film.
 
-Records laps of the embedded lake, trains PilotNet on them, scores it by driving, then serves it on
-the socket, drives a lap and films it. Prints each command before it runs.
+Records laps of the embedded lake, trains PilotNet on them and scores it by driving. Then serves it
+on the socket, drives a lap and films it. Prints each command before it runs.
 """
 
 import datetime
@@ -24,10 +24,10 @@ COMMAND = Command(__doc__)
 
 
 def demo(arguments: list[str]) -> None:
-    """Every stage into one run's folder; then how long each took, and where things are.
+    """Run every stage in one run's folder; print the time of each and the files written.
 
     Raises:
-        InputError: a stage failed; it has said why.
+        InputError: a stage failed and printed its error.
     """
     COMMAND.split(arguments)
     console = Console(soft_wrap=True)
@@ -39,7 +39,7 @@ def demo(arguments: list[str]) -> None:
             "zoo",
             "model=nvidia",
             "quick=true",
-            "quick_samples=3200",  # enough of an expert's laps with recoveries
+            "quick_samples=3200",  # enough if an expert's laps include recoveries
             f"hydra.run.dir={run}",
         ],
         "drive a lap over the socket": [
@@ -58,7 +58,7 @@ def demo(arguments: list[str]) -> None:
         console.print(f"\n> python -m {shlex.join(words)}", highlight=False, markup=False)
         began = time.perf_counter()
         if subprocess.run([sys.executable, "-m", *words], check=False).returncode:
-            raise InputError(f"could not {stage}; the line above says why")
+            raise InputError(f"could not {stage}; see the error above")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)
     written = [
@@ -69,7 +69,7 @@ def demo(arguments: list[str]) -> None:
         run / "drives" / "lake-0" / "track.png",
         drive,
     ]
-    # A run that was not driven has no drives.
+    # With score=none there are no drives.
     found = [path for path in written if Path(path).exists()]
     print_written(found, ["zoo.drive", best, "drive.sim=lake"], console)
 

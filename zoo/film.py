@@ -1,7 +1,7 @@
 """`python -m zoo.film FOLDER [key=value ...]`: film a drive, a recording or a folder of images.
 
-Writes an H.264 mp4 that plays in a browser, with steering, throttle and speed drawn in; for a drive
-(a folder with drive.csv) also autonomy and the distance from the centreline.
+Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed; frames
+of a drive (a folder with drive.csv) also show autonomy and the distance from the centreline.
 """
 
 import math
@@ -26,7 +26,7 @@ from zoo.drives.drive_record import FALLBACK, PERSON
 from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import LONGEST_STEP_S, autonomy
 
-USUAL_FPS = 15.0  # of the simulator's recorder, where the pictures carry no time
+USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
 MOST_FPS = 60.0
 SUFFIXES = (".jpg", ".jpeg", ".png")
 COMMAND = Command(__doc__, {"FOLDER": "folder of a drive, a recording or images"})
@@ -34,7 +34,7 @@ COMMAND = Command(__doc__, {"FOLDER": "folder of a drive, a recording or images"
 
 @dataclass(frozen=True)
 class Shot:
-    """A frame of a film: its picture, and what is known of the drive; see `draw_overlay`."""
+    """A frame of a film: its image, and the drive's values at that time; see `draw_overlay`."""
 
     path: Path
     time_s: float = math.nan
@@ -48,43 +48,43 @@ class Shot:
 
 @dataclass(frozen=True, kw_only=True)
 class FilmOptions:
-    """The options of a film; `conf/film.yaml` has their meanings and defaults."""
+    """Options of a film; `conf/film.yaml` has their meanings and defaults."""
 
     out: str | None
     fps: float | None
 
 
 def read_shots(folder: Path) -> list[Shot]:
-    """The frames of a folder in the order of time: of a drive, a recording, or pictures alone.
+    """Return the frames of a drive, a recording or a folder of images, in the order of time.
 
     Raises:
-        InputError: there is no such folder, it holds no picture, or its log cannot be read.
+        InputError: the folder does not exist or has no images, or its log cannot be read.
     """
     if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
         folder = folder.parent
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; usage: {COMMAND.usage}")
-    # What exists and is no regular file, such as a pipe, is named where it is opened.
+    # A log that is not a regular file, such as a pipe, is reported when it is opened.
     if (folder / drive_log.LOG_NAME).exists():
         shots = _shots_of_drive(folder)
     elif (folder / LOG_NAME).exists():
         shots = _shots_of_recording(folder)
     else:
-        shots = _shots_of_pictures(folder)
+        shots = _shots_of_images(folder)
     if not shots:
-        raise InputError(f"{folder}: holds no {LOG_NAME} and no JPEG or PNG to film")
+        raise InputError(f"{folder}: has no {LOG_NAME}, JPEG or PNG; name another folder")
     times = np.array([shot.time_s for shot in shots])
     order = np.argsort(times, kind="stable") if np.isfinite(times).all() else range(len(shots))
     return [shots[index] for index in order]
 
 
 def real_fps(shots: list[Shot]) -> float:
-    """Frames per second at which the pictures were taken, 1 to 60; 15 where that is not known."""
+    """Return the frames per second of the recording, 1..60; 15 if unknown."""
     steps = np.diff([shot.time_s for shot in shots])
-    steps = steps[steps > 0]  # neither NaN nor two clients at once
+    steps = steps[steps > 0]  # drops NaN, and equal times of two clients
     if not len(steps):
         return USUAL_FPS
-    # The mean of those that are no pause: 15 Hz in steps of 0.02 s has a median of 0.06 s.
+    # The mean without pauses; the median is wrong: 15 Hz in steps of 0.02 s has a median of 0.06 s.
     usual = steps[steps < 3 * np.median(steps)]
     return float(np.clip(round(1 / float(usual.mean()), 1), 1.0, MOST_FPS))
 
@@ -94,12 +94,12 @@ def make_film(
 ) -> Path:
     """Write the film of a folder and return its path; `out` and `fps` are as in `FilmOptions`.
 
-    Pictures that cannot be read are left out and counted.
+    Images that cannot be read are left out and counted.
 
     Raises:
-        InputError: see `read_shots`; no picture can be read; or the film cannot be written.
+        InputError: `read_shots` fails, no image can be read, or the film cannot be written.
     """
-    # imageio-ffmpeg and its 30 MB of ffmpeg are for those who make films.
+    # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
     from simulator.errors import SimulatorError
     from simulator.film import Film
 
@@ -112,15 +112,15 @@ def make_film(
     faults: list[str] = []
     try:
         with Film(out, rate) as film:
-            for picture in _pictures(shots, faults, console):
-                film.add(picture)
+            for frame in _frames(shots, faults, console):
+                film.add(frame)
     except SimulatorError as error:
         raise InputError(f"{error}; or name another file with out=") from None
     drawn = len(shots) - len(faults)
     if not drawn:
-        raise InputError(f"{faults[0]}; none of {len(shots)} pictures can be read")
+        raise InputError(f"{faults[0]}; none of {len(shots)} images can be read")
     if faults:
-        line = f"{len(faults):,} pictures left out: {faults[0]}"
+        line = f"{len(faults):,} images left out: {faults[0]}"
         console.print(line, highlight=False, markup=False, emoji=False)
     speed = "" if fps is None else f", {rate / real_fps(shots):.1f} times as fast as driven"
     line = f"{drawn:,} frames at {rate:g} per second, {drawn / rate:.1f} s{speed}"
@@ -128,7 +128,7 @@ def make_film(
     return out
 
 
-def _pictures(shots: list[Shot], faults: list[str], console: Console) -> Iterator[np.ndarray]:
+def _frames(shots: list[Shot], faults: list[str], console: Console) -> Iterator[np.ndarray]:
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         for shot in progress.track(shots, description="filming"):
             try:
@@ -150,12 +150,12 @@ def _pictures(shots: list[Shot], faults: list[str], console: Console) -> Iterato
 def _shots_of_drive(folder: Path) -> list[Shot]:
     drive = drive_log.read_drive(folder)
     notes = {PERSON: "a person drives", FALLBACK: "trouble: braking"}
-    # Of several simulators at once the one with most pictures: taking turns they would flicker.
-    with_picture = drive.client[drive.frame != ""]
-    client = np.bincount(with_picture).argmax() if len(with_picture) else 0
+    # Only the client with the most frames: a film that alternates between clients would flicker.
+    with_frame = drive.client[drive.frame != ""]
+    client = np.bincount(with_frame).argmax() if len(with_frame) else 0
     rows = np.flatnonzero(drive.client == client)
     steps = np.diff(drive.time_s[rows], prepend=drive.time_s[rows][:1])
-    # Without a cross-track error and a person who takes over, nobody knows how well it drove.
+    # Without cross-track errors and interventions, the autonomy is unknown.
     judged = bool(np.isfinite(drive.cross_track_m[rows]).any())
     shots, last = [], ""
     interventions, driven_s = 0, 0.0
@@ -163,7 +163,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         interventions += bool(drive.intervention[row])
         driven_s += step if 0 < step <= LONGEST_STEP_S else 0.0
         frame = str(drive.frame[row])
-        if not frame or frame == last:  # the old client's two loops send most pictures twice
+        if not frame or frame == last:  # the old client's two loops send most frames twice
             continue
         last = frame
         shots.append(
@@ -179,11 +179,11 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
             )
         )
     if not shots:
-        raise InputError(f"{folder}: the drive holds no pictures; drive with drive.record=FOLDER")
+        raise InputError(f"{folder}: the drive has no frames; drive with drive.record=FOLDER")
     if len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(
-            f"{folder}: holds pictures of its worst moments alone; python -m zoo.evaluate CKPT "
-            "film=true films a drive while it is scored"
+            f"{folder}: has only frames of its worst moments; film a drive while it is scored: "
+            "python -m zoo.evaluate CKPT film=true"
         )
     return shots
 
@@ -197,8 +197,11 @@ def _shots_of_recording(folder: Path) -> list[Shot]:
     return [Shot(Path(image), *map(float, numbers)) for image, *numbers in columns]
 
 
-def _shots_of_pictures(folder: Path) -> list[Shot]:
-    """As the course's drive.py leaves them, named by time; others in the order of their names."""
+def _shots_of_images(folder: Path) -> list[Shot]:
+    """Return images with the time in their names, as the course's drive.py writes them.
+
+    Other names have no time; their order is alphabetical.
+    """
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     times = times_from_names([path.name for path in paths])
     return [Shot(path, float(time)) for path, time in zip(paths, times, strict=True)]

@@ -1,8 +1,8 @@
-"""`python -m zoo.preview [key=value ...]`: draw what a network will be fed, before training it.
+"""`python -m zoo.preview [key=value ...]`: draw the images that training feeds to a network.
 
 Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
-steering_histogram.png, the steering before and after balancing. The keys are those of training,
-data.root=FOLDER and augment=[brightness,shadow] among them: python -m zoo --help lists them.
+outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys of
+training, such as data.root=FOLDER and augment=[brightness,shadow]: see python -m zoo --help.
 """
 
 import sys

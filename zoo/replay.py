@@ -1,6 +1,6 @@
 """`python -m zoo.replay CKPT RECORDING [key=value ...]`: score a checkpoint on any recording.
 
-No simulator takes part: the recorded frames are warped to where the network steers the car.
+Needs no simulator: warps the recorded frames to the position that the network steers to.
 """
 
 import sys

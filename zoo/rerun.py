@@ -1,7 +1,7 @@
 """`python -m zoo.rerun RUN [key=value ...]`: repeat a run and compare the figures.
 
-Trains a finished run once more, from what its folder holds, and compares every figure of its
-metrics.json, to the digit.
+Trains a finished run again with the config in its folder, and compares every figure of
+metrics.json to the digit.
 """
 
 import os
@@ -26,7 +26,7 @@ from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
 from zoo.runs.whole_file import refuse_links_out
 
 COMMAND = Command(__doc__, {"RUN": "run's folder, or latest: the newest below outputs"})
-# What a run comes to; how long it took is the machine's affair.
+# Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
     "model",
     "parameters",
@@ -40,14 +40,14 @@ COMPARED = (
     "data",
 )
 TIMED = ("latency_ms", "in_training")
-# Of a config: relative ones count from where the run was started.
+# Keys of paths; relative paths begin at the folder where the run was started.
 FOLDERS = ("data.root", "data.images", "data.cache", "data.record.out", "model.weights")
-FILES = ("data.split", "score.track", "callbacks.closed_loop.track")  # or names of ours
+FILES = ("data.split", "score.track", "callbacks.closed_loop.track")  # files, or built-in names
 
 
 @dataclass(frozen=True, kw_only=True)
 class RerunOptions:
-    """The options of a rerun; `conf/rerun.yaml` has their meanings and defaults."""
+    """Options of a rerun; `conf/rerun.yaml` has their meanings and defaults."""
 
     out: str | None
     trust: str
@@ -55,7 +55,7 @@ class RerunOptions:
 
 @dataclass(frozen=True)
 class Difference:
-    """A figure that came out differently: where it stands in `metrics.json`, then and now."""
+    """A figure that differs: its key in `metrics.json`, and its values then and now."""
 
     name: str
     then: object
@@ -63,20 +63,17 @@ class Difference:
 
 
 def rerun(arguments: list[str]) -> None:
-    """Train once more with the config, seed and threads of a run, and compare.
+    """Train again with the config, seed and threads of a run, and compare the figures.
 
     Raises:
-        InputError: no finished run's folder, a config that names what it must not, a recording
-            that has changed, an `out` that is not empty, or figures that differ, after they were
-            printed.
-        StoppedError: on Ctrl-C, with the command to go on.
+        InputError: the run is not finished, its config names a class that is not trusted, its
+            recording changed, or `out` is not empty; or figures differ, after they are printed.
+        StoppedError: the user pressed Ctrl-C; the training printed the command that resumes.
     """
     (name,), options = COMMAND.read(arguments, RerunOptions)
     run = find_run(name)
     if not (run / "metrics.json").is_file() or not (run / ".hydra" / "config.yaml").is_file():
-        raise InputError(
-            f"{run}: is no finished run's folder (metrics.json and .hydra/config.yaml)"
-        )
+        raise InputError(f"{run}: has no metrics.json or .hydra/config.yaml; name a finished run")
     from zoo.runs.metrics_file import read_metrics_file
 
     refuse_links_out(run)
@@ -95,7 +92,7 @@ def rerun(arguments: list[str]) -> None:
 
 
 def differences(then: object, now: object, name: str = "") -> tuple[list[Difference], int]:
-    """The figures of two `metrics.json` that are not equal, and how many were compared.
+    """Return the figures that differ between two `metrics.json`, and the number compared.
 
     >>> differences({"a": 1, "b": {"c": 2}}, {"a": 1, "b": {"c": 3}})
     ([Difference(name='b.c', then=2, now=3)], 2)
@@ -115,7 +112,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 
 
 def place_of(run: Path) -> Path:
-    """Where the run was started: relative paths of its config begin there."""
+    """Return the folder where a run was started, at which its relative paths begin."""
     from zoo.runs.config_files import read_hydra_file
 
     if not (run / ".hydra" / "hydra.yaml").exists():
@@ -125,10 +122,9 @@ def place_of(run: Path) -> Path:
 
 
 def absolute_places(config: DictConfig, place: Path) -> DictConfig:
-    """Return a copy of a config, whose relative paths that exist below `place` are absolute.
+    """Return a copy of a config in which relative paths that exist below `place` are absolute.
 
-    So a run is repeated without entering the folder that its config names, from which Python would
-    import modules.
+    The rerun need not enter that folder, from which Python would import modules.
     """
     config = config.copy()
     for key in (*FOLDERS, *FILES):
@@ -148,14 +144,13 @@ def _absolute(value: object, place: Path, is_file: bool) -> object:
         return value
     try:
         found = (place / value).is_file() if is_file else (place / value).exists()
-    except (OSError, ValueError):  # too long, or with a null byte
+    except (OSError, ValueError):  # path too long, or null byte
         return value
     return escape_interpolation(str(place / value)) if found else value
 
 
 def _trained_config(run: Path) -> DictConfig:
-    """Return the config that a run was trained with: the checkpoint's, whatever `resume=` has
-    changed since."""
+    """Return the config in a run's checkpoint, which a later `resume=` did not change."""
     from zoo.runs.config_files import load_config
 
     config = load_config(run)
@@ -169,12 +164,12 @@ def _trained_config(run: Path) -> DictConfig:
         trained = card["config"]
         config = OmegaConf.create(escape_interpolation(trained))
     if OmegaConf.select(config, "callbacks.pruning"):
-        del config.callbacks["pruning"]  # its study is over
+        del config.callbacks["pruning"]  # belongs to a search that has ended
     return config
 
 
 def _prepare(run: Path, config: DictConfig, out: Path) -> None:
-    """Make a run's folder in which nothing was trained yet."""
+    """Create the folder of an untrained run."""
     try:
         shutil.copytree(run / ".hydra", out / ".hydra")
         OmegaConf.save(config, out / ".hydra" / "config.yaml")
@@ -183,8 +178,7 @@ def _prepare(run: Path, config: DictConfig, out: Path) -> None:
 
 
 def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
-    """Train as `python -m zoo resume=` does in a folder without a checkpoint, with as many threads:
-    sums come out differently with others."""
+    """Train the run in `out` with the same number of threads, on which sums depend."""
     root = str(Path(__file__).resolve().parents[1])
     paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
@@ -195,7 +189,7 @@ def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
         command.append(f"{TRUST}={','.join(trusted)}")
     status = subprocess.run(command, env=environment, check=False).returncode
     if status == 130:
-        raise StoppedError("stopped; what was trained is kept (see above)")
+        raise StoppedError("stopped; the finished epochs are kept (see above)")
     if status:
         raise InputError(f"{out}: the repeated run failed (see above)")
 
@@ -209,7 +203,7 @@ def _report(then: dict, now: dict, out: Path) -> None:
         print(f"the code differs: {_code(then['code'])} then, {_code(now['code'])} now")
     if then.get("threads") != now.get("threads"):
         print(f"threads: {then.get('threads')} then, {now.get('threads')} now")
-    # Older runs do not have every figure of today's.
+    # Runs of an earlier version lack some figures.
     kept = [key for key in COMPARED if key in then]
     found, count = differences({key: then[key] for key in kept}, {key: now[key] for key in kept})
     for one in found:

@@ -1,7 +1,7 @@
 """`python -m zoo.results [RUN_FOLDER...] [key=value ...]`: print finished runs as a Markdown table.
 
-A row for each run: parameters, samples per second, and the test figures together with those of
-always zero and of the mean.
+Each run has a row: parameters, samples per second, and test errors. In brackets are the errors of
+two baselines: steering always zero, and always the mean.
 """
 
 import sys
@@ -22,7 +22,7 @@ HEADER = (
 
 @dataclass(frozen=True, kw_only=True)
 class ResultsOptions:
-    """The options of the table; `conf/results.yaml` has their meanings and defaults."""
+    """Options of the table; `conf/results.yaml` has their meanings and defaults."""
 
     metrics: bool
 
@@ -31,7 +31,7 @@ def print_results(arguments: list[str]) -> None:
     """Print a row for each run's folder, or the page of metrics.
 
     Raises:
-        InputError: a folder without the figures of a finished run.
+        InputError: a folder has no figures of a finished run.
     """
     folders, options = COMMAND.read(arguments, ResultsOptions)
     if options.metrics:
@@ -45,7 +45,7 @@ def print_results(arguments: list[str]) -> None:
     for folder in folders:
         try:
             rows.append(result_row(Path(folder)))
-        except (KeyError, TypeError, AttributeError) as error:  # of another version
+        except (KeyError, TypeError, AttributeError) as error:  # another version wrote the run
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise InputError(f"{folder}: its figures or config are damaged ({reason})") from None
     print(f"| {HEADER} |")
@@ -55,13 +55,13 @@ def print_results(arguments: list[str]) -> None:
 
 
 def result_row(folder: Path) -> str:
-    """One Markdown row: a figure, and in brackets those of always zero and of the mean."""
+    """Return a run's row of the Markdown table."""
     from zoo.runs.config_files import load_config, read_hydra_file
     from zoo.runs.metrics_file import read_metrics_file
 
     path = folder / "metrics.json"
     if not path.is_file():
-        raise InputError(f"{folder}: holds no metrics.json; only a finished run has figures")
+        raise InputError(f"{folder}: has no metrics.json; name a finished run")
     metrics = read_metrics_file(folder)
     config = load_config(folder)
     name = read_hydra_file(folder).choices.experiment or metrics["model"]
@@ -86,7 +86,7 @@ def result_row(folder: Path) -> str:
 
 
 def _figure(value: float | None, form: str) -> str:
-    """A dash for what was not measured, as where a resumed run had nothing left to train."""
+    """Format a value; a dash for None, as in a resumed run that had nothing left to train."""
     return "-" if value is None else format(value, form)
 
 

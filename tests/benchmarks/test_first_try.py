@@ -34,7 +34,7 @@ def test_a_candidate_is_trained_and_driven(recorded: Written, tmp_path):
         ("recording=muose", "recording=muose: must be all, real"),
         ("recording=real", "real=FOLDER"),
         ("only=lennet", "only=lennet: no such candidate; available: first_try"),
-        ("seed=1", "there is no option seed"),
+        ("seed=1", "seed: no such key"),
     ],
 )
 def test_a_mistake_is_one_line(argument, said, tmp_path):

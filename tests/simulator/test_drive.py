@@ -195,7 +195,7 @@ def test_without_a_display_the_error_is_one_line(tmp_path, monkeypatch, display)
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
-        ("directoin=1", "there is no option directoin; did you mean direction?"),
+        ("directoin=1", "directoin: no such key; did you mean direction?"),
         ("direction=both", "direction=both: must be forward or backward"),
         ("weather=snow", "weather=snow: must be clear, random or settings"),
         ("frame_rate=60", "frame_rate=60: must be above 0, up to 50"),

@@ -58,7 +58,7 @@ class PredictedAgainstTrue(lightning.Callback):
 
 
 def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figure:
-    """Return the plot of the first `count` samples, as fed, for any batch size."""
+    """Plot the first `count` network inputs of an epoch, whatever the batch size."""
     keys = iter(data.sampler())
     indices: list[np.ndarray] = []
     while sum(map(len, indices)) < min(count, len(data.samples)):
@@ -69,7 +69,8 @@ def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figu
     batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
     images = batch["images"].permute(0, 2, 3, 1).numpy()
     height, width, channels = images.shape[1:]
-    title = f"as fed: {width} x {height} {data.view.colour}, {channels} channel(s), steering above"
+    kind = f"{width} x {height} {data.view.colour}, {channels} channel{'s' * (channels > 1)}"
+    title = f"network inputs: {kind}; steering above each image"
     return plots.fed_batch(images, batch["targets"][:, 0].numpy(), data.view.colour, title)
 
 

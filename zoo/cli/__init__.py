@@ -1,1 +1,1 @@
-"""The grammar that all commands share: arguments, composed configs, help, errors, exit codes."""
+"""Grammar that all commands share: arguments, composed configs, help, errors, exit codes."""

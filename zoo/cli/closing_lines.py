@@ -1,4 +1,4 @@
-"""The lines that end a command: what it wrote, and what to type next."""
+"""Last lines of a command's output: the files that it wrote, and the next command."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def print_written(
     next: python -m zoo.report 'my run'
 
     Args:
-        written: files and folders that the command wrote; none for a command that only prints.
-        following: words of the next command after `python -m`; none prints no such line.
-        console: where the command prints; None is standard output.
+        written: paths of the files and folders that the command wrote.
+        following: words of the next command after `python -m`; empty for no `next:` line.
+        console: console to print on; None for standard output.
     """
     for path in written:
         _print(f"wrote: {path}", console)
@@ -35,7 +35,7 @@ def print_written(
 
 
 def print_next(command: str, purpose: str = "", console: Console | None = None) -> None:
-    """Print `next: COMMAND  # PURPOSE`, which a shell takes as it stands."""
+    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell."""
     _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
 
 

@@ -1,4 +1,4 @@
-"""The grammar of a command: its arguments, then `key=value` options, and `--help`."""
+"""Command line of a command: arguments, then `key=value` options, and `--help`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Options = TypeVar("Options")
 
 HELP = ("-h", "--help")
 CHECKPOINT = "checkpoint: a .ckpt or .onnx file, a run's folder, or latest"
-WIDTH, NAMES = 100, 24  # columns of the help, and of the names in it
+WIDTH, NAMES = 100, 24  # characters of a help line, and of its first column
 
 
 def is_help(arguments: Sequence[str]) -> bool:
@@ -26,12 +26,12 @@ def is_help(arguments: Sequence[str]) -> bool:
 
 @dataclass(frozen=True)
 class Command:
-    """A command as it is typed.
+    """A command: its usage, arguments and options.
 
     Args:
-        doc: docstring of the command's module: the usage in backticks, its purpose, then sentences.
-        arguments: meaning of each argument that stands before the options, by its name;
-            `[NAME]` may be left out, `NAME...` takes several.
+        doc: docstring of the command's module: usage in backticks, purpose, then sentences.
+        arguments: meaning of each argument before the options, by its name; `[NAME]` is optional,
+            `NAME...` takes several.
     """
 
     doc: str
@@ -39,39 +39,39 @@ class Command:
 
     @property
     def usage(self) -> str:
-        """The command line with placeholders."""
+        """Return the command line with placeholders."""
         return self.doc.partition("`")[2].partition("`")[0]
 
     @property
     def name(self) -> str:
-        """The command's name, which its YAML file has, too."""
+        """Return the command's name, which is also the name of its YAML file."""
         return self.usage.split()[2].rpartition(".")[2]
 
     def options(self) -> list[Key]:
-        """Return the options of the command's YAML; none where it has no YAML."""
+        """Return the options in the command's YAML file; an empty list without such a file."""
         return command_keys(self.name)
 
     def help(self) -> str:
-        """Return the usage, the purpose, and a line for each argument and key."""
+        """Return the help text: usage, purpose, and a line for each argument and key."""
         purpose = self.doc.partition("`: ")[2].strip()
-        rows = [_row(name, meaning) for name, meaning in self.arguments.items()]
-        keys = [_row(f"{one.name}={one.default}", one.comment) for one in self.options()]
+        rows = [help_row(name, meaning) for name, meaning in self.arguments.items()]
+        keys = [help_row(f"{one.name}={one.default}", one.comment) for one in self.options()]
         parts = [f"usage: {self.usage}", purpose[:1].upper() + purpose[1:]]
         return "\n\n".join([*parts, *("\n".join(one) for one in (rows, keys) if one)])
 
     def print_help_if_asked(self, given: Sequence[str]) -> None:
-        """Print the help and end the process where an argument asks for it."""
+        """Print the help and exit if an argument is `--help` or `-h`."""
         if is_help(given):
             print(self.help())
             sys.exit(0)
 
     def split(self, given: Sequence[str]) -> tuple[list[str], list[str]]:
-        """Return the arguments, as they stand, and the options after them.
+        """Return the arguments, unparsed, and the options after them.
 
-        `--help` prints the help and ends the process.
+        Print the help and exit if `--help` is given.
 
         Raises:
-            UsageError: an argument is missing, or there is one too many.
+            UsageError: an argument is missing, or there are too many arguments.
         """
         self.print_help_if_asked(given)
         needed = sum(not name.startswith("[") for name in self.arguments)
@@ -92,25 +92,30 @@ class Command:
         return first + [one for one in rest if one not in options], options
 
     def without_config_keys(self, options: Sequence[str]) -> tuple[list[str], list[str]]:
-        """Return the command's own options, and those of another config: `data.root=FOLDER`."""
+        """Separate the command's own options from options of a config, such as `data.root=x`.
+
+        Returns:
+            The command's own options, and the options whose key has a dot or a slash.
+        """
         keys = [one.partition("=")[0].removeprefix(f"{self.name}.") for one in options]
         config = [{".", "/"} & set(key) != set() for key in keys]
         own = [one for one, other in zip(options, config, strict=True) if not other]
         return own, [one for one, other in zip(options, config, strict=True) if other]
 
     def read(self, given: Sequence[str], kind: type[Options]) -> tuple[list[str], Options]:
-        """Return the arguments, as they stand, and the options, composed and checked.
+        """Return the arguments, unparsed, and the composed and checked options.
 
         Raises:
             UsageError: see `split` and `zoo.cli.command_config.read_options`.
         """
         paths, options = self.split(given)
-        from zoo.cli.command_config import read_options  # imports Hydra, which --help does not need
+        from zoo.cli.command_config import read_options  # slow import: Hydra
 
         return paths, read_options(self.name, kind, options)
 
 
-def _row(name: str, meaning: str) -> str:
+def help_row(name: str, meaning: str) -> str:
+    """Return a name and its meaning in two columns; a long name has its own line."""
     indent = " " * (NAMES + 2)
     text = textwrap.fill(meaning, WIDTH, initial_indent=indent, subsequent_indent=indent)
     if len(name) >= NAMES:
@@ -125,5 +130,5 @@ def _is_option(argument: str) -> bool:
 def _exists(argument: str) -> bool:
     try:
         return Path(argument).expanduser().exists()
-    except (OSError, RuntimeError, ValueError):  # too long, of an unknown user, with a null byte
+    except (OSError, RuntimeError, ValueError):  # path too long, unknown user, null byte
         return False

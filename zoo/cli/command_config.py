@@ -1,4 +1,4 @@
-"""`key=value` options of a command: its YAML composed by Hydra, then checked by its dataclass."""
+"""`key=value` options of a command: composed from its YAML by Hydra, checked by its dataclass."""
 
 import types
 from collections.abc import Sequence
@@ -23,22 +23,22 @@ _NAMES = {float: "a number", int: "a whole number", bool: "true or false"}
 def read_options(command: str, kind: type[Options], arguments: Sequence[str] = ()) -> Options:
     """Return the options of a command, with the arguments applied.
 
-    `laps=2`, `evaluate.laps=2` and `--laps=2` are the same; `--film` stands for `film=true`.
+    `laps=2`, `evaluate.laps=2` and `--laps=2` mean the same; `--film` means `film=true`.
 
     Raises:
-        UsageError: no such key, a key given twice, or a value that cannot be.
+        UsageError: a key is unknown or repeated, or a value has the wrong type or range.
     """
     return check_options(kind, read_keys(command, arguments))
 
 
 def read_keys(command: str, arguments: Sequence[str]) -> dict[str, Any]:
-    """Return a command's section of its config, with the arguments applied, not checked.
+    """Return a command's section of its config, with the arguments applied, unchecked.
 
-    Hydra composes the YAML files; it reads none of the values that are typed, so that blanks,
-    brackets and `${...}` are ordinary characters.
+    Hydra composes the YAML files, but does not parse the typed values. In a value, blanks,
+    brackets and `${...}` are therefore ordinary characters.
 
     Raises:
-        UsageError: no such key or choice, or a key given twice.
+        UsageError: a key or choice is unknown, or a key is repeated.
     """
     given = _given(command, arguments)
     groups = {key: choices(f"{command}/{key}") for key in given}
@@ -65,7 +65,7 @@ def read_keys(command: str, arguments: Sequence[str]) -> dict[str, Any]:
 def compose_keys(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Return a command's section of its config, as plain containers."""
     state = GlobalHydra.instance()
-    training, state.hydra = state.hydra, None  # a training may have its own config open
+    training, state.hydra = state.hydra, None  # Hydra may be in use by a training
     try:
         with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
             config = compose(command, list(overrides))
@@ -75,17 +75,17 @@ def compose_keys(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def check_options(kind: type[Options], settings: dict[str, Any]) -> Options:
-    """Return the dataclass of some settings, each converted to the type of its field.
+    """Return an instance of a dataclass, with each setting converted to its field's type.
 
     Raises:
-        UsageError: a value that its field's type or range refuses; it names key, value and range.
+        UsageError: a value has the wrong type or range; the message names key, value and range.
     """
     hints = get_type_hints(kind, include_extras=True)
     values = {}
     for key, value in settings.items():
         values[key] = value
         if value is not None and not isinstance(value, str | int | float | list | dict):
-            continue  # an object that was constructed before
+            continue  # an object that the caller constructed
         try:
             values[key] = TypeAdapter(hints[key]).validate_python(value)
         except ValidationError:
@@ -95,7 +95,7 @@ def check_options(kind: type[Options], settings: dict[str, Any]) -> Options:
 
 
 def wanted(annotation: Any) -> str:
-    """Return in words which values a field takes.
+    """Describe the values that a field accepts.
 
     >>> from pydantic import Field
     >>> wanted(Annotated[float, Field(gt=0, le=1000)] | None)
@@ -137,16 +137,16 @@ def _given(command: str, arguments: Sequence[str]) -> dict[str, str]:
     for argument in arguments:
         key, equals, text = argument.partition("=")
         if not equals and not argument.startswith("--"):
-            raise UsageError(f"{argument}: has no value; write {argument}=VALUE")
+            raise UsageError(f"{argument}: no value given; write {argument}=VALUE")
         key = key.lstrip("-").replace("-", "_").removeprefix(f"{command}.")
         if key in given:
-            raise UsageError(f"{key}: is given twice; give it once")
+            raise UsageError(f"{key}: given twice; give it once")
         given[key] = text if equals else "true"
     return given
 
 
 def _flat(section: dict[str, Any], prefix: str = "") -> list[str]:
-    """Return the keys that can be typed."""
+    """Return the dotted keys that users can type."""
     keys = []
     for key, value in section.items():
         if isinstance(value, dict):
@@ -157,7 +157,7 @@ def _flat(section: dict[str, Any], prefix: str = "") -> list[str]:
 
 
 def _scalar(text: str) -> object:
-    """Return a number, true or false where the text is one, for keys without a type."""
+    """Return a text as int, float or bool if it is one, for keys without a declared type."""
     for convert in (int, float):
         try:
             return convert(text)

@@ -1,4 +1,4 @@
-"""The border between what a person types and the code: Hydra's config, checked and explained."""
+"""Training config from the overrides that a user types, and one-line errors for wrong ones."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ from hydra.errors import ConfigCompositionException, HydraException, MissingConf
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.cli.nearest import hint
 
-# Their values are places on this disk, in which nothing has a meaning but `${...}`.
+# Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.
 PATH_KEYS = (
     "data.root",
     "data.images",
@@ -22,7 +22,7 @@ PATH_KEYS = (
 LISTS_ALL = "python -m zoo --help lists all"
 NO_PATHS = ("", "null", "true", "false")
 
-# Groups in `conf` that are no part of the config: the driver's, the simulator's, Hydra's own.
+# Groups in `conf` that are not part of the training config: driver, simulator, Hydra.
 OTHER_GROUPS = ("drive", "track", "world", "hydra")
 
 _NO_OVERRIDE = re.compile(r"Could not override '(?P<key>[^'@]+)")
@@ -30,15 +30,17 @@ _NO_KEY = re.compile(r"full_key: (?P<key>\S+)|Key '(?P<short>[^']+)' is not in s
 
 
 def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
-    """Quote the value of a key that names a place on this disk, so that Hydra reads none of it.
+    r"""Quote the values of keys that take a path, so that Hydra does not parse them.
 
-    `${...}` is Hydra's, unless there is a file or folder of that very name; `\\${...}` never is.
+    Hydra still interpolates `${...}`, unless a file or folder has exactly that name. It never
+    interpolates `\${...}`.
 
     >>> quote_paths(["data.root=a=b", "data.root=[my laps,b]", "seed=1"])
     ["data.root='a=b'", "data.root=['my laps','b']", 'seed=1']
 
     Args:
-        sweep: whether a comma separates what is swept over.
+        arguments: overrides as typed.
+        sweep: whether a comma separates the values of a sweep.
     """
     quoted = []
     for argument in arguments:
@@ -46,17 +48,17 @@ def quote_paths(arguments: list[str], sweep: bool = False) -> list[str]:
         if equals and key.lstrip("+") in PATH_KEYS:
             argument = f"{key}={_quote_value(value, sweep)}"
         elif key.startswith("+callbacks.") or (key == "callbacks" and value.startswith("{")):
-            # Added to those that are always there, or in place of them, as a choice's are.
+            # `++` adds a callback, or replaces the one of that name.
             argument = f"++{argument.lstrip('+')}"
         quoted.append(argument)
     return quoted
 
 
 def escape_interpolation(value: object) -> object:
-    """Return a value, or containers of values, that OmegaConf reads as it stands.
+    r"""Escape `${...}` in a value, or in all values of a container, for OmegaConf.
 
     >>> escape_interpolation(["a${b}", 1])
-    ['a\\\\${b}', 1]
+    ['a\\${b}', 1]
     """
     if isinstance(value, dict):
         return {key: escape_interpolation(one) for key, one in value.items()}
@@ -68,7 +70,7 @@ def escape_interpolation(value: object) -> object:
 
 
 def quote(value: str) -> str:
-    """Return a text as Hydra's parser wants it: in quotes."""
+    """Quote a text for Hydra's parser."""
     escaped = re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + (m[2] and "\\'"), value)
     return f"'{escaped}'"
 
@@ -76,13 +78,13 @@ def quote(value: str) -> str:
 def _quote_value(value: str, sweep: bool) -> str:
     if _exists(value):
         return quote(escape_interpolation(value))
-    for parent in map(str, Path(value).parents):  # of what is not there yet
+    for parent in map(str, Path(value).parents):  # the path itself does not exist yet
         if "${" in parent and _exists(parent) and value.startswith(parent):
             return quote(escape_interpolation(parent) + value[len(parent) :])
     if value.lower() in NO_PATHS:
         return value
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
-        # Lightning quotes the run's folder for the processes that it starts, and escapes nothing.
+        # Lightning quotes the run's folder for the ranks that it starts, without escaping it.
         inner = value[1:-1]
         return quote(escape_interpolation(inner)) if _exists(inner) else value
     if value[0] == "[" and value[-1] == "]":
@@ -97,12 +99,12 @@ def _quote_value(value: str, sweep: bool) -> str:
 def _exists(value: str) -> bool:
     try:
         return value != "" and Path(value).expanduser().exists()
-    except (OSError, RuntimeError, ValueError):  # too long, of an unknown user, with a null byte
+    except (OSError, RuntimeError, ValueError):  # path too long, unknown user, null byte
         return False
 
 
 def _paths_in(text: str) -> list[str]:
-    """Split at commas, but for those in a path that exists, in quotes or in brackets."""
+    """Split a text at commas, except at those in quotes, in brackets or in an existing path."""
     parts = text.split(",")
     paths = []
     while parts:
@@ -119,7 +121,7 @@ def _paths_in(text: str) -> list[str]:
 
 
 def explain(error: HydraException, arguments: list[str]) -> str:
-    """One line for what Hydra says in many: the nearest valid key or choice."""
+    """Return one line for an error of Hydra, with the nearest valid key or choice."""
     text = str(error)
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, choice = str(error.missing_cfg_file).rpartition("/")
@@ -136,8 +138,7 @@ def explain(error: HydraException, arguments: list[str]) -> str:
 
 
 def valid_keys() -> list[str]:
-    """Every key that can be overridden: those of the default config and the groups, `resume`
-    and `trust`."""
+    """Return every key that can be overridden, including groups, `resume` and `trust`."""
     config = compose_config([])
     keys = ["resume", "trust"]
 
@@ -152,15 +153,23 @@ def valid_keys() -> list[str]:
 
 
 def config_groups() -> list[str]:
-    """Those whose choices make up the config."""
+    """Return the names of the groups in the training config."""
     folders = sorted(path.name for path in conf_folder().iterdir() if path.is_dir())
     return [name for name in folders if name not in OTHER_GROUPS]
 
 
 def compose_config(overrides: list[str]) -> dict:
-    """The config that `python -m zoo *overrides` would run with, as plain containers."""
+    """Return the config of `python -m zoo *overrides` as plain containers."""
+    return compose_with_choices(overrides)[0]
+
+
+def compose_with_choices(overrides: list[str]) -> tuple[dict, dict[str, str | None]]:
+    """Return the config of `python -m zoo *overrides`, and the chosen name of each group."""
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
 
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
-        return OmegaConf.to_container(compose("config", overrides), resolve=True)
+        composed = compose("config", overrides, return_hydra_config=True)
+    chosen = OmegaConf.to_container(composed.hydra.runtime.choices)
+    config = OmegaConf.masked_copy(composed, [key for key in composed if key != "hydra"])
+    return OmegaConf.to_container(config, resolve=True), chosen

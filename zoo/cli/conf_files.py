@@ -1,4 +1,4 @@
-"""The YAML files of `conf`: where they are, their choices, and each command's keys."""
+"""YAML files of `conf`: their folder, the choices of each group, and each command's keys."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _INCLUDED = re.compile(r" *- (?P<group>[\w/]+)(?:@\w+|: (?P<choice>\w+))")
 
 @dataclass(frozen=True)
 class Key:
-    """An option of a command, as its YAML has it.
+    """An option of a command, from its YAML file.
 
     Attributes:
-        name: what a user types before `=`.
-        default: value as it is typed.
+        name: dotted key that a user types before `=`.
+        default: default value as a user types it.
         comment: meaning, unit and range.
     """
 
@@ -26,7 +26,7 @@ class Key:
 
 
 def conf_folder() -> Path:
-    """Return the folder of the YAML files: in the installed package, or next to it."""
+    """Return the folder of the YAML files: inside the installed package, or next to it."""
     package = Path(__file__).parents[1]
     installed = package / "conf"
     return installed if installed.is_dir() else package.parent / "conf"
@@ -38,9 +38,10 @@ def choices(group: str) -> list[str]:
 
 
 def command_keys(command: str) -> list[Key]:
-    """Return the keys of `conf/COMMAND.yaml` and of the files that its defaults name.
+    """Return the keys of `conf/COMMAND.yaml` and of the files in its defaults list.
 
-    The lines are read as text: --help needs no library for it, and comments are part of it.
+    The files are read as text: the help shows their comments, and importing a YAML library would
+    make --help slower.
     """
     path = conf_folder() / f"{command}.yaml"
     if not path.is_file():
@@ -60,9 +61,9 @@ def command_keys(command: str) -> list[Key]:
 
 
 def keys_of(text: str, prefix: str = "") -> list[Key]:
-    """Return the keys in the lines of a YAML file.
+    r"""Return the keys in the lines of a YAML file, with their comments.
 
-    >>> keys_of("  port: 4567  # TCP port;\\n              # 0 takes a free one")
+    >>> keys_of("  port: 4567  # TCP port;\n              # 0 takes a free one")
     [Key(name='port', default='4567', comment='TCP port; 0 takes a free one')]
     """
     keys: list[Key] = []
@@ -70,7 +71,7 @@ def keys_of(text: str, prefix: str = "") -> list[Key]:
     for line in text.splitlines():
         found = _LINE.match(line)
         if found is None:
-            if keys and line.strip().startswith("#"):  # the comment goes over several lines
+            if keys and line.strip().startswith("#"):  # the comment continues
                 keys[-1] = Key(
                     keys[-1].name, keys[-1].default, f"{keys[-1].comment} {line.strip(' #')}"
                 )

@@ -1,48 +1,69 @@
-"""`python -m zoo --help`: what it does, every choice, and every key of the config as composed.
+"""Help of `python -m zoo`: usage, the choices of each group, and every key of the config.
 
-Hydra's own would also list the groups of the driver and of the simulator, which share `conf`.
+Hydra's own help would also list groups of the driver and the simulator, which share `conf`.
 """
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 
-from zoo.cli.compose import choices, compose_config, config_groups, quote_paths
+from zoo.cli.command import help_row
+from zoo.cli.compose import choices, compose_with_choices, config_groups, quote_paths
+from zoo.cli.conf_files import conf_folder, keys_of
 
 ABOUT = """usage: python -m zoo [key=value...]
 
 Trains, tests and reports one experiment; with -m, a sweep.
 
-  python -m zoo experiment=first_try data.root=FOLDER    a first network that drives, in minutes
+  python -m zoo experiment=first_try data.root=FOLDER    train a network that drives, in minutes
   python -m zoo data.root=FOLDER                         train nvidia on a recording
-  python -m zoo experiment=tiny41 data.root=FOLDER       a published recipe
-  python -m zoo -m model=lenet,nvidia data.root=FOLDER   a sweep; again, it goes on
-  python -m zoo resume=RUN_FOLDER                        go on with a run that was stopped
-    trust=my.module.Class                                whose config names classes of your own
-  python -m zoo model=tiny --help                        the keys and values of that
+  python -m zoo experiment=tiny41 data.root=FOLDER       train by a published recipe
+  python -m zoo -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
+  python -m zoo resume=RUN_FOLDER                        resume a run that was stopped
+    trust=my.module.Class                                allow its config to name your own class
+  python -m zoo model=tiny --help                        show the keys and values of model=tiny
 
-Beside this command: python -m zoo.models (the zoo), python -m zoo.preview (what will be fed),
-python -m datamodules.check (are a recording's images whole)."""
+See also: python -m zoo.models (list of networks), python -m zoo.preview (images that a network is
+fed), python -m datamodules.check (check of a recording)."""
+
+_PACKAGE = re.compile(r"# @package (?P<package>[\w.]+)")
 
 
 def config_help(arguments: Sequence[str]) -> str:
-    """The help, with the config that the overrides among the arguments compose."""
+    """Return the help, with the config that the arguments' overrides compose."""
     overrides = [
         one for one in arguments if not one.startswith(("-", "resume=", "trust=", "hydra"))
     ]
-    config = compose_config(quote_paths(overrides))
+    config, chosen = compose_with_choices(quote_paths(overrides))
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]
-    keys = list(_keys(config))
+    meanings = _comments(chosen)
+    keys = [help_row(f"{key}={value}", meanings.get(key, "")) for key, value in _keys(config)]
     return "\n".join([ABOUT, "", "Choices, name=choice", *groups, "", "Keys, key=value", *keys])
 
 
-def _keys(node: dict, prefix: str = "") -> Iterator[str]:
-    """Each key with its value, as they are typed."""
+def _comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
+    """Return the comment of each key in the YAML files; chosen files have priority."""
+    files = [("score", "world/embedded")]
+    for group in config_groups():
+        names = sorted(choices(group), key=lambda name, group=group: name == chosen.get(group))
+        files += [(group, f"{group}/{name}") for name in names]
+    found = {}
+    for package, name in [*files, ("", "config")]:
+        text = (conf_folder() / f"{name}.yaml").read_text(encoding="utf-8")
+        header = _PACKAGE.match(text)
+        prefix = f"{header['package'] if header else package}.".lstrip(".")
+        found |= {one.name: one.comment for one in keys_of(text, prefix)}
+    return found
+
+
+def _keys(node: dict, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each key and its value as users type them."""
     for key, value in node.items():
-        if key.startswith("_"):  # which class it is for, decided by the choices
+        if key.startswith("_"):  # `_target_`, which the choices decide
             continue
         if isinstance(value, dict):
             yield from _keys(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key}={_typed(value)}"
+            yield f"{prefix}{key}", _typed(value)
 
 
 def _typed(value: object) -> str:

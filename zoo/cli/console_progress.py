@@ -1,4 +1,4 @@
-"""What a terminal shows of work that takes seconds, and what a log file does."""
+"""Progress of work that takes seconds, on a terminal or in a log file."""
 
 import sys
 import time
@@ -11,13 +11,13 @@ from zoo.cli.process_ranks import is_first_process
 if TYPE_CHECKING:
     from rich.console import Console
 
-LINE_EVERY_S = 10.0  # where no terminal shows a bar
+LINE_EVERY_S = 10.0  # in a log file, which has no bar
 DRAW_EVERY_S = 0.1
 
 
 @contextmanager
 def loading(what: str = "loading PyTorch") -> Iterator[None]:
-    """Show on a terminal's stderr that a command works, until it can show more; else nothing."""
+    """Show a spinner on stderr while slow imports run, if stderr is a terminal."""
     if not sys.stderr.isatty() or not is_first_process():
         yield
         return
@@ -29,7 +29,7 @@ def loading(what: str = "loading PyTorch") -> Iterator[None]:
 
 @contextmanager
 def working(what: str, console: "Console") -> Iterator[None]:
-    """Show a spinner with the time that has passed, on a terminal; it leaves nothing."""
+    """Show a spinner with the elapsed time on a terminal, and erase it at the end."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
@@ -42,10 +42,10 @@ def working(what: str, console: "Console") -> Iterator[None]:
 
 @contextmanager
 def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], None]]:
-    """Show how much is done: a bar on a terminal, a line every 10 s elsewhere.
+    """Show progress: a bar on a terminal, a line every 10 s elsewhere.
 
-    Yields a function that takes the share, 0..1. It may be called at every frame of a drive: the
-    bar is drawn by a thread of its own.
+    Yield a function that takes the finished share of the work, 0..1. It is cheap enough for every
+    frame of a drive, because a separate thread draws the bar.
     """
     began = time.monotonic()
     if not console.is_terminal:

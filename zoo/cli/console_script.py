@@ -1,4 +1,4 @@
-"""`drivezoo COMMAND [argument] [key=value ...]`: every command under one name."""
+"""Console script `drivezoo COMMAND [argument] [key=value ...]`."""
 
 import ast
 import os
@@ -9,10 +9,10 @@ from pathlib import Path
 from zoo.cli.nearest import hint
 
 PACKAGE = Path(__file__).parents[1]
-# Commands that do not have their name from a file of zoo.
+# Commands whose name is not that of a file in zoo.
 OTHERS = {"train": "zoo", "check": "datamodules.check", "simulator": "simulator"}
 HELP = ("-h", "--help", "help")
-WRONG_USE = 2  # as in zoo.cli.run_command, which imports more
+WRONG_USE = 2  # as in zoo.cli.run_command, whose import is slower
 
 
 def main() -> int:
@@ -22,21 +22,21 @@ def main() -> int:
     if name in HELP:
         try:
             print(help_text(modules), flush=True)
-        except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
+        except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     if name not in modules:
         near = hint(name, modules, "drivezoo --help lists all")
-        print(f"drivezoo: there is no command {name!a}; {near}", file=sys.stderr)
+        print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
         return WRONG_USE
     command = [sys.executable, "-m", modules[name], *rest]
     if os.name == "posix":
         os.execv(sys.executable, command)
-    return subprocess.call(command)  # Windows' exec does not wait
+    return subprocess.call(command)  # on Windows, exec returns before the command ends
 
 
 def commands() -> dict[str, str]:
-    """Return each command's module: what `python -m` runs, by the command's name."""
+    """Return the module that `python -m` runs for each command, by the command's name."""
     files = [path for path in PACKAGE.glob("*.py") if "__main__" in path.read_text()]
     names = [path.stem for path in files if not path.stem.startswith("__")]
     names += [path.parent.name for path in PACKAGE.glob("*/__main__.py")]
@@ -44,10 +44,10 @@ def commands() -> dict[str, str]:
 
 
 def help_text(modules: dict[str, str]) -> str:
-    """Return the usage and what each command does, from its module's first line."""
+    """Return the usage, and each command's purpose from the first line of its docstring."""
     lines = [f"  {name:<12}{_purpose(module)}" for name, module in modules.items()]
     usage = "usage: drivezoo COMMAND [argument] [key=value ...]"
-    return "\n".join([usage, "", *lines, "", "what a command takes: drivezoo COMMAND --help"])
+    return "\n".join([usage, "", *lines, "", "help on a command: drivezoo COMMAND --help"])
 
 
 def _purpose(module: str) -> str:

@@ -1,4 +1,4 @@
-"""A terminal's table: names keep their width, figures that do not fit are left out."""
+"""Table for a terminal; columns of figures that do not fit are left out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-LEAST = 8  # columns of the terminal that a name keeps however narrow it is
-ENOUGH = 14  # that it keeps before further figures get theirs
-FRAME = 3  # a column's border and padding
+LEAST = 8  # least width of a column of names, in characters
+ENOUGH = 14  # its width before less important figures are shown
+FRAME = 3  # width of a column's border and padding
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ def fitted_table(
     """Return a table of at most `width`, and the figures that are left out of it.
 
     Args:
-        title: above the table.
-        names: columns that tell the rows apart; long ones fold, none is left out.
+        title: title above the table.
+        names: columns that identify the rows; long names fold, no such column is left out.
         figures: columns of numbers, the most important first.
-        width: of the terminal.
-        first: so many figures get room before the names are wider than `LEAST`.
+        width: width of the terminal in characters.
+        first: number of figures that are shown even if each name gets only `LEAST` characters.
     """
     chosen: list[Cells] = []
     left_out: list[Cells] = []
@@ -64,7 +64,7 @@ def fitted_table(
 
 
 def _widths(columns: Sequence[Cells], width: int) -> list[int]:
-    """Return how wide each of the columns is that share `width`: the narrowest grow first."""
+    """Return the columns' widths in characters, which share `width`; the narrowest grow first."""
     widths = [min(one.width, LEAST) for one in columns]
     room = width - 1 - FRAME * len(columns) - sum(widths)
     while room > 0:

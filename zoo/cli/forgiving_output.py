@@ -1,16 +1,16 @@
-"""Standard output that ends no training: what cannot be printed is left out."""
+"""Standard output whose failures, such as a full disk, do not end a training."""
 
 import os
 from typing import TextIO
 
 
 class ForgivingOutput:
-    """A text stream like the one within, whose failures are kept for the end.
+    """A text stream that forwards to another one and keeps its first error.
 
-    A reader that has gone, as of `| head`, still raises BrokenPipeError.
+    A closed pipe, as after `| head`, still raises BrokenPipeError.
 
     Attributes:
-        failure: why something was not written; None where all was.
+        failure: first error of writing; None if everything was written.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -21,7 +21,7 @@ class ForgivingOutput:
         return getattr(self.stream, name)
 
     def write(self, text: str) -> int:
-        """Write, with escapes for what the stream's encoding has no signs for."""
+        """Write a text; escape characters that the stream's encoding lacks."""
         try:
             self.stream.write(text)
         except UnicodeEncodeError:
@@ -37,7 +37,7 @@ class ForgivingOutput:
             self.write(line)
 
     def flush(self) -> None:
-        """Flush what was written."""
+        """Flush the stream."""
         try:
             self.stream.flush()
         except OSError as error:
@@ -47,5 +47,5 @@ class ForgivingOutput:
         if isinstance(error, BrokenPipeError):
             raise error
         self.failure = self.failure or error
-        # What is still in the buffer would fail again, at the latest when Python ends.
+        # The rest of the buffer would fail again, at the latest when Python exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())

@@ -1,17 +1,17 @@
-"""The hint for a typo: the nearest names that exist."""
+"""Hint for a typo: the nearest existing names."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
 
-SHOWN = 15  # names that a hint lists where none is near
+SHOWN = 15  # most names that a hint lists if none is near
 
 
 def hint(word: str, known: Iterable[str], remedy: str = "") -> str:
-    """Return which of the known names a typo is near to, else all of them or the remedy.
+    """Return the known names nearest to a typo; without any, all names or the remedy.
 
-    The last part of a dotted name counts, too: `ofset` is near `data.offset`.
+    The last part of a dotted name is compared, too: `ofset` is near `data.offset`.
 
     >>> hint("lap", ["laps", "seeds"])
     'did you mean laps?'
@@ -24,5 +24,5 @@ def hint(word: str, known: Iterable[str], remedy: str = "") -> str:
     if near:
         return f"did you mean {' or '.join(near[:2])}?"
     if len(names) < SHOWN or not remedy:
-        return f"there are {', '.join(names)}" if names else remedy or "there are none"
+        return f"available: {', '.join(names)}" if names else remedy or "none available"
     return remedy

@@ -1,4 +1,4 @@
-"""The rank of this process among those that train together."""
+"""Rank of this process in a distributed training."""
 
 import os
 from typing import TYPE_CHECKING
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-# Who starts processes side by side numbers them: torchrun (RANK, GROUP_RANK), srun, jsrun, mpirun;
-# Lightning itself, on a node (LOCAL_RANK) of those that were told theirs (NODE_RANK).
+# Launchers number their processes in these variables: torchrun (RANK, GROUP_RANK), srun, jsrun,
+# mpirun, and Lightning (LOCAL_RANK on a node whose user sets NODE_RANK).
 RANKS = (
     "RANK",
     "SLURM_PROCID",
@@ -21,21 +21,21 @@ RANKS = (
 
 
 def is_first_process(several: bool = True) -> bool:
-    """Whether this is the first of all processes, on whatever node, that train together; before
-    Lightning has started, which knows it then as `trainer.is_global_zero`.
+    """Return whether this process has rank 0 among all nodes' processes.
 
-    It alone prints and writes what there is one of: status, split, metrics, pictures. Each makes
-    the run's folder and the cache, where they are not there yet: nodes may have a disk each.
+    Works before Lightning starts; afterwards `trainer.is_global_zero` says the same. Only rank 0
+    prints, and writes status, split, metrics and plots. Every rank creates the run's folder and
+    the cache, because each node may have its own disk.
 
     Args:
-        several: whether there are others. A run on one device is the first, whatever number its
-            process has among others that are nothing to it, as in a Slurm job of several tasks.
+        several: whether the training has several processes. A training of one process is rank 0
+            even if a launcher numbers it otherwise, as in a Slurm job of several tasks.
     """
     return not several or all(os.environ.get(name, "0") in ("", "0") for name in RANKS)
 
 
 def needs_processes(config: "DictConfig") -> bool:
-    """Whether Lightning would start processes beside ours, by running our command again."""
+    """Return whether Lightning would start further processes with the same command."""
     devices, strategy = config.trainer.devices, str(config.trainer.strategy)
     several = devices not in (1, "1", [0]) or config.trainer.get("num_nodes", 1) != 1
     return several or strategy.startswith(("ddp", "fsdp", "deepspeed"))

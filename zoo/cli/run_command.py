@@ -1,4 +1,4 @@
-"""What every command of ours shares: overrides in, one line and an exit status out."""
+"""Run of a command: one-line errors and exit statuses."""
 
 import os
 import re
@@ -12,33 +12,34 @@ from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
 from zoo.cli.stop_errors import StoppedError
 
-# Hydra takes a third of a second to import, in which Ctrl-C would print a trace.
+# Hydra is imported late: its import takes a third of a second, in which Ctrl-C would print a
+# traceback.
 
-FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 for what succeeded
+FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 is success
 
-# Limits on an argument, beyond which parsers take minutes or end in a trace.
-MOST_PATH = 4096  # characters without a comma or a bracket; Linux' limit on a path
-MOST_DIGITS = 4300  # of a number; Python's limit
-MOST_LEVELS = 64  # of brackets
+# Limits on an argument; beyond them parsers take minutes or raise errors of their own.
+MOST_PATH = 4096  # characters without a comma or a bracket: Linux' limit of a path
+MOST_DIGITS = 4300  # digits of a number: Python's limit
+MOST_LEVELS = 64  # levels of nested brackets
 
-# What libraries raise, each in its own class, where the system has no more memory.
+# Messages of libraries' own error classes when the system has no more memory.
 _MEMORY = re.compile(
     "can.t allocate memory|Insufficient memory|failed to map segment|can.t start new thread"
 )
 
 
 def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
-    """Call `command(arguments)`; its user's errors become one line each and the exit status.
+    """Call `command(arguments)`, print an error as one line, and return the exit status.
 
-    What cannot be printed ends no command: a line at its end names the reason.
+    A failure of standard output does not end the command; it is reported at the end.
     """
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a terminal may not know every character
+            stream.reconfigure(errors="replace")  # a terminal's encoding may lack some characters
     failure: Exception | None = None
     before = sys.stdout
-    output = ForgivingOutput(before) if before else None  # None where it was closed: `>&-`
+    output = ForgivingOutput(before) if before else None  # None if the shell closed it: `>&-`
     sys.stdout = output
     try:
         raise_again()
@@ -51,7 +52,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         failure = error
     except KeyboardInterrupt:
         failure = StoppedError("stopped")
-    except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
+    except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as error:
         failure = StoppedError("stopped") if was_stopped(error) else None
@@ -59,8 +60,8 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         if failure is None:
             traceback.print_exc()
             print(
-                f"{name}: this is a mistake of drivezoo, not yours; please report it with the "
-                "command and the lines above",
+                f"{name}: this is a bug in drivezoo; please report it with the command and the "
+                "lines above",
                 file=sys.stderr,
             )
             return FAILED
@@ -68,8 +69,8 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         sys.stdout = before
     if failure is None and output and output.failure:
         failure = InputError(
-            f"standard output: {output.failure.strerror}; all was done, but not all of it printed: "
-            "write it to a place with room"
+            f"standard output: {output.failure.strerror}; the command finished, but some lines "
+            "were not printed: redirect them to a disk with free space"
         )
     if failure is None:
         return 0
@@ -80,7 +81,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
 
 
 def was_stopped(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C is behind an error: a library raised another in its place.
+    """Return whether Ctrl-C caused an error that a library raised in place of it.
 
     >>> was_stopped(ImportError("numpy")), was_stopped(KeyboardInterrupt())
     (False, True)
@@ -91,11 +92,11 @@ def was_stopped(error: BaseException | None) -> bool:
 
 
 def check_arguments(arguments: list[str]) -> None:
-    """Raise UsageError for an argument that no parser and no disk can take."""
+    """Raise UsageError for an argument that is too long or too deeply nested to parse."""
     for argument in arguments:
         begin = ascii(argument[:40])
         if "\0" in argument:
-            raise UsageError(f"{begin}: holds a NUL; remove it")
+            raise UsageError(f"{begin}: contains a NUL character; remove it")
         if any("/" in part for part in re.findall(rf"[^,\[\]]{{{MOST_PATH + 1},}}", argument)):
             raise UsageError(f"{begin}...: a path has {MOST_PATH:,} characters at most; shorten it")
         if re.search(rf"\d{{{MOST_DIGITS + 1}}}", argument):
@@ -110,7 +111,7 @@ def check_arguments(arguments: list[str]) -> None:
 
 
 def explain_failure(error: Exception, arguments: list[str]) -> InputError | None:
-    """Return what a user can act on: a config's mistake, a disk, memory; None for the rest."""
+    """Return an error that the user can fix: config, disk or memory; None for other errors."""
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
@@ -120,11 +121,11 @@ def explain_failure(error: Exception, arguments: list[str]) -> InputError | None
         return UsageError(explain(error, arguments))
     if isinstance(error, MemoryError) or _MEMORY.search(str(error)):
         return InputError(
-            "not enough memory; end other programs, or set a smaller data.batch_size, "
+            "not enough memory; close other programs, or set a smaller data.batch_size, "
             "data.workers=0 or a smaller model"
         )
     if isinstance(error, RecursionError):
-        return InputError("an argument or a file is nested too deep; use fewer levels")
+        return InputError("an argument or a file is nested too deeply; use fewer levels")
     if isinstance(error, ValueError) and str(error).startswith("Config group override"):
         nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
         return UsageError(f"{nulls}: name a choice; python -m zoo --help lists all")

@@ -1,9 +1,9 @@
-"""Errors that end a training without being a failure of the program."""
+"""Errors that end a training on request."""
 
 
 class StoppedError(Exception):
-    """A person stopped the training; the message says how to go on."""
+    """An interrupt by the user; the message names the command that resumes."""
 
 
 class PrunedError(Exception):
-    """A search gave this training up for others that promise more."""
+    """A decision of a search to stop an unpromising training."""

@@ -1,9 +1,9 @@
-"""`python -m zoo.correct CKPT [key=value ...]`: train on what went wrong while driving.
+"""`python -m zoo.correct CKPT [key=value ...]`: train a checkpoint on its own driving errors.
 
-Each round drives the checkpoint, asks the expert how to steer in what it saw, and trains on with
-the answers (DAgger: Ross, Gordon and Bagnell 2011, arXiv:1011.0686). The same command with the same
-out= resumes where it was stopped. Keys with a dot, such as data.root=FOLDER or optim.lr=0.0003,
-change the checkpoint's own config.
+Each round drives the checkpoint, asks the expert for the right steering in the frames it saw, and
+continues the training with these corrections (DAgger: Ross, Gordon and Bagnell 2011,
+arXiv:1011.0686). The same command with the same out= resumes a stopped correction. Keys with a
+dot, such as data.root=FOLDER or optim.lr=0.0003, change the checkpoint's config.
 """
 
 import datetime
@@ -37,17 +37,17 @@ if TYPE_CHECKING:
 
 COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
-# torch and Panda3D take seconds to import; --help and a typo need neither.
+# Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
 class Correction:
-    """A checkpoint's way through the rounds.
+    """A correction of a checkpoint in several rounds.
 
     Args:
-        path: the checkpoint's.
-        options: see `CorrectOptions`.
-        overrides: of the checkpoint's own config.
-        console: for people.
+        path: path of the checkpoint.
+        options: options of the correction.
+        overrides: overrides of the checkpoint's config.
+        console: console for progress and results.
     """
 
     def __init__(
@@ -66,10 +66,10 @@ class Correction:
         self.progress.save(self.folder)
 
     def run(self) -> "Progress":
-        """All rounds, those that are finished already left out.
+        """Run the rounds that are not finished yet.
 
         Raises:
-            InputError: see `CorrectOptions`, and anything wrong with a recording.
+            InputError: an option or a recording is wrong.
         """
         rounds = self.options.rounds
         if self.options.by_a_person:
@@ -77,7 +77,7 @@ class Correction:
 
             rounds = 1
             ask_person(self.options, self.folder)
-        self._say_what_runs(rounds)
+        self._print_plan(rounds)
         if not self.progress.rounds:
             self._finish(0, self.path, 0)
         while len(self.progress.rounds) <= rounds:
@@ -89,7 +89,7 @@ class Correction:
         return self.progress
 
     def _correct(self, last: "Round") -> bool:
-        """One round; False where there was nothing to correct."""
+        """Run one round; return False if there was nothing to correct."""
         from zoo.correct.correct_training import train_round, training_config
 
         number = last.number + 1
@@ -97,7 +97,7 @@ class Correction:
         began = time.perf_counter()
         rows = self._collect(last, place / "recording")
         if not rows:
-            self._say(f"round {number}: nothing went wrong in its drives, nothing to correct")
+            self._print(f"round {number}: no driving errors, so nothing to correct")
             return False
         own_split = self._own_split()
         corrections = [self.folder / f"round-{one}" / "recording" for one in range(1, number + 1)]
@@ -109,17 +109,17 @@ class Correction:
             own_split,
             place / "split.csv",
         )
-        self._say(
+        self._print(
             f"round {number}: {rows:,} rows of corrections ({time.perf_counter() - began:.0f} s); "
-            f"training {self.options.epochs} epochs on them and {last.corrections:,} before, "
-            f"{self.options.weight:g} times as often as on other rows"
+            f"training {self.options.epochs} epochs on them and on {last.corrections:,} earlier "
+            f"ones, drawn {self.options.weight:g} times as often as other rows"
         )
         checkpoint = train_round(config, place / "run", Path(self.path).absolute().parent.parent)
         self._finish(number, str(checkpoint), last.corrections + rows)
         return True
 
     def _collect(self, last: "Round", folder: Path) -> int:
-        """Rows of the round's recording, made unless it is there."""
+        """Create the round's recording unless it exists; return its number of rows."""
         from datamodules.driving_log import read_log
         from datamodules.recording import LOG_NAME
 
@@ -134,54 +134,55 @@ class Correction:
         path = self.folder / "own_split.csv"
         if not path.is_file():
             part = path.with_suffix(".part")
-            beside = Path(self.path).absolute().parent.parent / "split.csv"
-            write_own_split(self.config, self.checkpoint, beside, part, self.console)
+            split = Path(self.path).absolute().parent.parent / "split.csv"
+            write_own_split(self.config, self.checkpoint, split, part, self.console)
             part.rename(path)
         return path
 
     def _finish(self, number: int, checkpoint: str, corrections: int) -> None:
-        """Score a round's checkpoint, and keep that it is finished."""
+        """Score a round's checkpoint and save the round as finished."""
         from zoo.correct.correct_rounds import Round
         from zoo.evaluate.track_scores import how_well, score_on_tracks
 
         drives = self.folder / f"round-{number}" / "drives"
-        shutil.rmtree(drives, ignore_errors=True)  # of before it was stopped
+        shutil.rmtree(drives, ignore_errors=True)  # left by a stopped correction
         found = score_on_tracks(checkpoint, self.options.scored, drives, self.console)
         finished = Round(number, checkpoint, corrections, found.tracks)
         self.progress = self.progress.with_round(finished)
         self.progress.save(self.folder)
         for track, figures in found.tracks.items():
-            self._say(f"round {number}, {track}: {how_well(figures)}")
+            self._print(f"round {number}, {track}: {how_well(figures)}")
 
     def _is_enough(self, last: "Round") -> bool:
         enough = (
             last.mean("interventions") == 0 and last.mean("cte_mean_m") <= self.options.enough_m
         )
         if enough:
-            self._say(
-                f"it drives without interventions, {last.mean('cte_mean_m'):.2f} m off on average: "
-                f"that is enough (enough_m={self.options.enough_m:g})"
+            self._print(
+                "it drives without interventions, mean cross-track error "
+                f"{last.mean('cte_mean_m'):.2f} m (enough_m={self.options.enough_m:g}): no further "
+                "round is needed"
             )
         return enough
 
-    def _say_what_runs(self, rounds: int) -> None:
+    def _print_plan(self, rounds: int) -> None:
         from zoo.correct.correct_options import FIRST_SEED
 
         done = len(self.progress.rounds) - 1
         if done >= 0:
-            self._say(f"{self.folder}: goes on after round {done}")
+            self._print(f"{self.folder}: resumed after round {done}")
         source = "a person's corrections, one round"
         if not self.options.by_a_person:
             source = (
-                f"the expert's corrections, rounds={rounds} at most, of drives with seeds from "
-                f"{FIRST_SEED}"
+                f"the expert's corrections in up to {rounds} rounds, from drives with start seeds "
+                f"from {FIRST_SEED}"
             )
-        self._say(
-            f"{self.path}: {source}; scored with seeds 0 to {self.options.seeds - 1}, which no "
-            "correction comes from"
+        self._print(
+            f"{self.path}: {source}; scored with start seeds 0 to {self.options.seeds - 1}, from "
+            "which no corrections come"
         )
 
-    def _say(self, text: str) -> None:
+    def _print(self, text: str) -> None:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -195,7 +196,7 @@ def _trainable(
 
     if Path(path).suffix == ".onnx":
         raise InputError(
-            f"{path}: cannot be trained on; give the checkpoint that it was exported from"
+            f"{path}: an ONNX file cannot be trained; name the checkpoint that it was exported from"
         )
     checkpoint = load_checkpoint(path)
     check_throttle(Policy(checkpoint), options.throttle)
@@ -206,7 +207,10 @@ def _trainable(
 def _source(
     options: "CorrectOptions", out: Path, console: Console
 ) -> "Callable[[str, int, str, Path], int]":
-    """What makes a round's recording: `source(checkpoint, round, identity, folder) -> rows`."""
+    """Return the function that creates a round's recording and returns its number of rows.
+
+    Its arguments are the checkpoint, the round's number, the identity and the folder.
+    """
     if options.by_a_person:
         from zoo.correct.person_corrections import check_person, corrections_of_a_person
 
@@ -242,16 +246,16 @@ def command(arguments: list[str]) -> None:
         again = [path, *(one for one in rest if not one.startswith("out="))]
         again.append(f"out={correction.folder}")
         raise StoppedError(
-            "stopped; finished rounds are kept; go on with: "
+            "stopped; finished rounds are kept; resume with: "
             + shlex.join(["python", "-m", "zoo.correct", *again])
         ) from None
     console.print(rounds_table(progress.rounds))
     best = progress.best
     if best.number == 0:
-        console.print("no round drives better than the checkpoint as it was", highlight=False)
+        console.print("no round drives better than the original checkpoint", highlight=False)
         print_written([correction.folder], ["zoo.correct", "--help"], console)
     else:
-        console.print(f"the best checkpoint is that of round {best.number}", highlight=False)
+        console.print(f"best checkpoint: round {best.number}", highlight=False)
         print_written([best.checkpoint], ["zoo.evaluate", best.checkpoint, "seeds=5"], console)
 
 

@@ -1,4 +1,4 @@
-"""The options of `python -m zoo.correct`, and what is wrong with them."""
+"""Options of `python -m zoo.correct` and their checks."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -11,7 +11,7 @@ from simulator.world_settings import WorldSettings
 from zoo.cli.command_config import compose_keys
 from zoo.evaluate import evaluate_options as scoring
 
-FIRST_SEED = 1000  # of the drives that corrections come from; scored are seeds 0, 1, ...
+FIRST_SEED = 1000  # first start seed of drives with corrections; scored drives have 0, 1, ...
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, le=60)]
@@ -19,7 +19,7 @@ Seconds = Annotated[float, Field(ge=0, le=60)]
 
 @dataclass(frozen=True, kw_only=True)
 class CorrectOptions(WorldSettings):
-    """The options of a correction; `conf/correct.yaml` has their meanings and defaults."""
+    """Options of a correction; `conf/correct.yaml` has their meanings and defaults."""
 
     speed: scoring.SpeedMph
     rounds: Annotated[int, Field(ge=1, le=100)]
@@ -45,21 +45,23 @@ class CorrectOptions(WorldSettings):
 
     @cached_property
     def scored(self) -> scoring.EvaluateOptions:
-        """How it is scored before and after each round, in clear weather."""
+        """Return the options of scoring before and after each round, in clear weather."""
         names = {one.name for one in fields(scoring.EvaluateOptions)} - {"out", "weather"}
         shared = {name: value for name, value in vars(self).items() if name in names}
         return scoring.EvaluateOptions(**compose_keys("evaluate") | shared)
 
     @property
     def by_a_person(self) -> bool:
-        """Whether the corrections are a person's, and so there is one round of them."""
+        """Return whether a person corrects, in a single round, instead of the expert."""
         return self.drive is not None or self.recording is not None
 
 
 def check_correct_options(options: CorrectOptions) -> None:
-    """Raise UsageError for options that do not go together, and worlds that cannot be opened."""
+    """Raise UsageError for options that contradict each other or a world that cannot be opened."""
     if options.before_s + options.after_s == 0 and options.off_m is None:
-        raise UsageError("before_s=0 after_s=0 off_m=null: the expert would never be asked")
+        raise UsageError(
+            "before_s=0 after_s=0 off_m=null: the expert is never asked; set one of them above 0"
+        )
     if options.drive is not None and options.recording is not None:
-        raise UsageError("drive= and recording= are two ways to the same thing: give one of them")
+        raise UsageError("drive= and recording= are alternatives; give one of them")
     scoring.check_world(options)

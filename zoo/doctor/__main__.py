@@ -1,8 +1,8 @@
-"""`python -m zoo.doctor [CKPT] [RECORDING] [key=value ...]`: check this machine and installation.
+"""`python -m zoo.doctor [CKPT] [RECORDING] [key=value ...]`: find faults of this installation.
 
-Prints which packages and renderers work and which process uses the port, and sends frames to a
-driver in the original simulator's protocol; each fault comes with its fix. Exits 0 without faults,
-with or without warnings; 1 otherwise.
+Checks packages, device, renderer, port and disk, and prints each fault with its fix. With a
+checkpoint, also drives a round trip with the original simulator's protocol. Exits 0 without
+faults, even with warnings; 1 otherwise.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ FILES = (".ckpt", ".csv", ".onnx")  # a name that ends so is a path, even with =
 
 
 def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
-    """All findings, as they are found; nothing is raised."""
+    """Yield each finding as soon as it is found; raise nothing."""
     yield from careful("Python", installation.check_python)
     if sys.version_info < installation.OLDEST:
-        return  # all else would fail for that one reason
-    renderers = renderer.start_renderers()  # they open while torch is imported
+        return  # every other check would fail for this reason
+    renderers = renderer.start_renderers()  # runs while torch is imported
     yield from careful("packages", installation.check_packages)
     yield from careful("device", machine.check_device)
     yield from careful("renderer", renderers)
@@ -62,11 +62,11 @@ def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterat
 
 
 def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
-    """Checkpoint, recording and port, in whatever order they were given.
+    """Return checkpoint, recording and port from arguments in any order.
 
     Raises:
-        UsageError: two of a kind, or a port that is none.
-        InputError: a run's folder without a checkpoint.
+        UsageError: an argument is repeated, a key is unknown, or the port is wrong.
+        InputError: a run's folder has no checkpoint.
     """
     paths: dict[str, str] = {}
     defaults = {one.name: one.default for one in COMMAND.options()}
@@ -91,14 +91,14 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
             kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
         if kind in paths:
             raise UsageError(
-                f"{argument}: {paths[kind]} is the {kind} already; usage: {COMMAND.usage}"
+                f"{argument}: {kind} is given twice, also {paths[kind]}; usage: {COMMAND.usage}"
             )
         paths[kind] = argument
     return paths.get("CKPT"), paths.get("RECORDING"), port
 
 
 def print_finding(finding: Finding) -> None:
-    """A row: state, thing, what was found; and the fix below."""
+    """Print state, subject and text of a finding in a row, and its fix below."""
     indent = " " * (STATE_WIDTH + NAME_WIDTH)
     width = max(shutil.get_terminal_size((100, 24)).columns, 60)
     state = f"{finding.state:<{STATE_WIDTH}}"
@@ -107,7 +107,7 @@ def print_finding(finding: Finding) -> None:
     texts = [finding.found] + ([f"fix: {finding.fix}"] if finding.fix else [])
     lines = []
     for text in texts:
-        # A path or a command that is longer than the window stays whole, to be copied.
+        # A long path or command is not broken, so that users can copy it.
         lines += textwrap.wrap(
             text, width - len(indent), break_long_words=False, break_on_hyphens=False
         )
@@ -119,12 +119,12 @@ def print_finding(finding: Finding) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """The command."""
+    """Run the command and return its exit status."""
     raise_again()
     if is_help(arguments):
         print(COMMAND.help())
         return 0
-    if hasattr(sys.stdout, "reconfigure"):  # a path may hold what the terminal cannot show
+    if hasattr(sys.stdout, "reconfigure"):  # a terminal's encoding may lack some characters
         sys.stdout.reconfigure(errors="replace")
     counts = {OK: 0, WARNING: 0, FAULT: 0}
     try:
@@ -137,7 +137,7 @@ def main(arguments: list[str]) -> int:
     except KeyboardInterrupt:
         print("zoo.doctor: stopped", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader has closed the pipe, as `| head` does
+    except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")

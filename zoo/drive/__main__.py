@@ -1,7 +1,7 @@
-"""`python -m zoo.drive CKPT [key=value ...]`: drive whatever simulator connects with a checkpoint.
+"""`python -m zoo.drive CKPT [key=value ...]`: serve a checkpoint to simulators.
 
-Serves a checkpoint on a port to the original simulator (start it and choose autonomous mode), or to
-the embedded one (sim=lake). Ctrl-C ends the drive.
+The checkpoint drives the original simulator (start it and choose autonomous mode) or the embedded
+one (sim=lake). Ctrl-C ends the drive.
 
   python -m zoo.drive latest speed=15
   python -m zoo.drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
@@ -35,7 +35,7 @@ COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 
 def drive(arguments: list[str]) -> None:
-    """Read the arguments and serve; the first is a path, whatever characters are in it."""
+    """Read the arguments and serve the checkpoint."""
     (checkpoint,), options = COMMAND.split(arguments)
     from zoo.drive.drive_settings import read_settings
 
@@ -44,7 +44,7 @@ def drive(arguments: list[str]) -> None:
 
 
 def serve(checkpoint: str, settings: "DriveSettings") -> None:
-    """Serve until Ctrl-C, or until the embedded simulator ends; then say what it came to."""
+    """Serve until Ctrl-C or the end of the embedded simulator, then print the drive's figures."""
     from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
     from zoo.drive.embedded_client import EmbeddedClient
@@ -54,7 +54,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     began, notices, stop = datetime.now(), Notices(), StopOnSignal()
     folder = settings.record or Path("outputs/drives") / began.strftime("%Y-%m-%d/%H-%M-%S-%f")
     writer = BackgroundWriter(folder, notices)
-    # Loading torch takes seconds: only once the port is ours. Simulators wait in the meantime.
+    # The port is opened before the slow import of torch; simulators that connect wait.
     listener = open_port(settings.host, settings.port)
     load = functools.partial(load_warm_policy, threads=settings.threads)
     with loading():
@@ -83,8 +83,8 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     def listening() -> None:
         if token:
             notices.print(
-                f"warning: every machine that reaches {url} can connect a simulator, and watch; "
-                "only the address with the token below works the page's buttons"
+                f"warning: every machine that reaches {url} can connect a simulator and watch; "
+                "the page's buttons need the token in the address below"
             )
         notices.print(f"{checkpoint}: {view_line(policy)}")
         waits = "a simulator; Ctrl-C ends the drive"
@@ -106,7 +106,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
 
 
 class StopOnSignal:
-    """Ctrl-C and SIGTERM set `asked`; a second Ctrl-C interrupts whatever hangs."""
+    """A handler of Ctrl-C and SIGTERM that sets `asked`; a second Ctrl-C interrupts."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -120,7 +120,7 @@ class StopOnSignal:
 
 
 def open_port(host: str, port: int) -> "GreenSocket":
-    """A listening socket; InputError names who holds the port."""
+    """Return a listening socket; raise InputError that names the process that holds the port."""
     from zoo.drive.port_holder import port_holder
     from zoo.drive.server import listen
 
@@ -137,14 +137,14 @@ def open_port(host: str, port: int) -> "GreenSocket":
 
 
 def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
-    """A checkpoint's policy that has been asked already: the first time takes longest."""
+    """Load a policy and call it three times, because the first call is the slowest."""
     import numpy as np
     import torch
 
     from zoo.checkpoints.policy import load_policy
 
-    # In each thread that loads: torch keeps the number by thread. Its own choice, one for each
-    # core, took 128 ms a frame in place of 1.9 on four cores that were shared.
+    # torch keeps this number for each thread that loads a policy. Its default, one thread per
+    # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
     policy = load_policy(path, threads)
     for _ in range(3):
@@ -153,14 +153,14 @@ def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
 
 
 def view_line(policy: "Policy | OnnxPolicy") -> str:
-    """What the policy is, in one line."""
+    """Describe a policy in one line."""
     height, width, _ = policy.view.shape
     what = f"{policy.name} of {policy.parameters:,} parameters"
     return f"{what}, sees {width} x {height} {policy.view.colour}"
 
 
 def local_name(host: str) -> str:
-    """The name under which a client on this machine reaches a server bound to `host`."""
+    """Return the host name by which a client on this machine reaches a server on `host`."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"[{name}]" if ":" in name else name
 

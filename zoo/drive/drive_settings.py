@@ -1,4 +1,4 @@
-"""The options of `python -m zoo.drive`: `conf/drive.yaml` and `conf/drive/speed`, checked."""
+"""Options of `python -m zoo.drive`, from `conf/drive.yaml` and `conf/drive/speed`."""
 
 import re
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ _SPEED = re.compile(r"(drive\.)?speed=(?P<mph>[-+]?[\d.].*)")
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings:
-    """The options of a drive; `conf/drive.yaml` has their meanings and defaults."""
+    """Options of a drive; `conf/drive.yaml` has their meanings and defaults."""
 
     host: str
     port: Annotated[int, Field(ge=0, le=65535)]
@@ -40,10 +40,10 @@ class DriveSettings:
 def read_settings(arguments: Sequence[str]) -> DriveSettings:
     """Return the settings with `port=4568`, `speed=bends` and other arguments applied.
 
-    A number is the speed to hold: `speed=15` is `speed.set_mph=15`.
+    A number is the speed to hold: `speed=15` means `speed.set_mph=15`.
 
     Raises:
-        UsageError: no such key or choice, with the nearest; or a value that cannot be.
+        UsageError: a key or choice is unknown, or a value has the wrong type or range.
     """
     held = [_SPEED.sub(r"speed.set_mph=\g<mph>", one) for one in arguments]
     settings = read_keys("drive", held)
@@ -57,8 +57,8 @@ def read_settings(arguments: Sequence[str]) -> DriveSettings:
     found = check_options(DriveSettings, settings | constructed)
     if not found.expose and not is_loopback(found.host):
         raise UsageError(
-            f"drive.host={found.host} lets other machines drive by this checkpoint; "
-            "if they may, add drive.expose=true"
+            f"drive.host={found.host}: other machines could connect and drive; to allow it, add "
+            "drive.expose=true"
         )
     return found
 

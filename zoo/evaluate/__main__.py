@@ -1,7 +1,7 @@
 """`python -m zoo.evaluate CKPT [key=value ...]`: score a checkpoint by driving.
 
-Drives it in the embedded world, several drives in parallel, without a simulator or a display, and
-writes its figures, drives and plots.
+Drives it in the embedded world, with several drives in parallel and without a display, and writes
+figures, drives and plots.
 """
 
 import datetime
@@ -24,18 +24,17 @@ if TYPE_CHECKING:
 
 COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
-# torch and Panda3D take seconds to import; --help and a typo need neither.
+# Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
 def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> dict:
-    """Drive as `EvaluateOptions` say, print the table, and write `metrics.json`, drives and plots;
-    returns the metrics.
+    """Score a checkpoint by driving, write `metrics.json`, drives and plots; return the metrics.
 
     Raises:
-        InputError: no such checkpoint or track, an option that cannot be; or, when all is written,
-            a network that steered NaN.
+        InputError: the checkpoint or track does not exist, or an option is wrong; or the network
+            steered NaN, after all files are written.
     """
-    checkpoint = str(find_checkpoint(checkpoint))  # a wrong path is said before torch is imported
+    checkpoint = str(find_checkpoint(checkpoint))  # reports a wrong path before torch is imported
     with loading():
         from zoo.checkpoints.policy import load_policy
         from zoo.evaluate.drives_table import drives_table, nan_line
@@ -128,7 +127,7 @@ def command(arguments: list[str]) -> None:
 
     recordings = [one.partition("=")[2] for one in rest if one not in others]
     if len(recordings) > 1:
-        raise UsageError("replay: is given twice; give it once")
+        raise UsageError("replay: given twice; give it once")
     options = read_options("replay", ReplayOptions, others)
     replay_recording(checkpoint, recordings[0], options, console)
 

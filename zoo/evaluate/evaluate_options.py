@@ -1,4 +1,4 @@
-"""The options of `python -m zoo.evaluate`, and what is wrong with them."""
+"""Options of `python -m zoo.evaluate` and their checks."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -20,7 +20,7 @@ Margin = Annotated[float, Field(ge=LEAST_MARGIN_M, allow_inf_nan=False)]
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateOptions(WorldSettings):
-    """The options of an evaluation; `conf/evaluate.yaml` has their meanings and defaults."""
+    """Options of an evaluation; `conf/evaluate.yaml` has their meanings and defaults."""
 
     laps: Laps
     seeds: Count
@@ -36,7 +36,7 @@ class EvaluateOptions(WorldSettings):
 
     @property
     def tracks(self) -> list[str]:
-        """The tracks' names or files, each once."""
+        """Return the tracks' names or files, each once."""
         return track_names(self.track)
 
 
@@ -46,14 +46,14 @@ def track_names(text: str) -> list[str]:
 
 
 def check_world(options: WorldSettings) -> None:
-    """Raise UsageError where one of the options' worlds cannot be opened; none is drawn."""
+    """Raise UsageError if a world of the options cannot be opened; nothing is rendered."""
     from dataclasses import replace
 
     from simulator.world import open_world
 
     names = track_names(options.track)
     if not names:
-        raise UsageError("track=: names none; try track=lake,mountain")
+        raise UsageError("track=: no track named; try track=lake,mountain")
     try:
         options.check()
         for name in names:

@@ -1,4 +1,4 @@
-"""Score of a checkpoint on a recording: see `zoo.evaluate.recording_replay`."""
+"""Score of a checkpoint on a recording; see `zoo.evaluate.recording_replay`."""
 
 import datetime
 import math
@@ -24,7 +24,7 @@ FRAMES = "frames"
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """The options of a replay; `conf/replay.yaml` has their meanings and defaults."""
+    """Options of a replay; `conf/replay.yaml` has their meanings and defaults."""
 
     margin: float
     frame_rate: float | None
@@ -35,7 +35,9 @@ class ReplayOptions:
 def replay_recording(
     checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
 ) -> dict:
-    """Replay a recording; print a table, write `metrics.json`, drive and plot, return the figures.
+    """Replay a recording, print and write the results, and return the figures.
+
+    The files are `metrics.json`, the drive and a plot.
 
     Raises:
         InputError: the checkpoint or recording does not exist, the recording cannot be replayed, or
@@ -84,16 +86,16 @@ def replay_recording(
 def keyboard_lines(recording: Recording) -> list[str]:
     """Return a warning for each recording that was driven with a keyboard."""
     return [
-        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard; such "
-        "a path weaves around the lane's centre, so that these figures tell little about the "
-        "network; score it on a track: python -m zoo.evaluate CKPT track=lake"
+        f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
+        "a path weaves around the lane's centre, so these figures say little about the network; "
+        "score it on a track: python -m zoo.evaluate CKPT track=lake"
         for one in report_recordings(recording)
         if one.zero_share > KEYBOARD_SHARE
     ]
 
 
 class _Shown:
-    """Progress bar, rows and, if wanted, frames of a replay, passed as `show` to `replay`."""
+    """A callback of `replay` that shows progress and keeps rows and, optionally, frames."""
 
     def __init__(self, recording: Recording, options: ReplayOptions, console: Console) -> None:
         now = datetime.datetime.now()
@@ -113,7 +115,7 @@ class _Shown:
         self.progress.stop()
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        if not self.rows:  # only now, so that a recording that cannot be replayed leaves no folder
+        if not self.rows:  # created late: a recording that cannot be replayed leaves no folder
             self._make_folder()
         if self.keep:
             name = f"{FRAMES}/{len(self.rows):06d}.jpg"
@@ -126,4 +128,4 @@ class _Shown:
         try:
             (self.folder / FRAMES if self.keep else self.folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written to ({error.strerror})") from None
+            raise InputError(f"{self.folder}: cannot be written ({error.strerror})") from None

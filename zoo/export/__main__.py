@@ -1,7 +1,7 @@
 """`python -m zoo.export CKPT [key=value ...]`: write a checkpoint as an ONNX file.
 
-The file has its view and config in its metadata, and drives wherever a checkpoint does. Where it
-steers otherwise than the checkpoint by more than 0.0001 of -1..1, nothing is written.
+Every command that drives takes the file in place of the checkpoint; its metadata has view and
+config. If its steering (-1..1) differs from the checkpoint's by more than 0.0001, writes nothing.
 """
 
 import importlib.util
@@ -24,7 +24,7 @@ from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
-# torch takes seconds to import; --help and a typo do not need it.
+# torch, a slow import, comes late: --help and typos answer at once.
 if TYPE_CHECKING:
     import torch
 
@@ -32,27 +32,27 @@ if TYPE_CHECKING:
     from zoo.export.parity import Parity
 
 COMMAND = Command(__doc__, {"CKPT": "checkpoint: a .ckpt file, a run's folder, or latest"})
-# Every PyTorch from 2.4 writes it, and every onnxruntime from 1.14 runs it.
+# PyTorch from 2.4 writes this version, and onnxruntime from 1.14 runs it.
 OPSET = 17
 CONTROLS = "controls"
-# Of steering and throttle, -1..1: the last digit that the driver sends to a simulator.
+# Largest difference of steering and throttle (-1..1): the last digit sent to a simulator.
 TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions:
-    """The options of an export; `conf/export.yaml` has their meanings and defaults."""
+    """Options of an export; `conf/export.yaml` has their meanings and defaults."""
 
     out: str
     frames: str | None
 
 
 def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Path:
-    """Write the file, compare, and say what came of it; returns the file's path.
+    """Export a checkpoint, print the comparison with it, and return the file's path.
 
     Raises:
-        InputError: no such checkpoint or recording, a package that is not installed, a file that
-            cannot be written, or one that steers otherwise than the checkpoint.
+        InputError: the checkpoint or recording does not exist, a package is not installed, the
+            file cannot be written, or it steers differently from the checkpoint.
     """
     path = find_checkpoint(checkpoint_path)
     out = _checked_out(path, options.out)
@@ -92,10 +92,10 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
 
 
 def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
-    """A checkpoint's network and card as the bytes of an ONNX file; the batch may be of any size.
+    """Return a checkpoint's network and card as an ONNX file with a variable batch size.
 
     Raises:
-        InputError: the network has an operation that ONNX has not.
+        InputError: the network has an operation that ONNX lacks.
     """
     import onnx  # optional, see INSTALL
     import torch
@@ -104,7 +104,7 @@ def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
 
     network, view = checkpoint.network, checkpoint.view
     height, width, channels = view.shape
-    # Two of each: a batch of one is where a size that varies is taken for a constant.
+    # A batch of two: the exporter takes a size of one for a constant.
     inputs = {IMAGES: torch.zeros((2, channels, height, width), dtype=torch.uint8)}
     if network.takes_speed:
         inputs[SPEED] = torch.zeros(2)
@@ -121,7 +121,7 @@ def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
 
 
 def _how_to_feed(checkpoint: "Checkpoint") -> str:
-    """For those who run the file with a program of their own."""
+    """Describe inputs and outputs for other programs that run the file."""
     network, view = checkpoint.network, checkpoint.view
     height, width, channels = view.shape
     size = " resized by area," if view.size else ""
@@ -141,9 +141,9 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
     buffer = io.BytesIO()
     try:
         with warnings.catch_warnings():
-            # That this exporter is deprecated, and that sizes computed in Python become constants,
-            # which they are. It is in every PyTorch from 2.4 to 2.14; the new one is not before
-            # 2.5, wants onnxscript, and takes 4 s where this one takes 0.1 s.
+            # Ignored: this exporter is deprecated, and sizes computed in Python become constants,
+            # as they should. PyTorch 2.4 to 2.14 has it; the new one needs PyTorch 2.5 and
+            # onnxscript, and takes 4 s instead of 0.1 s.
             warnings.simplefilter("ignore", DeprecationWarning)
             warnings.simplefilter("ignore", torch.jit.TracerWarning)
             torch.onnx.export(
@@ -164,12 +164,12 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
 
 
 def _checked_out(path: Path, name: str) -> Path:
-    """Where to write; what can be wrong with the arguments is said before torch is imported."""
+    """Return the path to write; report wrong arguments before torch is imported."""
     out = Path(name).expanduser()
     if is_onnx(path):
         raise InputError(f"{path}: is ONNX already; name the checkpoint")
     if not is_onnx(out):
-        raise InputError(f"out={out}: must end in {SUFFIX}, as the driver knows it by")
+        raise InputError(f"out={out}: must end in {SUFFIX}; name such a file")
     if out.is_dir() or not out.parent.is_dir():
         reason = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
         raise InputError(f"out={out}: {reason}; name another file")
@@ -182,14 +182,13 @@ def _checked_out(path: Path, name: str) -> Path:
 def _check_parity(path: Path, parity: "Parity") -> None:
     if not math.isfinite(parity.difference):
         raise InputError(
-            f"{path}: steers by NaN, its training diverged; nothing was written, "
-            "train again with a smaller optim.lr"
+            f"{path}: steers NaN because its training diverged; nothing was written: train again "
+            "with a smaller optim.lr"
         )
     if parity.difference > TOLERANCE:
         raise InputError(
-            f"{path}: exported, it differs by {parity.difference:.2g} from the "
-            f"checkpoint, more than {TOLERANCE:g}; nothing was written: try another version of "
-            "onnxruntime"
+            f"{path}: the ONNX file differs by {parity.difference:.2g} from the checkpoint, more "
+            f"than {TOLERANCE:g}; nothing was written: try another version of onnxruntime"
         )
 
 

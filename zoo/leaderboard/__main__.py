@@ -1,7 +1,7 @@
 """`python -m zoo.leaderboard [FOLDER...]`: rank all runs, the best driver first.
 
 Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
-that holds no run, the drives are ranked: outputs/drives for those on a socket.
+without runs, ranks drives: outputs/drives has those of python -m zoo.drive.
 """
 
 import sys
@@ -14,21 +14,23 @@ from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 COMMAND = Command(
-    __doc__, {"[FOLDER...]": "folders of runs, sweeps, or of many of these; outputs without one"}
+    __doc__, {"[FOLDER...]": "folders that contain runs, sweeps or drives; default: outputs"}
 )
 OUTPUTS = Path("outputs")
 PAGE = "leaderboard.html"
-# No run is in there, and a recording has many files.
+# Folders without runs inside; a recording would be slow to search.
 SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
 OF_DRIVES = {"drives", "evaluation"}
 
 
 def show_leaderboard(arguments: list[str]) -> None:
-    """Rank every run below the folders, by autonomy, then cross-track error; print the table and
-    write it as a page into the first folder. Named folders without a run give their drives.
+    """Rank every run below the folders by autonomy, then by cross-track error.
+
+    Print the table and write it as a page into the first folder. In named folders without runs,
+    rank the drives.
 
     Raises:
-        InputError: a folder that is none, or no run below them.
+        InputError: a folder does not exist, or contains neither runs nor drives.
     """
     arguments, _ = COMMAND.split(arguments)
     from zoo.leaderboard.ranking_page import write_page
@@ -42,7 +44,7 @@ def show_leaderboard(arguments: list[str]) -> None:
     named = [Path(one) for one in arguments]
     drives = sorted({one for root in named for one in drive_folders(root)})
     if not folders and not drives:
-        raise InputError(f"{', '.join(map(str, roots))}: no run in there; python -m zoo makes one")
+        raise InputError(f"{', '.join(map(str, roots))}: no runs found; train one: python -m zoo")
     console = wide_console()
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
     title += f", {len(drives)} drives" if drives else ""
@@ -56,7 +58,7 @@ def show_leaderboard(arguments: list[str]) -> None:
 
 
 def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
-    """Every folder below that a run wrote: with `status.json`, or `metrics.json` and `.hydra`."""
+    """Yield each run's folder: one with `status.json`, or with `metrics.json` and `.hydra`."""
     for root in roots:
         if (root / "status.json").is_file() or (
             (root / "metrics.json").is_file() and (root / ".hydra").is_dir()
@@ -67,7 +69,7 @@ def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
 
 
 def drive_folders(root: Path) -> list[Path]:
-    """Return every drive's folder below a folder that holds no run."""
+    """Return every drive's folder below a folder that contains no run."""
     from zoo.leaderboard.ranked_drive import is_drive
 
     if any(run_folders([root])):

@@ -1,6 +1,6 @@
 """`python -m zoo.models`: list the zoo's networks.
 
-Prints each network's input, parameters and multiply-adds, and the paper that it is from.
+Prints each network's input, parameters, multiply-adds and paper.
 """
 
 import sys
@@ -17,8 +17,8 @@ COMMAND = Command(__doc__)
 
 
 def zoo_table() -> tuple[Table, dict[str, str]]:
-    """Each model of `conf/model` with its own view, and the source of each."""
-    # torch takes seconds to import; --help does not need it
+    """Return a table of the models in `conf/model`, and the source of each model."""
+    # torch, a slow import, comes late: --help answers at once.
     from zoo.models.make_network import make_network, published_view
     from zoo.models.network_facts import multiply_adds, paper
 
@@ -44,7 +44,7 @@ def zoo_table() -> tuple[Table, dict[str, str]]:
 
 
 def print_zoo(arguments: list[str]) -> None:
-    """The command."""
+    """Print the table and the sources."""
     COMMAND.split(arguments)
     table, sources = zoo_table()
     console = Console(soft_wrap=True)

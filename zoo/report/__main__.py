@@ -1,7 +1,7 @@
-"""`python -m zoo.report RUN_FOLDER`: write up a run as a page and as Markdown.
+"""`python -m zoo.report RUN_FOLDER`: write a run's report as a page and as Markdown.
 
-RUN_FOLDER/report/index.html holds its images and its film and loads nothing from elsewhere; the
-images of RUN_FOLDER/report/report.md are in the same folder.
+RUN_FOLDER/report/index.html contains its images and film and loads nothing else;
+RUN_FOLDER/report/report.md uses image files in the same folder.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """`python -m zoo.saliency CKPT IMAGE_OR_RECORDING [key=value ...]`: draw what a network looks at.
 
-Writes a PNG: an image, or twelve frames of a recording, each with its saliency to the right.
+Writes a PNG file: one image, or twelve frames of a recording, each with its saliency to the right.
 """
 
 import sys
@@ -24,19 +24,19 @@ COMMAND = Command(
 )
 SHOWN = 12  # frames of a recording that are drawn
 
-# torch takes seconds to import; --help and a typo do not need it.
+# torch, a slow import, comes late: --help and typos answer at once.
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaliencyOptions:
-    """The options of a saliency image; `conf/saliency.yaml` has their meanings and defaults."""
+    """Options of a saliency image; `conf/saliency.yaml` has their meanings and defaults."""
 
     out: str
     published: bool
 
 
 def draw_saliency(arguments: list[str]) -> None:
-    """Write a PNG: each frame, and beside it what the checkpoint's network looks at."""
+    """Write a PNG file of frames, each with the network's saliency to the right."""
     (checkpoint, source), options = COMMAND.read(arguments, SaliencyOptions)
     checkpoint = find_checkpoint(checkpoint)
     with loading():
@@ -61,7 +61,7 @@ def draw_saliency(arguments: list[str]) -> None:
 
 
 def _frames(source: Path) -> list[tuple[np.ndarray, float]]:
-    """Frames with their speed in mph: of a recording, `SHOWN` spread over it; or one picture."""
+    """Return frames with their speed in mph: one image, or `SHOWN` rows across a recording."""
     if source.is_file() and source.suffix != ".csv":
         return [(_read_frame(source), 0.0)]
     recording = read_recordings(str(source), on_bad_image="skip")

@@ -1,11 +1,11 @@
-"""`python -m zoo.sweep [key=value ...]`: finish a sweep that was stopped, and rank its jobs.
+"""`python -m zoo.sweep [key=value ...]`: resume a sweep that was stopped, and rank its jobs.
 
   python -m zoo.sweep resume=outputs/sweeps/DATE/TIME
-  python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   begins a new sweep
+  python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   starts a new sweep
 
-Hydra's own keys say how it is finished: hydra/launcher=NAME by another launcher (basic, joblib,
-slurm, ray; conf/hydra/launcher/NAME.yaml has the settings, hydra.launcher.KEY=VALUE), and
-hydra.sweeper.n_trials=20 so many trials of a search.
+Also takes Hydra's keys: hydra/launcher=NAME chooses another launcher (basic, joblib, slurm, ray),
+hydra.launcher.KEY=VALUE changes its settings (conf/hydra/launcher/NAME.yaml), and
+hydra.sweeper.n_trials=20 sets the number of trials of a search.
 """
 
 import sys
@@ -22,15 +22,16 @@ COMMAND = Command(__doc__)
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions:
-    """The options of a resumed sweep; `conf/sweep.yaml` has their meanings and defaults."""
+    """Options of a resumed sweep; `conf/sweep.yaml` has their meanings and defaults."""
 
     resume: str | None
     trust: str
 
 
 def resume_sweep(arguments: list[str]) -> None:
-    """Resume the sweep in a folder: finished jobs are skipped, failed ones are tried again, a
-    half-trained one is resumed from its last checkpoint.
+    """Resume the sweep in a folder.
+
+    Skip finished jobs, run failed jobs again, and resume a stopped job from its last checkpoint.
 
     Raises:
         UsageError: see `zoo.sweep.start_sweep.go_on`.
@@ -41,7 +42,7 @@ def resume_sweep(arguments: list[str]) -> None:
 
     options = read_options(COMMAND.name, SweepOptions, own)
     if options.resume is None:
-        raise UsageError("resume: is missing; name the sweep's folder, resume=FOLDER")
+        raise UsageError("resume: not given; name the sweep's folder with resume=FOLDER")
     from zoo.sweep.start_sweep import go_on
 
     trust = [f"{TRUST}={options.trust}"] if options.trust else []

@@ -44,9 +44,9 @@ def _imported(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     if evidence.at("model.weights") is None or evidence.at("trainer.max_epochs") != 0:
         return None
     return Cause(
-        "Its weights were trained elsewhere, perhaps on other images than "
-        f"model.colour={evidence.at('model.colour')} and data.crop={evidence.at('data.crop')} "
-        "produce, or on pixels of another scale."
+        "Its weights come from another program, which perhaps trained on images other than those "
+        f"of model.colour={evidence.at('model.colour')} and data.crop={evidence.at('data.crop')}, "
+        "or on another pixel scale."
     )
 
 
@@ -57,8 +57,8 @@ def _steers_back(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     if not known or known[-1] >= STEERS_BACK:
         return None
     text = (
-        "It hardly steers back to the centre of the lane: its recovery response to the side "
-        f"cameras is {known[-1]:+.3f}; networks that drive have 0.2 or more."
+        "It hardly steers back to the lane's centre: its recovery response to the side cameras is "
+        f"{known[-1]:+.3f}; networks that drive have 0.2 or more."
     )
     if list(evidence.at("data.cameras", [])) == ["center"]:
         every = "[center,left,right]"
@@ -111,7 +111,7 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
         return None
     names = " and ".join(unseen)
     return Cause(
-        f"Its training images show no part of the {names}; augment=[brightness,bend] helps.",
+        f"Its training images do not show the {names}; augment=[brightness,bend] helps.",
         evidence.again({"augment": "[brightness,bend]"}),
     )
 

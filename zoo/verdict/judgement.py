@@ -18,7 +18,7 @@ HEADLINES = {
     DRIVES: "It drives.",
     ALMOST: "It nearly drives.",
     FAILS: "It does not drive.",
-    UNKNOWN: "Not known whether it drives.",
+    UNKNOWN: "Unknown whether it drives.",
 }
 COLOURS = {DRIVES: "green", ALMOST: "yellow", FAILS: "red", UNKNOWN: "yellow"}
 NEARLY = 0.9  # least autonomy of a network that nearly drives
@@ -130,7 +130,7 @@ def _commands(
     fails = level in (ALMOST, FAILS)
     found = [("train again", cause.command) for cause in causes if cause.command][:1]
     if level == FAILS and (first_try := evidence.first_try()):
-        found.append(("or train by a recipe that drove with other recordings", first_try))
+        found.append(("or train by a recipe that worked on other recordings", first_try))
     if evidence.checkpoint is None:
         return found
     path, track = shlex.quote(evidence.checkpoint), shlex.quote(tracks[0] if tracks else "lake")

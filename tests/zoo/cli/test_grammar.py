@@ -108,6 +108,8 @@ def test_a_path_among_the_options_is_taken_as_it_stands(out: str) -> None:
         ("margin=null", "margin", None),
         ("perturb=all", "perturb", "all"),
         ("delay_s=0.2", "delay_s", 0.2),
+        ("direction=backward", "direction", -1),
+        ("direction=-1", "direction", -1),
     ],
 )
 def test_values_mean_what_they_say(typed: str, key: str, value: object) -> None:

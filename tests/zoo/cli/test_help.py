@@ -93,6 +93,15 @@ def test_no_command_is_forgotten() -> None:
                 assert name.removesuffix(".__main__") in [*NAMED, PROBE], path
 
 
+def test_the_help_of_zoo_explains_keys_by_the_chosen_yaml(helps: dict) -> None:
+    lines = [line.split(maxsplit=1) for line in helps["zoo"][1].splitlines()]
+    shown = {words[0]: "".join(words[1:]) for words in lines if words}
+    assert "left camera" in shown["data.offset=0.275"]
+    assert "mph" in shown["score.speed=15.0"]
+    assert "quick_samples" in shown["quick=false"]
+    assert shown["model.weights=null"] == "", "a comment of model=vgg"
+
+
 def test_the_help_of_zoo_lists_only_parts_of_its_config(helps: dict) -> None:
     _, text, _ = helps["zoo"]
     groups = text.partition("Choices")[2].partition("Keys")[0]

@@ -177,7 +177,7 @@ def test_a_run_that_was_not_driven_says_so(undriven: Path) -> None:
     (line,) = missing_in(undriven)
     assert "python -m zoo.evaluate" in line
     page = (undriven / "report" / "index.html").read_text()
-    assert "Not known whether it drives." in page
+    assert "Unknown whether it drives." in page
     assert "<video" not in page
 
 

@@ -83,7 +83,7 @@ def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
         (evidence({"data": {"crop": [50, 0]}}), "bonnet", "data.crop=[50,25]"),
         (
             evidence({"model": {"weights": "old.h5"}, "trainer": {"max_epochs": 0}}),
-            "trained elsewhere",
+            "another program",
             None,
         ),
     ],

@@ -1,0 +1,25 @@
+"""Settings that every command which opens a world has."""
+
+import pytest
+
+from simulator.client_options import ClientOptions
+from simulator.command_line import options_help, read_options
+from simulator.drive import DriveOptions
+from simulator.errors import SimulatorError
+from simulator.record import RecordOptions
+
+
+@pytest.mark.parametrize("kind", [ClientOptions, DriveOptions, RecordOptions])
+@pytest.mark.parametrize(
+    ("typed", "direction"), [("forward", 1), ("1", 1), ("backward", -1), ("-1", -1)]
+)
+def test_a_direction_has_a_name_and_a_number(kind: type, typed: str, direction: int) -> None:
+    options = read_options(kind, ["out=x"] * (kind is not ClientOptions) + [f"direction={typed}"])
+    options.check()
+    assert options.direction == direction
+    assert "direction=forward" in options_help(kind)
+
+
+def test_another_direction_is_refused() -> None:
+    with pytest.raises(SimulatorError, match="direction=up: must be forward or backward"):
+        read_options(ClientOptions, ["direction=up"]).check()
