@@ -32,7 +32,7 @@ from zoo.training.run import run_experiment
 
 # 267 samples: the last of 15 batches has one, of which one process gets none; the others are odd.
 # LeNet has no dropout, whose draws differ from process to process. Adam would divide a gradient
-# that is nearly nought by its own size, and make of its last bits a step of its learning rate.
+# near 0 by its own size, and so turn its rounding error into a step of the full learning rate.
 SETTINGS = (
     "model=lenet",
     "data.block_s=0.5",
