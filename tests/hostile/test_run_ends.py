@@ -98,7 +98,7 @@ def test_a_report_that_fails_gets_one_line(
 
     monkeypatch.setattr(conclusion, "write_report", fail)
     assert zoo_here(monkeypatch, tmp_path, *arguments(str(recorded.folder))) == 0
-    (line,) = [one for one in capsys.readouterr().out.splitlines() if "no report" in one]
+    (line,) = [one for one in capsys.readouterr().out.splitlines() if "report not written" in one]
     assert "no character" in line
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["epochs"] == 1
 

@@ -5,12 +5,16 @@ has its own exit status, current folder, environment and output, as `python -m` 
 start itself (imports, threads, Ctrl-C during imports) use `commands.command` instead.
 """
 
+import atexit
+import gc
 import json
 import os
 import runpy
 import signal
 import subprocess
 import sys
+import threading
+import traceback
 from importlib import import_module
 from pathlib import Path
 
@@ -56,6 +60,7 @@ def serve() -> None:
     """Fork a process for each request; return in the fork, ready to run the command."""
     for module in IMPORTED:
         import_module(module)
+    gc.freeze()  # else each fork's collections copy all pages of what was imported
     for request in sys.stdin:
         pid = os.fork()
         if pid == 0:
@@ -89,6 +94,32 @@ def become(
     signal.alarm(timeout_s)
 
 
+def run_and_exit(module: str) -> None:
+    """Run a module as `python -m` does, then end without taking apart what `serve` imported.
+
+    Taking apart torch and the rest takes longer than most commands.
+    """
+    status: object = 0
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except SystemExit as error:
+        status = error.code
+    except BaseException:
+        traceback.print_exc()
+        status = 1
+    if not isinstance(status, int | None):
+        print(status, file=sys.stderr)
+        status = 1
+    threading._shutdown()
+    atexit._run_exitfuncs()
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except OSError:
+        status = 120  # as Python ends where its output cannot be written
+    os._exit(status or 0)
+
+
 if __name__ == "__main__":
     serve()
-    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    run_and_exit(sys.argv[0])
