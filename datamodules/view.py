@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -20,10 +21,7 @@ CODES = {
 }
 CONVERSIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "rgb": lambda image: image,
-    **{
-        colour: lambda image, code=code: cv2.cvtColor(image, code)
-        for colour, (code, _) in CODES.items()
-    },
+    **{colour: partial(cv2.cvtColor, code=code) for colour, (code, _) in CODES.items()},
     "gray": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY),
     "hsv_s": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[:, :, 1],
 }

@@ -100,8 +100,10 @@ def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> Non
     assert [one.version for one in model.opset_import] == [17]
 
 
-@pytest.mark.parametrize("colour", CONVERSIONS)
-@pytest.mark.parametrize("resize", RESIZES)
+@pytest.mark.parametrize(
+    ("colour", "resize"),
+    [*((colour, "area") for colour in CONVERSIONS), *(("yuv_old", resize) for resize in RESIZES)],
+)
 def test_the_file_keeps_the_view_and_the_scale(
     colour: str, resize: str, frames: Frames, tmp_path: Path
 ) -> None:
