@@ -1,6 +1,7 @@
 """The original simulators' tracks, against their surveys, and the expert on them."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -42,8 +43,7 @@ def reckon(name: str) -> np.ndarray:
     share = np.linspace(0, 1, len(corners))[:, None]
     corners[:, :2] -= share * corners[-1, :2]
     parts = np.linspace(0, 1, 50, endpoint=False)[:, None]
-    pieces = zip(corners[:-1], corners[1:], strict=True)
-    return np.concatenate([one + parts * (other - one) for one, other in pieces])
+    return np.concatenate([one + parts * (other - one) for one, other in pairwise(corners)])
 
 
 @by_track

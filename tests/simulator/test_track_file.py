@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.errors import SimulatorError
 from simulator.centreline_keys import TIGHTEST_RADIUS_M
+from simulator.errors import SimulatorError
 from simulator.track_file import read_track, track_folder, track_names
 
 FILES = sorted(track_folder().glob("*.yaml"))
