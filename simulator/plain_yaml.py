@@ -25,20 +25,29 @@ def read_yaml(path: Path) -> object:
         SimulatorError: the file cannot be read, is too large, or is not plain YAML.
     """
     try:
+        return parse_yaml(read_bounded(path, "a track's .yaml file"))
+    except (yaml.YAMLError, ValueError) as error:
+        raise SimulatorError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+
+
+def read_bounded(path: Path, what: str) -> str:
+    """Return the text of a regular file of limited size; `what` is what the user should give.
+
+    Raises:
+        SimulatorError: the file cannot be read, is not a regular one or is too large.
+        UnicodeDecodeError: the file is not text.
+    """
+    try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with os.fdopen(descriptor, "rb") as file:
             found = os.fstat(descriptor)
             if not stat.S_ISREG(found.st_mode):
-                raise SimulatorError(f"{path}: not a regular file; give a track's .yaml file")
+                raise SimulatorError(f"{path}: not a regular file; give {what}")
             if found.st_size > MOST_BYTES:
-                raise SimulatorError(
-                    f"{path}: larger than {MOST_BYTES:,} bytes; give a track's .yaml file"
-                )
-            return parse_yaml(file.read(found.st_size).decode("utf-8-sig"))
+                raise SimulatorError(f"{path}: larger than {MOST_BYTES:,} bytes; give {what}")
+            return file.read(found.st_size).decode("utf-8-sig")
     except OSError as error:
         raise SimulatorError(f"{path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, ValueError) as error:
-        raise SimulatorError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
 
 
 def parse_yaml(text: str) -> object:

@@ -1,4 +1,4 @@
-"""A track: the centreline of a closed loop, and the place of a car on it."""
+"""A track: a closed loop or an open road, and the place of a car on it."""
 
 import math
 from dataclasses import dataclass, field
@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-STEP_M = 0.5  # distance between samples of the centreline
+from simulator.centreline import STEP_M
+
 REACH_M = 20.0  # a search near a place covers this distance along the road, both ways
 
 
@@ -58,12 +58,14 @@ class Place:
     """A point's position relative to the centreline.
 
     Attributes:
-        distance: metres from the start along the lap, in [0, length).
+        distance: metres from the start along the road: in [0, length) on a closed loop, in
+            [0, length] on an open road.
         cte: cross-track error in metres, right of the centreline positive.
         heading: heading of the road there, in radians.
         curvature: curvature of the road there, in 1/m, left positive.
         grade: rise of the road there, per metre.
         z: height of the road there, in metres.
+        width: width of the road there, in metres between the edge lines.
     """
 
     distance: float
@@ -72,6 +74,7 @@ class Place:
     curvature: float
     grade: float
     z: float
+    width: float
 
 
 class Sample(NamedTuple):
@@ -88,18 +91,21 @@ class Sample(NamedTuple):
     x: float
     y: float
     z: float
+    width: float
 
 
 @dataclass(frozen=True)
 class Track:
-    """A closed loop, sampled every `STEP_M`.
+    """A closed loop or an open road, sampled every `STEP_M`.
 
     x is east, y north and z up, in metres. Headings are in radians, counter-clockwise from east.
+    Distances beyond a lap wrap on a closed loop; on an open road they are clamped to its ends.
     """
 
     name: str
+    closed: bool
     length: float
-    width: float  # between the edge lines
+    width: float  # the usual width between the edge lines; `widths` has it for each sample
     shoulder: float
     centre_line: bool
     stretches: tuple[Stretch, ...]
@@ -110,28 +116,46 @@ class Track:
     heading: np.ndarray  # unwrapped
     curvature: np.ndarray
     grade: np.ndarray
+    widths: np.ndarray  # float64 [N]
+    bridge: np.ndarray  # bool [N]: the road passes over another part of itself
 
     def at(self, distance: float | np.ndarray) -> np.ndarray:
-        """Return the centreline's x, y, z, float64 [..., 3], at distances, also beyond a lap."""
-        return self._periodic(self.xyz, distance)
+        """Return the centreline's x, y, z, float64 [..., 3], at distances."""
+        return self._interpolate(self.xyz, distance)
 
     def heading_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the road's heading in radians, unwrapped over laps."""
+        if not self.closed:
+            return self._interpolate(self.heading, distance)
         laps, rest = np.divmod(distance, self.length)
         wrapped = np.append(self.heading, self.heading[0] + self._turned)
         return np.interp(rest, np.append(self.distance, self.length), wrapped) + laps * self._turned
 
     def curvature_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the curvature in 1/m, left bends positive."""
-        return self._periodic(self.curvature, distance)
+        return self._interpolate(self.curvature, distance)
 
     def grade_at(self, distance: float | np.ndarray) -> np.ndarray:
         """Return the rise per metre, climbing positive."""
-        return self._periodic(self.grade, distance)
+        return self._interpolate(self.grade, distance)
+
+    def width_at(self, distance: float | np.ndarray) -> np.ndarray:
+        """Return the metres between the edge lines."""
+        return self._interpolate(self.widths, distance)
+
+    def wrap(self, distance: float) -> float:
+        """Return a distance within the road: wrapped on a closed loop, else clamped."""
+        if self.closed:
+            return distance % self.length
+        return min(max(distance, 0.0), self.length)
+
+    def begin(self, direction: int) -> float:
+        """Return the distance at which a drive in a direction, 1 or -1, begins."""
+        return 0.0 if self.closed or direction > 0 else self.length
 
     def stretch_at(self, distance: float) -> Stretch | None:
         """Return the stretch that covers a distance, or None outside of stretches."""
-        rest = distance % self.length
+        rest = self.wrap(distance)
         return next((one for one in self.stretches if one.start <= rest < one.end), None)
 
     def verge_at(self, distance: float) -> Verge:
@@ -149,17 +173,17 @@ class Track:
         sample = self._samples[nearest]
         sin, cos = math.sin(sample.heading), math.cos(sample.heading)
         ahead = (x - sample.x) * cos + (y - sample.y) * sin
-        distance = (sample.distance + min(max(ahead, -STEP_M), STEP_M)) % self.length
-        if distance == self.length:  # rounding error just before the start line
+        distance = self.wrap(sample.distance + min(max(ahead, -STEP_M), STEP_M))
+        if self.closed and distance == self.length:  # rounding error just before the start line
             distance = 0.0
-        count = len(self.distance)
-        position = distance / self.length * count
-        index = min(int(position), count - 1)
+        pieces = len(self._samples) - 1
+        position = distance / self.length * pieces
+        index = min(int(position), pieces - 1)
         part = position - index
         pair = zip(self._samples[index], self._samples[index + 1], strict=True)
         here = Sample._make([before + (after - before) * part for before, after in pair])
         cte = (x - here.x) * math.sin(here.heading) - (y - here.y) * math.cos(here.heading)
-        return Place(distance, cte, here.heading, here.curvature, here.grade, here.z)
+        return Place(distance, cte, here.heading, here.curvature, here.grade, here.z, here.width)
 
     def _nearest_sample(self, x: float, y: float, middle: int) -> int:
         """Return the index of the sample nearest to a point, within 20 m along the road.
@@ -168,13 +192,17 @@ class Track:
         the road can be nearer. Therefore most samples are skipped.
         """
         samples, count = self._samples, len(self.distance)
-        step = (
-            1.01 * self.length / count
-        )  # 1 % longer than real, so that rounding skips no candidate
+        # 1 % longer than real, so that rounding skips no candidate
+        step = 1.01 * self.length / (len(samples) - 1)
+        if not self.closed:
+            middle = min(max(middle, 0), count - 1)
         nearest, least = middle % count, math.inf
         for way, offset in ((1, 0), (-1, 1)):
             while offset <= REACH_M / STEP_M:
-                index = (middle + way * offset) % count
+                index = middle + way * offset
+                if not self.closed and not 0 <= index < count:
+                    break
+                index %= count
                 sample = samples[index]
                 away = math.hypot(x - sample.x, y - sample.y)
                 if away < least:
@@ -184,9 +212,11 @@ class Track:
 
     @cached_property
     def _samples(self) -> list[Sample]:
-        """Return all samples, and the first one again, a lap later."""
+        """Return all samples; on a closed loop also the first one again, a lap later."""
         columns = (self.distance, self.heading, self.curvature, self.grade, *self.xyz.T)
-        samples = [Sample(*row) for row in np.stack(columns, -1).tolist()]
+        samples = [Sample(*row) for row in np.stack((*columns, self.widths), -1).tolist()]
+        if not self.closed:
+            return samples
         heading = samples[0].heading + self._turned
         return [*samples, samples[0]._replace(distance=self.length, heading=heading)]
 
@@ -195,39 +225,15 @@ class Track:
         """Return the heading's change over a lap in radians: a full turn left or right."""
         return 2 * np.pi * round((self.heading[-1] - self.heading[0]) / (2 * np.pi))
 
-    def _periodic(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
+    def _interpolate(self, values: np.ndarray, distance: float | np.ndarray) -> np.ndarray:
         # Faster than np.interp with a period, which sorts all samples at each call.
         count = len(values)
-        position = np.asarray(distance) % self.length * (count / self.length)
+        if self.closed:
+            position = np.asarray(distance) % self.length * (count / self.length)
+        else:
+            position = np.clip(distance, 0, self.length) * ((count - 1) / self.length)
         index = position.astype(int)
         part = position - index
         if values.ndim > 1:
             part = part[..., None]
         return values[index % count] * (1 - part) + values[(index + 1) % count] * part
-
-
-def make_centreline(points: np.ndarray) -> dict[str, np.ndarray | float]:
-    """Return `Track`'s arrays of a smooth closed curve through control points, float64 [N, 3]."""
-    closed = np.vstack([points, points[:1]])
-    # Centripetal parameters avoid loops and cusps between points at uneven distances.
-    steps = np.sqrt(np.linalg.norm(np.diff(closed[:, :2], axis=0), axis=1))
-    parameter = np.concatenate([[0], np.cumsum(steps)])
-    curve = CubicSpline(parameter, closed, bc_type="periodic")
-    fine = np.linspace(0, parameter[-1], 200 * len(points) + 1)
-    along = np.concatenate(
-        [[0], np.cumsum(np.linalg.norm(np.diff(curve(fine)[:, :2], axis=0), axis=1))]
-    )
-    length = float(along[-1])
-    count = round(length / STEP_M)
-    distance = np.arange(count) * length / count
-    at = np.interp(distance, along, fine)
-    velocity, bend = curve(at, 1), curve(at, 2)
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    return {
-        "length": length,
-        "distance": distance,
-        "xyz": curve(at),
-        "heading": np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0])),
-        "curvature": (velocity[:, 0] * bend[:, 1] - velocity[:, 1] * bend[:, 0]) / speed**3,
-        "grade": velocity[:, 2] / speed,
-    }
