@@ -82,6 +82,8 @@ def _points(given: object, closed: bool) -> np.ndarray:
         raise SimulatorError(f"points: {len(points)} points; a closed loop needs 4 or more")
     if len(points) < 2:
         raise SimulatorError(f"points: {len(points)} points; an open road needs 2 or more")
+    if len(points) > MOST_POINTS:
+        raise SimulatorError(f"points: {len(points):,} points; use at most {MOST_POINTS:,}")
     _check_extent("points", points, closed)
     ends = points[:1] if closed else points[:0]
     steps = np.linalg.norm(np.diff(np.vstack([points, ends]), axis=0)[:, :2], axis=1)
@@ -189,8 +191,6 @@ def _survey_row(place: str, at: int, line: str) -> list[float]:
 
 def _check_extent(kind: str, points: np.ndarray, closed: bool) -> None:
     """Raise SimulatorError for points that would need gigabytes of memory."""
-    if len(points) > MOST_POINTS + 1:
-        raise SimulatorError(f"{kind}: {len(points):,} points; use at most {MOST_POINTS:,}")
     sides = np.ptp(points[:, :2], axis=0)
     if sides.max() > MOST_SIDE_M:
         raise SimulatorError(
