@@ -2,14 +2,16 @@
 
 import math
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from simulator.centreline_keys import MOST_POINTS, TIGHTEST_RADIUS_M
+from simulator.centreline_keys import TIGHTEST_RADIUS_M
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
+from simulator.survey_file import MOST_POINTS
 from simulator.track import Track
 from simulator.track_file import make_track, read_track
 from simulator.world import Start, World
@@ -273,5 +275,18 @@ def test_a_survey_that_is_no_text_or_leads_out_of_the_folder_is_refused(tmp_path
     inside.mkdir()
     (inside / "link.csv").symlink_to(tmp_path / "mine.csv")
     assert "lies outside" in refusal(write_track(inside, survey="link.csv"))
+    (inside / "loop.csv").symlink_to("loop.csv")
+    assert "survey" in refusal(write_track(inside, survey="loop.csv"))
     os.mkfifo(inside / "pipe.csv")
     assert "not a regular file" in refusal(write_track(inside, survey="pipe.csv"))
+
+
+def test_the_manuals_example_is_a_track_and_its_message_is_ours():
+    page = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text()
+    text = page.partition("```yaml\nsegments:")[2].partition("```")[0]
+    content = yaml.safe_load("segments:" + text)
+    assert make_track("example", content).closed
+    with pytest.raises(SimulatorError) as error:
+        make_track("example", {"segments": content["segments"][:3]})
+    message = str(error.value).partition(":")[2].partition(": correct")[0]
+    assert f"segments:{message}" in page
