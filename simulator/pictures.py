@@ -24,9 +24,11 @@ from simulator.rig import (
     camera_matrix,
 )
 from simulator.scenery.air import Air
+from simulator.scenery.bridge import bridge_meshes
+from simulator.scenery.edges import edge_meshes
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import lit_colours
-from simulator.scenery.mesh import Mesh, cut, join
+from simulator.scenery.mesh import Mesh, cut, join, join_materials
 from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
 from simulator.scenery.road import road_meshes
 from simulator.scenery.shadows import Shadows
@@ -136,7 +138,8 @@ class Pictures:
         track, quality = self.track, self.quality
         ground = Ground(track)
         standing = place_standing(track, ground, quality)
-        road = [part for mesh in road_meshes(track) for part in cut(mesh, CELL_M)]
+        built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
+        road = [part for mesh in join_materials(built) for part in cut(mesh, CELL_M)]
         if quality == "full":
             self.shadows = Shadows(track, standing, [mesh.points for mesh in road])
         things = (standing_meshes(standing, ground), boulder_meshes(track, ground, quality))
