@@ -45,6 +45,7 @@ class Surroundings:
     calm: float = 14.0  # distance from the centreline within which the ground is level
     lakes: tuple[tuple[float, float, float], ...] = ()  # x, y, radius
     water_level: float = -3.0
+    mounds: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius, height
     clear: float = 10.5  # smallest distance of a tree from the centreline
     trees: int = 200
     bushes: int = 60

@@ -53,6 +53,8 @@ class Ground:
         rise = rise * _smooth((apart - around.calm) / 45)
         # The verges extend to 14 m, and no cell of the ground may stick out through them.
         rise = rise + 6.0 * self.rocky[side, nearest] * _smooth((apart - 13) / 8)
+        # A mound begins beyond the verges, too.
+        rise = rise + self._mounds(xy) * _smooth((apart - 13) / 8)
         rise = rise - 9.0 * self.dropping[side, nearest] * _smooth((apart - 5) / 12)
         # The ground has the road's height near it, and the track's mean height far away.
         level = self.track.xyz[:, 2]
@@ -164,6 +166,12 @@ class Ground:
         size = self.around.hill_size
         hills = 0.65 * self._noise(xy, size, 0) + 0.35 * self._noise(xy, size / 2.7, 1)
         return np.clip(hills * 1.5 - 0.35, -0.05, 1)
+
+    def _mounds(self, xy: np.ndarray) -> np.ndarray:
+        rise = np.zeros(len(xy))
+        for x, y, radius, height in self.around.mounds:
+            rise = np.maximum(rise, height * _smooth(1 - np.hypot(*(xy - (x, y)).T) / radius))
+        return rise
 
     def _noise(self, xy: np.ndarray, size: float, number: int) -> np.ndarray:
         """Return smooth noise, about 0..1, that varies over `size` metres."""
