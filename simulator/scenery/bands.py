@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simulator.track import Surroundings
+
 BANK = 0.9  # slope for the light: the original's bank is cream in the sun, blue-grey in shade
 VERGE_END_M = 14.0  # from the centreline; the ground's mesh continues from there
 
@@ -35,9 +37,14 @@ class Band:
 
 
 def verge_bands(
-    kind: str, shoulder: float, room: float | np.ndarray, ground: str, cobbled: bool = False
+    kind: str,
+    shoulder: float,
+    room: float | np.ndarray,
+    around: Surroundings,
+    cobbled: bool = False,
 ) -> list[Band]:
     """Return the bands outside the road's edge for a kind of verge, up to `room` metres."""
+    ground, high = around.ground, around.kerb_height
     paving = _paving(cobbled)
     # The bridge's walls are nearly black in the original; walls of a mountain road are stone.
     wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
@@ -53,15 +60,17 @@ def verge_bands(
         return [
             *line,
             Band(0.5, paved, 0, 0, "asphalt", SHOULDER),
-            Band(paved, paved + 1.8, 0, 0.4, "concrete", CONCRETE, steep=BANK),
-            Band(paved + 1.8, room, 0.4, 0.2, "ground", soil),
+            Band(paved, paved + around.kerb_width, 0, high, "concrete", CONCRETE, steep=BANK),
+            Band(paved + around.kerb_width, room, high, 0.2, "ground", soil),
         ]
     if kind == "stripes":
+        striped = 0.5 + around.stripes_width
+        outer = striped + around.kerb_width - 0.1
         return [
             *line,
-            Band(0.5, 2.1, 0, 0.12, "stripes", (0.92, 0.92, 0.95), 1.1),
-            Band(2.1, 3.8, 0.12, 0.4, "concrete", CONCRETE, steep=BANK),
-            Band(3.8, room, 0.4, 0.2, "ground", soil),
+            Band(0.5, striped, 0, 0.12, "stripes", (0.92, 0.92, 0.95), 1.1),
+            Band(striped, outer, 0.12, high, "concrete", CONCRETE, steep=BANK),
+            Band(outer, room, high, 0.2, "ground", soil),
         ]
     if kind == "dirt":
         return [

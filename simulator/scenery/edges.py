@@ -14,6 +14,7 @@ from simulator.scenery.road import (
     rightwards,
     room_at,
     runs,
+    taper_at,
 )
 from simulator.track import Track
 
@@ -40,6 +41,26 @@ def edge_meshes(track: Track, ground: Ground) -> list[Mesh]:
     return [mesh for mesh in meshes if len(mesh.triangles)]
 
 
+def surface(track: Track, ground: Ground, xy: np.ndarray) -> np.ndarray:
+    """Return the heights in metres, float [N], on which objects stand at x and y, float [N, 2].
+
+    Between parts of the road near each other that is the higher one of ground and verge.
+    """
+    if ground.room is None:
+        return ground.height(xy)
+    height = ground.mesh_height(xy)
+    apart, nearest = ground.near_standing.query(xy)
+    for number in np.flatnonzero(apart < VERGE_END_M):
+        sample = ground.standing[nearest[number]]
+        along = track.distance[[sample]]
+        offset = (xy[number] - track.xyz[sample, :2]) @ rightwards(track, along)[0, :2]
+        side = 1 if offset > 0 else -1
+        away = np.minimum(apart[[number]], _verge_edge(track, ground, along, side))
+        verge = track.xyz[sample, 2] + _rise(track, along, side, away)[0]
+        height[number] = max(height[number], verge)
+    return height
+
+
 def _verge_edge(track: Track, ground: Ground, along: np.ndarray, side: int) -> np.ndarray:
     """Return the distance of a verge's outer edge from the centreline, float [N]."""
     far = np.minimum(VERGE_END_M, reach_at(track, along, side))
@@ -48,11 +69,18 @@ def _verge_edge(track: Track, ground: Ground, along: np.ndarray, side: int) -> n
     return np.minimum(far, room_at(track, ground.room[(side + 1) // 2], along))
 
 
+def _rise(track: Track, along: np.ndarray, side: int, offset: np.ndarray) -> np.ndarray:
+    """Return a verge's heights above the road float [N], `offset` metres from the centreline."""
+    rise = rise_at(bands_of_run(track, along, side), offset - half_width(track, along))
+    share = taper_at(track, along, side)
+    return rise if share is None else rise * share
+
+
 def _outer_face(track: Track, ground: Ground, along: np.ndarray, side: int) -> Mesh:
     """Return the face from a verge's outer edge down to the ground."""
     edge, right = _verge_edge(track, ground, along, side), rightwards(track, along)
     top = track.at(along) + (side * edge)[:, None] * right
-    top[:, 2] += rise_at(bands_of_run(track, along, side), edge - half_width(track, along))
+    top[:, 2] += _rise(track, along, side, edge)
     return _face(ground, top, side * right)
 
 
@@ -70,7 +98,9 @@ def _cross_face(track: Track, ground: Ground, along: np.ndarray, at: int) -> Mes
         half = half_width(track, here)[0]
         away = np.linspace(0, max(_verge_edge(track, ground, here, side)[0] - half, 0), ACROSS)
         lateral.append(side * (half + away))
-        rise.append(rise_at(bands_of_run(track, along, side), away))
+        share = taper_at(track, here, side)
+        rises = rise_at(bands_of_run(track, along, side), away)
+        rise.append(rises if share is None else rises * share)
     lateral[0], rise[0] = lateral[0][::-1], rise[0][::-1]
     right = rightwards(track, here)
     top = track.at(here) + np.concatenate(lateral)[:, None] * right

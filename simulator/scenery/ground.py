@@ -17,6 +17,7 @@ RIM_M = 90.0  # width of its outer part, which rises to mountains that close the
 RIM_HEIGHT_M = 42.0
 SINK_M = 0.5  # depth below the verges, which lie on it
 BELOW_M, BESIDE_M = 0.3, 1.5  # the ground lies this much below the road, up to this far beside it
+STEEP = 1.6  # of mounds; above 1 their tops are flat
 BLEND_M, MOST_NEAR = 2.0, 96  # samples' distance, and their number, for heights between roads
 PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
 
@@ -168,9 +169,11 @@ class Ground:
         return np.clip(hills * 1.5 - 0.35, -0.05, 1)
 
     def _mounds(self, xy: np.ndarray) -> np.ndarray:
+        """Return the heights of the track's own mounds."""
         rise = np.zeros(len(xy))
         for x, y, radius, height in self.around.mounds:
-            rise = np.maximum(rise, height * _smooth(1 - np.hypot(*(xy - (x, y)).T) / radius))
+            inside = 1 - np.hypot(*(xy - (x, y)).T) / radius
+            rise = np.maximum(rise, height * _smooth(inside * STEEP))
         return rise
 
     def _noise(self, xy: np.ndarray, size: float, number: int) -> np.ndarray:

@@ -22,8 +22,9 @@ def road_meshes(track: Track) -> list[Mesh]:
             meshes.append(band_mesh(track, along, band, 1, np.zeros(len(along)), columns=9))
         for number, side in enumerate((-1, 1)):
             most = None if room is None else room_at(track, room[number], along)
+            share = taper_at(track, along, side)
             for band in bands_of_run(track, along, side):
-                meshes.append(band_mesh(track, along, band, side, half, most=most))
+                meshes.append(band_mesh(track, along, band, side, half, most=most, share=share))
     return join_materials(meshes)
 
 
@@ -53,13 +54,41 @@ def half_width(track: Track, along: np.ndarray) -> np.ndarray:
 def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[Band]:
     """Return the bands outside the edge of a run; `side` is -1 for the left and 1 for the right."""
     middle = float(along[0] + along[-1]) / 2
-    verge = track.verge_at(middle)
-    kind = "wall" if on_bridge(track, middle) else verge.left if side < 0 else verge.right
+    kind = _kind_at(track, middle, side)
     room = VERGE_END_M - half_width(track, along)
-    ground = track.surroundings.ground
-    bands = verge_bands(kind, track.shoulder, room, ground, is_cobbled(track, along))
+    cobbled = is_cobbled(track, along)
+    bands = verge_bands(kind, track.shoulder, room, track.surroundings, cobbled)
     # The outer face of a bridge's wall belongs to its deck.
     return bands[:-1] if on_bridge(track, middle) else bands
+
+
+def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray | None:
+    """Return the share 0..1 of a rock face's or a drop's height, float [N], or None for all of it.
+
+    The share rises from 0 where the kind of verge changes.
+    """
+    taper = track.surroundings.taper
+    if not taper or _kind_at(track, float(along[0] + along[-1]) / 2, side) not in ("rock", "drop"):
+        return None
+    kinds = [(start, _kind_at(track, (start + end) / 2, side)) for start, end in runs(track)]
+    before = [kinds[-1] if track.closed else (0.0, ""), *kinds[:-1]]
+    changes = [
+        start for (start, kind), (_, last) in zip(kinds, before, strict=True) if kind != last
+    ]
+    changes += [] if track.closed else [track.length]
+    if not changes:
+        return None
+    apart = np.abs(along[:, None] - np.array(changes))
+    if track.closed:
+        apart = np.minimum(apart, track.length - apart)
+    share = np.clip(apart.min(1) / taper, 0, 1)
+    return share * share * (3 - 2 * share)
+
+
+def _kind_at(track: Track, distance: float, side: int) -> str:
+    """Return the kind of verge on a side; a bridge has walls."""
+    verge = track.verge_at(distance)
+    return "wall" if on_bridge(track, distance) else verge.left if side < 0 else verge.right
 
 
 def is_cobbled(track: Track, along: np.ndarray) -> bool:
@@ -103,6 +132,7 @@ def band_mesh(
     edge: np.ndarray,
     columns: int = 2,
     most: np.ndarray | None = None,
+    share: np.ndarray | None = None,
 ) -> Mesh:
     """Return a band's mesh.
 
@@ -114,6 +144,7 @@ def band_mesh(
         edge: metres from the centreline, float [N].
         columns: number of points across.
         most: metres from the centreline beyond which nothing is drawn, float [N].
+        share: factor on heights above the road, float [N].
     """
     start, end = (np.broadcast_to(one, len(along)) for one in (band.start, band.end))
     across = np.linspace(start, end, columns, axis=-1)
@@ -121,8 +152,10 @@ def band_mesh(
     offset = edge[:, None] + across
     if most is not None:
         offset = np.minimum(offset, most[:, None])
-        share = (offset - (edge + start)[:, None]) / (end - start)[:, None]
-        rise = band.rise_start + (band.rise_end - band.rise_start) * np.clip(share, 0, 1)
+        across = np.clip((offset - (edge + start)[:, None]) / (end - start)[:, None], 0, 1)
+        rise = band.rise_start + (band.rise_end - band.rise_start) * across
+    if share is not None:
+        rise = rise * share[:, None]
     right = rightwards(track, along)
     lateral = np.minimum(offset, reach_at(track, along, side)[:, None]) * side
     points = track.at(along)[:, None] + lateral[..., None] * right[:, None]
