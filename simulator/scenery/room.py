@@ -8,7 +8,7 @@ from simulator.track import Track
 
 LOCAL_M = 3.0  # samples nearer than this to each other do not limit each other's verges
 HIGH_M = 10.0  # height of a bridge above which every kind of verge passes below it
-LEAST_M = 0.6  # of verge outside the road's edge
+LEAST_M = 1.1  # of verge outside the road's edge, enough for a wall
 CLEAR_M = 1.0  # outside a road's edge, in which no verge of another part may lie
 TRIED_M = np.arange(3.0, VERGE_END_M, 1.0)  # distances from the centreline
 
@@ -37,6 +37,7 @@ def verge_room(track: Track) -> np.ndarray | None:
             # A circle through both points that touches the road here has its centre halfway.
             halfway = square[facing] / (2 * side * towards[facing])
             np.minimum.at(room[number], here[facing], halfway)
+    room[:, track.bridge] = VERGE_END_M  # nothing stands beside a bridge
     _leave_room_for_bridges(track, room)
     return np.maximum(room, half + LEAST_M)
 
