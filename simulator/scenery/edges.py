@@ -16,6 +16,7 @@ from simulator.scenery.road import (
     runs,
     taper_at,
 )
+from simulator.scenery.room import CLEAR_M
 from simulator.track import Track
 
 STEP_M = 0.8  # highest step from a verge to the ground without a face
@@ -140,7 +141,11 @@ def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
     centre, half = track.at(here)[0], float(half_width(track, here)[0])
     turn = np.linspace(-np.pi / 2, np.pi / 2, 25)
     spokes = np.cos(turn)[:, None] * ahead + np.sin(turn)[:, None] * right
-    away = np.array([0.0, half, VERGE_END_M])
+    apart = track.xyz[:, :2] - centre[:2]
+    behind = apart[apart @ ahead[:2] > 1]
+    nearest = np.linalg.norm(behind, axis=1).min(initial=np.inf)
+    most = np.clip(nearest - track.widths.max() / 2 - CLEAR_M, half + 1, VERGE_END_M)
+    away = np.array([0.0, half, most])
     points = centre + away[:, None] * spokes[:, None]
     points[..., 2] += np.array([0.0, 0.0, 0.2])
     soil = SAND if ground.around.ground == "sand" else FOREST
