@@ -16,7 +16,7 @@ from simulator.scenery.road import (
     runs,
     taper_at,
 )
-from simulator.scenery.room import CLEAR_M
+from simulator.scenery.verge_room import CLEAR_M
 from simulator.track import Track
 
 STEP_M = 0.8  # highest step from a verge to the ground without a face

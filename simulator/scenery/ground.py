@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from simulator.scenery.bands import FOREST, GRASS, ROCK, SAND
 from simulator.scenery.mesh import Mesh, grid_triangles
-from simulator.scenery.room import verge_room
+from simulator.scenery.verge_room import verge_room
 from simulator.track import Track
 
 CELL_M = 8.0
