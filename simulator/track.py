@@ -56,7 +56,7 @@ class Surroundings:
     bushes: int = 60
     rocks: int = 30
     poles: int = 0
-    ground: str = "sand"  # sand or forest
+    ground: str = "sand"  # sand, grass or forest
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def _surroundings(given: dict) -> Surroundings:
     values = dict(given)
     for key, value in given.items():
         if key == "ground":
-            check_choice("surroundings: ground", value, ("sand", "forest"))
+            check_choice("surroundings: ground", value, ("sand", "grass", "forest"))
         elif key == "lakes":
             values[key] = _circles(key, value, 3, "[x, y, radius]")
         elif key == "mounds":

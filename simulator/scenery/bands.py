@@ -20,6 +20,7 @@ COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.95, 0.92, 0.77)
 SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
 GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
 FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
+SOILS = {"sand": SAND, "grass": GRASS, "forest": FOREST}  # by `ground` of the surroundings
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,12 @@ def verge_bands(
     cobbled: bool = False,
 ) -> list[Band]:
     """Return the bands outside the road's edge for a kind of verge, up to `room` metres."""
-    ground, high = around.ground, around.kerb_height
+    high = around.kerb_height
     paving = _paving(cobbled)
     # The bridge's walls are nearly black in the original; walls of a mountain road are stone.
     wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
-    soil = SAND if ground == "sand" else FOREST
-    grass = GRASS if ground == "sand" else FOREST
+    soil = SOILS[around.ground]
+    grass = FOREST if around.ground == "forest" else GRASS
     line = [
         Band(0.0, 0.10, 0, 0, "plain", YELLOW),
         Band(0.10, 0.42, 0, 0, "plain", GUTTER),
@@ -75,7 +76,7 @@ def verge_bands(
     if kind == "dirt":
         return [
             Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, steep=0.0),
-            Band(1.2, room, 0.05, 0.2, "ground", soil, 6.0),
+            Band(1.2, room, 0.05, 0.2, "ground", FOREST if soil == FOREST else SAND, 6.0),
         ]
     if kind == "wall":
         return [

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulator.scenery.bands import CONCRETE, FOREST, ROCK, SAND, VERGE_END_M, rise_at
+from simulator.scenery.bands import CONCRETE, ROCK, SOILS, VERGE_END_M, rise_at
 from simulator.scenery.ground import PALE_ROCK, Ground
 from simulator.scenery.mesh import Mesh, grid_triangles
 from simulator.scenery.road import (
@@ -122,7 +122,7 @@ def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
     uv = np.stack(np.broadcast_arrays(along[:, None], points[..., 2] / 6.0), -1)
     triangles = grid_triangles(len(top), 2)
     shown = high[triangles // 2].any(1)
-    colour = PALE_ROCK if ground.around.ground == "sand" else ROCK
+    colour = ROCK if ground.around.ground == "forest" else PALE_ROCK
     return Mesh(
         "rock",
         points.reshape(-1, 3),
@@ -148,13 +148,12 @@ def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
     away = np.array([0.0, half, most])
     points = centre + away[:, None] * spokes[:, None]
     points[..., 2] += np.array([0.0, 0.0, 0.2])
-    soil = SAND if ground.around.ground == "sand" else FOREST
     count = points.size // 3
     place = Mesh(
         "ground",
         points.reshape(-1, 3),
         np.tile([0.0, 0.0, 1.0], (count, 1)),
-        np.tile(soil, (count, 1)),
+        np.tile(SOILS[ground.around.ground], (count, 1)),
         points[..., :2].reshape(-1, 2) / 6.0,
         grid_triangles(len(turn), len(away)),
     )

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from simulator.scenery.bands import FOREST, GRASS, ROCK, SAND
+from simulator.scenery.bands import GRASS, ROCK, SAND, SOILS
 from simulator.scenery.mesh import Mesh, grid_triangles
 from simulator.scenery.verge_room import verge_room
 from simulator.track import Track
@@ -20,6 +20,7 @@ BELOW_M, BESIDE_M = 0.3, 1.5  # the ground lies this much below the road, up to 
 STEEP = 1.6  # of mounds; above 1 their tops are flat
 BLEND_M, MOST_NEAR = 2.0, 96  # samples' distance, and their number, for heights between roads
 PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
+PATCHES = {"sand": GRASS, "grass": SAND, "forest": (0.46, 0.44, 0.24)}
 
 
 class Ground:
@@ -155,13 +156,13 @@ class Ground:
         return (weight * track.xyz[samples, 2][near]).sum(1) / weight.sum(1)
 
     def _colours(self, xy: np.ndarray, upright: np.ndarray) -> np.ndarray:
-        """Return colours: sand or forest soil, patches of grass, rock on steep slopes."""
-        sandy = self.around.ground == "sand"
+        """Return colours: the ground's soil, patches of another one, rock on steep slopes."""
         patch = _smooth(self._noise(xy, 34, 2) * 2.5 - 0.75)[:, None]
-        colours = np.array(SAND if sandy else FOREST) * (1 - patch)
-        colours = colours + np.array(GRASS if sandy else (0.46, 0.44, 0.24)) * patch
+        ground = self.around.ground
+        colours = np.array(SOILS[ground]) * (1 - patch) + np.array(PATCHES[ground]) * patch
         steep = _smooth((0.985 - upright) / 0.06)[:, None]
-        return colours * (1 - steep) + np.array(PALE_ROCK if sandy else ROCK) * steep
+        rock = ROCK if ground == "forest" else PALE_ROCK
+        return colours * (1 - steep) + np.array(rock) * steep
 
     def _hills(self, xy: np.ndarray) -> np.ndarray:
         size = self.around.hill_size
