@@ -17,19 +17,18 @@ from simulator.centreline import (
     survey_points,
 )
 from simulator.errors import SimulatorError
-from simulator.plain_yaml import read_bounded
 from simulator.rig import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
-from simulator.yaml_values import check_keys, is_finite, read_number, read_rows
+from simulator.survey_file import MOST_POINTS, read_survey
+from simulator.yaml_values import check_keys, read_number, read_rows
 
 KINDS = ("points", "segments", "survey")
 CENTRELINE_KEYS = (*KINDS, "closed", "width", "widths")
 # The radius of the car's tightest circle, at the car's origin between the axles.
 TIGHTEST_RADIUS_M = math.hypot(WHEELBASE_M / math.tan(math.radians(MAX_STEERING_DEG)), REAR_AXLE_M)
 SEGMENTS = ("straight", "left", "right")
-SURVEY_COLUMNS = ("station_m", "heading_deg", "height_m")
 CLOSING_M = 1.0  # largest gap between the end of a loop's last piece and its first point
 # Limits that keep the centreline and the ground within memory.
-MOST_POINTS, MOST_LENGTH_M, MOST_SIDE_M = 10_000, 100_000, 10_000
+MOST_LENGTH_M, MOST_SIDE_M = 100_000, 10_000
 SHORTEST_M = 20.0  # length of an open road
 MOST_DEGREES = 3_600.0  # turned by one segment
 WIDTHS = 3.0, 30.0
@@ -58,7 +57,7 @@ def read_centreline(content: dict, closed: bool, folder: Path) -> dict:
             _check_closing(segments)
         points, fine = follow_segments(segments, closed), 20
     elif kind == "survey":
-        survey = _survey(content["survey"], folder)
+        survey = read_survey(content["survey"], folder)
         kind = f"survey {content['survey']}"
         reckoned = survey_points(survey, closed)
         _check_extent(kind, reckoned, closed=False)
@@ -82,6 +81,8 @@ def _points(given: object, closed: bool) -> np.ndarray:
         raise SimulatorError(f"points: {len(points)} points; a closed loop needs 4 or more")
     if len(points) < 2:
         raise SimulatorError(f"points: {len(points)} points; an open road needs 2 or more")
+    if len(points) > MOST_POINTS:
+        raise SimulatorError(f"points: {len(points):,} points; use at most {MOST_POINTS:,}")
     _check_extent("points", points, closed)
     ends = points[:1] if closed else points[:0]
     steps = np.linalg.norm(np.diff(np.vstack([points, ends]), axis=0)[:, :2], axis=1)
@@ -151,46 +152,8 @@ def _check_gap(kind: str, x: float, y: float) -> None:
         )
 
 
-def _survey(given: object, folder: Path) -> np.ndarray:
-    """Return a survey's rows, float64 [N, 3]: station, heading in degrees, height."""
-    place = f"survey: {given}"
-    if not isinstance(given, str) or "\0" in given or Path(given).is_absolute():
-        raise SimulatorError(f"{place}; must be a .csv file in the folder of this file")
-    path = folder / given
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise SimulatorError(f"{place}: lies outside of the folder of this file; copy it there")
-    try:
-        lines = read_bounded(path, "a survey").splitlines()
-    except ValueError:
-        raise SimulatorError(f"{place}: not text; must be a .csv file") from None
-    numbered = [(at, line) for at, line in enumerate(lines, start=1) if line.strip()]
-    numbered = [(at, line) for at, line in numbered if not line.startswith("#")]
-    if not numbered or tuple(numbered[0][1].replace(" ", "").split(",")) != SURVEY_COLUMNS:
-        raise SimulatorError(f"{place}: the first row must be {','.join(SURVEY_COLUMNS)}")
-    survey = np.array([_survey_row(place, at, line) for at, line in numbered[1:]]).reshape(-1, 3)
-    if not 4 <= len(survey) <= MOST_POINTS:
-        raise SimulatorError(f"{place}: {len(survey):,} rows; must have 4..{MOST_POINTS:,}")
-    steps = np.diff(survey[:, 0])
-    if steps.min() < 1:
-        at = numbered[1 + int(steps.argmin()) + 1][0]
-        raise SimulatorError(f"{place}: line {at}: each station must be 1 m or more after the last")
-    return survey
-
-
-def _survey_row(place: str, at: int, line: str) -> list[float]:
-    try:
-        values = [float(cell) for cell in line.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != len(SURVEY_COLUMNS) or not all(is_finite(value) for value in values):
-        raise SimulatorError(f"{place}: line {at}: {line[:80]!r}; must be three numbers")
-    return values
-
-
 def _check_extent(kind: str, points: np.ndarray, closed: bool) -> None:
     """Raise SimulatorError for points that would need gigabytes of memory."""
-    if len(points) > MOST_POINTS + 1:
-        raise SimulatorError(f"{kind}: {len(points):,} points; use at most {MOST_POINTS:,}")
     sides = np.ptp(points[:, :2], axis=0)
     if sides.max() > MOST_SIDE_M:
         raise SimulatorError(

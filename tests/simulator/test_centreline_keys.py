@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.centreline_keys import MOST_POINTS, TIGHTEST_RADIUS_M
+from simulator.centreline_keys import TIGHTEST_RADIUS_M
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
+from simulator.survey_file import MOST_POINTS
 from simulator.track import Track
 from simulator.track_file import make_track, read_track
 from simulator.world import Start, World
@@ -274,6 +275,8 @@ def test_a_survey_that_is_no_text_or_leads_out_of_the_folder_is_refused(tmp_path
     inside.mkdir()
     (inside / "link.csv").symlink_to(tmp_path / "mine.csv")
     assert "lies outside" in refusal(write_track(inside, survey="link.csv"))
+    (inside / "loop.csv").symlink_to("loop.csv")
+    assert "survey" in refusal(write_track(inside, survey="loop.csv"))
     os.mkfifo(inside / "pipe.csv")
     assert "not a regular file" in refusal(write_track(inside, survey="pipe.csv"))
 

@@ -12,12 +12,14 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
+from datamodules.view import View
 from simulator.errors import SimulatorError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import module_of
 from zoo.callbacks.closed_loop import ClosedLoop
 from zoo.cli.compose import compose_config
+from zoo.models.make_network import make_network
 from zoo.training.build import build_data, build_trainer
 
 SHORT = ("callbacks.closed_loop.starts=2", "callbacks.closed_loop.metres=10")
@@ -153,6 +155,29 @@ def test_nothing_that_drives_is_monitored_without_a_driver(
         run(tmp_path, *small(recorded), "callbacks.early_stopping.monitor=drive/autonomy")
     )
     assert "EarlyStopping monitors drive/autonomy, but nothing drives; add callbacks=cl" in line
+
+
+def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
+    path = tmp_path / "road.yaml"
+    path.write_text("closed: false\nsegments: [{straight: 200}]\n")
+    callback = ClosedLoop(track=str(path), starts=3, metres=60, quality="simple")
+    assert callback._open() is None
+    begun, step = [], callback.world.step
+
+    def step_and_note(*command: float) -> None:
+        step(*command)
+        if callback.world.frames == 1:
+            begun.append(callback.world.place.distance)
+
+    callback.world.step = step_and_note
+    view = View([60, 40], "hsv_s", [1, 14])
+    network = make_network({"_target_": "zoo.models.linear.Linear"}, view)
+    torch.nn.init.zeros_(network.head.weight)
+    torch.nn.init.zeros_(network.head.bias)
+    figures = callback.drive(network, view)
+    assert figures["interventions"] == 0
+    assert begun == pytest.approx([0, 140 / 3, 280 / 3], abs=1)
+    callback.world.pictures.close()
 
 
 @pytest.mark.slow

@@ -90,6 +90,18 @@ def test_a_run_says_how_fast_it_was_driven(
 
 
 @pytest.mark.parametrize(
+    ("typed", "tracks"),
+    [
+        ("zoo_lake", ["lake"]),
+        ("lake,zoo_lake,udacity_lake", ["lake", "udacity_lake"]),
+        ("my.yaml,zoo_mountain", ["my.yaml", "mountain"]),
+    ],
+)
+def test_a_road_is_driven_once_under_one_name(typed: str, tracks: list[str]) -> None:
+    assert read_options("evaluate", EvaluateOptions, [f"track={typed}"]).tracks == tracks
+
+
+@pytest.mark.parametrize(
     ("option", "said"),
     [
         ("track=nowhere", "nowhere"),
