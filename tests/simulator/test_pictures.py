@@ -15,6 +15,7 @@ from simulator.rig import CAMERAS, CameraOffset
 from simulator.track_file import read_track, track_names
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World, open_world
+from tests.simulator.tracks import loop
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +164,16 @@ def test_shadows_fall_on_the_mountain_road() -> None:
     light = np.concatenate(world.pictures.shadows(CLEAR))
     assert 0.005 < (light < 0.5).mean() < 0.3
     world.pictures.close()
+
+
+def test_a_track_turns_the_sun_of_every_weather() -> None:
+    shown = []
+    for track, azimuth in ((loop(), 100.0), (loop(surroundings={"sun_turn_deg": 60}), 40.0)):
+        pictures = open_pictures(track, "software")
+        pictures.set_weather(replace(CLEAR, sun_azimuth_deg=azimuth), 0)
+        shown.append(pictures.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0))
+        pictures.close()
+    assert (shown[0] == shown[1]).all()
 
 
 def test_a_wrong_renderer_or_quality_is_named() -> None:

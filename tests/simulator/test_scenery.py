@@ -20,6 +20,7 @@ from simulator.track import Track
 from simulator.track_file import make_track, read_track, track_folder, track_names
 from simulator.weather import Weather
 from tests.simulator.surfaces import surfaces_at
+from tests.simulator.tracks import loop
 
 CLEARANCE_M = 3.5  # smallest height of a bridge's underside above the road below
 
@@ -88,6 +89,43 @@ def test_no_tree_stands_on_the_road_or_in_the_water(track) -> None:
     assert len(trees) > 50
     assert ground.near_road.query(feet)[0].min() > track.surroundings.clear - 0.5
     assert not ground.in_water(feet).any()
+
+
+def across(track: Track, mesh: Mesh, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances from the centreline, and the heights, of a mesh's points at a place."""
+    here, heading = track.at(distance), float(track.heading_at(distance))
+    apart = mesh.points - here
+    ahead = apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)
+    near = (np.abs(ahead) < 0.6) & (np.linalg.norm(apart, axis=1) < 16)
+    return np.linalg.norm(apart[near, :2], axis=1), apart[near, 2]
+
+
+def test_the_lakes_kerbs_are_where_the_originals_are() -> None:
+    track = read_track("udacity_lake")
+    kerbs = next(mesh for mesh in road_meshes(track) if mesh.material == "concrete")
+    away, height = across(track, kerbs, 300)
+    assert away.min() == pytest.approx(4.8, abs=0.05)
+    assert away.max() == pytest.approx(5.95, abs=0.05)
+    assert height.max() == pytest.approx(0.35, abs=0.01)
+
+
+def test_a_rock_face_rises_over_the_length_of_its_taper() -> None:
+    stretches = [{"from": 100, "to": 200, "left": "rock"}]
+    track = loop(stretches=stretches, surroundings={"taper": 10})
+    rock = next(mesh for mesh in road_meshes(track) if mesh.material == "rock")
+    heights = [across(track, rock, distance)[1].max() for distance in (100, 105, 110, 150, 195)]
+    assert heights == pytest.approx([0, 2.5, 5, 5, 2.5], abs=0.6)
+
+
+def test_mounds_rise_beside_the_road_and_not_on_it() -> None:
+    mounds = [[50, 30, 40, 12]]
+    flat, raised = (
+        Ground(loop(surroundings={"hills": 0, **more})) for more in ({}, {"mounds": mounds})
+    )
+    road = loop().at(50)[:2]
+    places = np.array([[50.0, 30.0], road + (0, 11), road])
+    rise = raised.height(places) - flat.height(places)
+    assert rise == pytest.approx([12, 0, 0], abs=0.1)
 
 
 def test_simple_quality_has_fewer_plants(track) -> None:
