@@ -17,6 +17,7 @@ RIM_M = 90.0  # width of its outer part, which rises to mountains that close the
 RIM_HEIGHT_M = 42.0
 SINK_M = 0.5  # depth below the verges, which lie on it
 BELOW_M, BESIDE_M = 0.3, 1.5  # the ground lies this much below the road, up to this far beside it
+CHUNK = 20_000  # places at a time, to bound the memory
 STEEP = 1.6  # of mounds; above 1 their tops are flat
 BLEND_M, MOST_NEAR = 2.0, 96  # samples' distance, and their number, for heights between roads
 PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
@@ -150,10 +151,14 @@ class Ground:
         track = self.track
         stride = round(BLEND_M * len(track.distance) / track.length)
         samples = self.standing[::stride]
-        count = min(MOST_NEAR, len(samples))
-        apart, near = cKDTree(track.xyz[samples, :2]).query(xy, count)
-        weight = 1 / (apart**2 + 0.5) ** 2
-        return (weight * track.xyz[samples, 2][near]).sum(1) / weight.sum(1)
+        near_road, height = cKDTree(track.xyz[samples, :2]), track.xyz[samples, 2]
+        level = np.empty(len(xy))
+        for first in range(0, len(xy), CHUNK):
+            part = slice(first, first + CHUNK)
+            apart, near = near_road.query(xy[part], min(MOST_NEAR, len(samples)))
+            weight = 1 / (apart**2 + 0.5) ** 2
+            level[part] = (weight * height[near]).sum(1) / weight.sum(1)
+        return level
 
     def _colours(self, xy: np.ndarray, upright: np.ndarray) -> np.ndarray:
         """Return colours: the ground's soil, patches of another one, rock on steep slopes."""

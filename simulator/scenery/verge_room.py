@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from simulator.scenery.bands import VERGE_END_M
 from simulator.track import Track
 
+STRIDE = 2  # only every second sample is compared with the others
 LOCAL_M = 3.0  # samples nearer than this to each other do not limit each other's verges
 HIGH_M = 10.0  # height of a bridge above which every kind of verge passes below it
 LEAST_M = 1.1  # of verge outside the road's edge, enough for a wall
@@ -26,7 +27,7 @@ def verge_room(track: Track) -> np.ndarray | None:
     if not any(_covers(track, tree, half, side * right, side) for side in (-1, 1)):
         return None
     room = np.full((2, len(xy)), VERGE_END_M)
-    pairs = cKDTree(xy).query_pairs(2 * VERGE_END_M, output_type="ndarray")
+    pairs = STRIDE * cKDTree(xy[::STRIDE]).query_pairs(2 * VERGE_END_M, output_type="ndarray")
     for here, other in (pairs.T, pairs.T[::-1]):
         here, other = here[ground[other]], other[ground[other]]
         apart = xy[other] - xy[here]
@@ -37,6 +38,7 @@ def verge_room(track: Track) -> np.ndarray | None:
             # A circle through both points that touches the road here has its centre halfway.
             halfway = square[facing] / (2 * side * towards[facing])
             np.minimum.at(room[number], here[facing], halfway)
+    room = np.repeat(room[:, ::STRIDE], STRIDE, axis=1)[:, : len(xy)]
     room[:, track.bridge] = VERGE_END_M  # nothing stands beside a bridge
     _leave_room_for_bridges(track, room)
     return np.maximum(room, half + LEAST_M)
