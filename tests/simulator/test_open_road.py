@@ -1,6 +1,7 @@
 """Open roads: every drive, in both directions, ends at the road's end."""
 
 import math
+from contextlib import ExitStack
 
 import gymnasium
 import numpy as np
@@ -9,10 +10,13 @@ import yaml
 
 from simulator.autonomous_mode import Client
 from simulator.client_options import ClientOptions
+from simulator.drive_loop import Drive
 from simulator.env import DrivingEnv
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.record import RecordOptions, record_laps
+from simulator.recorder import Recorder
+from simulator.track_file import make_track
 from simulator.world import Start, World
 from tests.simulator.tracks import OPEN, open_road
 
@@ -133,3 +137,54 @@ def test_a_client_finishes_at_the_end(laps, console):
     while not world.at_end:
         world.step(*expert(world))
     assert client.finished
+
+
+class Keyboard:
+    """A window and screen of a person who holds the up key, and quits on request."""
+
+    def __init__(self):
+        self.held, self.pointer, self.pressed, self.notices = {"arrow_up"}, 0.5, [], []
+        self.window = self
+
+    def show_frame(self, frame):
+        pass
+
+    def show_status(self, status, is_recording, notice):
+        self.notices.append(notice)
+
+    def draw(self, *_):
+        return True
+
+
+class BlackRenderer:
+    def set_weather(self, weather, seed):
+        pass
+
+    def frame(self, pose, camera, tick):
+        return np.zeros((160, 320, 3), np.uint8)
+
+
+def test_a_person_returns_from_the_end_to_the_begin(tmp_path):
+    straight = make_track("road", {"segments": [{"straight": 40}], "closed": False})
+    world, keyboard = World(straight, BlackRenderer(), frame_rate=50), Keyboard()
+    with ExitStack() as recorders:
+        drive = Drive(world, keyboard, lambda: Recorder(tmp_path / "laps"), 15)
+        keyboard.pressed = ["r"]
+        drive._handle_keys(recorders)
+        hands = drive._hands()
+        while not world.at_end:
+            drive._step(hands)
+        assert len(drive.driven.lap_s) == 1
+        rows = drive.recorder.rows
+        assert rows > 20
+        for _ in range(50):
+            drive._step(hands)
+        drive._draw(0.0)
+        assert drive.recorder.rows == rows
+        assert "backspace" in keyboard.notices[-1]
+        keyboard.pressed = ["backspace"]
+        drive._handle_keys(recorders)
+        assert world.place.distance == 0
+        drive._step(hands)
+        drive._draw(0.0)
+        assert "backspace" not in keyboard.notices[-1]

@@ -104,8 +104,10 @@ def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
 
 
 def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
+    from simulator.track_names import recorded_name
+
     passes = evidence.at("data.record.passes", [])
-    recorded = {str(one.get("track")) for one in passes if isinstance(one, Mapping)}
+    recorded = {recorded_name(str(one.get("track"))) for one in passes if isinstance(one, Mapping)}
     unseen = [one for one in tracks if recorded and one not in recorded]
     if not unseen:
         return None

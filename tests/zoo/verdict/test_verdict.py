@@ -100,6 +100,11 @@ def test_a_likely_cause_is_named_with_a_command_against_it(
     assert commands[-1][:4] == ["python", "-m", "zoo.correct", known.checkpoint]
 
 
+def test_a_track_recorded_under_its_longer_name_is_a_track_it_has_seen() -> None:
+    known = evidence({"data": {"record": {"passes": [{"track": "zoo_lake"}]}}})
+    assert "training images" not in " ".join(judge([drive(20, "lake")], known).causes)
+
+
 def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> None:
     verdict = judge([drive()], evidence({"quick": True}))
     assert not verdict.causes
