@@ -36,6 +36,7 @@ def draw_tracks(names: list[str]) -> plt.Figure:
         world = open_world(name)
         track = world.track
         draw_plan(plan, track)
+        plan.set_title(f"{name}, {track.length:,.0f} m")
         for number, (share, view) in enumerate(zip(PLACES, views, strict=True), 1):
             start = Start(distance=share * track.length)
             world.reset(0, start)
@@ -61,7 +62,7 @@ def draw_plan(plan: plt.Axes, track: Track) -> None:
         heading = float(track.heading_at(distance))
         across = 0.03 * np.ptp(track.xyz[:, :2]) * np.array([np.sin(heading), -np.cos(heading)])
         plan.plot(*np.transpose([track.at(distance)[:2] + side * across for side in (-1, 1)]), "k")
-    plan.set(aspect="equal", title=f"{track.name}, {track.length:,.0f} m")
+    plan.set_aspect("equal")
     plan.axis("off")
 
 
