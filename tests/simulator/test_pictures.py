@@ -15,6 +15,7 @@ from simulator.rig import CAMERAS, CameraOffset
 from simulator.track_file import read_track, track_names
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World, open_world
+from tests.simulator.tracks import loop
 
 
 @pytest.fixture(scope="module")
@@ -142,11 +143,37 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     assert 5 <= int(np.argmin(shifts)) <= 10
 
 
+@pytest.mark.parametrize("name", track_names())
+@pytest.mark.parametrize("every_m", [35.0, pytest.param(5.0, marks=pytest.mark.slow)])
+def test_the_camera_sees_the_road_before_it_along_the_lap(name: str, every_m: float) -> None:
+    """Check a world in which the road is red and everything else is blue."""
+    world = open_world(name, renderer="software", quality="simple")
+    for path in world.pictures.root.getChildren():
+        path.setTextureOff(1)
+        paved = path.getName() in ("asphalt", "cobbles", "plain")
+        path.setColor((1, 0, 0, 1) if paved else (0, 0, 1, 1), 1)
+    for number, distance in enumerate(np.arange(0, world.track.length - 8, every_m)):
+        world.direction = (1, -1)[number % 2]
+        frame = look(world, distance=world.track.length - distance if number % 2 else distance)
+        assert (frame[108:134, 125:195, 0] == 255).all(), f"{distance:.0f} m, {world.direction}"
+    world.pictures.close()
+
+
 def test_shadows_fall_on_the_mountain_road() -> None:
     world = open_world("mountain", renderer="software")
     light = np.concatenate(world.pictures.shadows(CLEAR))
     assert 0.005 < (light < 0.5).mean() < 0.3
     world.pictures.close()
+
+
+def test_a_track_turns_the_sun_of_every_weather() -> None:
+    shown = []
+    for track, azimuth in ((loop(), 100.0), (loop(surroundings={"sun_turn_deg": 60}), 40.0)):
+        pictures = open_pictures(track, "software")
+        pictures.set_weather(replace(CLEAR, sun_azimuth_deg=azimuth), 0)
+        shown.append(pictures.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0))
+        pictures.close()
+    assert (shown[0] == shown[1]).all()
 
 
 def test_a_wrong_renderer_or_quality_is_named() -> None:
