@@ -1,0 +1,231 @@
+"""Test what write-ups claim: `python benchmarks/claims.py [real=FOLDER] [only=C] [quick=true]`.
+
+It trains the published recipes on one track alone: on laps of the embedded expert on
+`udacity_lake`, and on the recording of the original simulator that `real` names. Each checkpoint
+drives a lap of `udacity_lake` and one of `udacity_jungle`, which no training uses, with the speed
+control of its write-up. The 41-parameter network also drives at other frame rates.
+
+The script writes `docs/claims.csv`, one drive per line, and from it the tables and the plot of
+`docs/claims.md`; `runs=false` writes these alone. Runs are kept in `outputs/claims`. Finished
+trainings and drives are not repeated, so that an interrupted command resumes.
+"""
+
+import csv
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.claims_page import CSV, write_page
+from datamodules.errors import InputError
+from simulator.command_line import read_options
+from simulator.errors import SimulatorError
+
+RUNS = Path("outputs/claims")
+TRACKS = ("udacity_lake", "udacity_jungle")
+FRAME_RATE = 15.0  # Hz; the expert records at this rate
+FRAME_RATES = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)
+RECIPES = {
+    "A": "pilotnet",
+    "B": "pilotnet_gray",
+    "C": "tiny41",
+    "D": "commaai",
+    "E": "vgg",
+}
+# Speed controls of the write-ups. 9 mph is the set speed of the course's own driver.
+COURSE = "hold 9 mph"
+CONTROLS = {"C": ("throttle 0.2", "throttle 0.3", "proportional 9 mph")}
+FIGURES = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "speed_mph")
+
+
+@dataclass(frozen=True)
+class ClaimOptions:
+    """Options of the runs.
+
+    Args:
+        real: folder of a recording of the original simulator; null for none.
+        weights: file of VGG16's ImageNet weights; null trains recipe E from random weights.
+        only: letters of the recipes to run, such as `AC`; null for all.
+        seeds: number of training seeds.
+        quick: whether to cut each training with `quick=true`; the publications' length if not.
+        threads: number of OpenMP threads of a training.
+        runs: whether to train and drive; false writes the page from `docs/claims.csv` alone.
+    """
+
+    real: str | None = None
+    weights: str | None = None
+    only: str | None = None
+    seeds: int = 3
+    quick: bool = False
+    threads: int = 2
+    runs: bool = True
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive of one training; `setting` distinguishes the drives of a training."""
+
+    track: str
+    control: str
+    frame_rate: float = FRAME_RATE
+
+    @property
+    def name(self) -> str:
+        return f"{self.track}-{self.control.replace(' ', '_')}-{self.frame_rate:g}"
+
+
+def drives_of(recipe: str) -> Iterator[Drive]:
+    """Return the drives of a recipe's checkpoints."""
+    for track in TRACKS:
+        for control in CONTROLS.get(recipe, (COURSE,)):
+            yield Drive(track, control)
+    if recipe == "C":
+        for rate in FRAME_RATES:
+            if rate != FRAME_RATE:
+                yield Drive(TRACKS[0], CONTROLS["C"][0], rate)
+
+
+def train(recipe: str, data: str, seed: int, options: ClaimOptions) -> Path:
+    """Train a recipe unless it is trained already; return its run's folder.
+
+    Raises:
+        InputError: the training failed.
+    """
+    length = "quick" if options.quick else "published"
+    folder = RUNS / f"{RECIPES[recipe]}-{data}-{length}" / str(seed)
+    if (folder / "metrics.json").is_file():
+        return folder
+    words = [f"experiment={RECIPES[recipe]}", f"seed={seed}", "score=none"]
+    words += [f"data.root={options.real}"] if data == "real" else ["data=udacity_lake"]
+    words += [f"quick={str(options.quick).lower()}", f"hydra.run.dir={folder}"]
+    if recipe == "E":
+        words += [f"model.weights={options.weights or 'null'}"]
+    if (folder / ".hydra" / "config.yaml").is_file():
+        words = [f"resume={folder}"]
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "log.txt").open("w") as log:
+        done = subprocess.run(
+            [sys.executable, "-m", "zoo", *words],
+            env=os.environ | {"OMP_NUM_THREADS": str(options.threads)},
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
+    if done.returncode:
+        raise InputError(f"{folder}: the training failed; see its log.txt")
+    return folder
+
+
+def drive_missing(folder: Path, recipe: str) -> dict[Drive, dict]:
+    """Drive a run's checkpoint where no figures are kept; return the figures of all its drives."""
+    from zoo.runs.bounded_files import read_json
+    from zoo.runs.whole_file import json_text, write_whole
+
+    found = {}
+    for drive in drives_of(recipe):
+        path = folder / "claims" / f"{drive.name}.json"
+        if not path.is_file():
+            path.parent.mkdir(exist_ok=True)
+            figures = drive_once(folder / "checkpoints" / "best.ckpt", drive)
+            write_whole(path, json_text(figures))
+            print(f"{folder}: {drive.name}: autonomy {figures['autonomy']:.1%}", flush=True)
+        found[drive] = read_json(path)
+    return found
+
+
+def drive_once(checkpoint: Path, drive: Drive) -> dict:
+    """Drive a lap from the track's first point, and return its figures."""
+    import torch
+
+    from simulator.world import open_world
+    from zoo.checkpoints.policy import load_policy
+    from zoo.drives.drive_log import summarize
+    from zoo.drives.speed_controller import PI, Constant
+    from zoo.evaluate.embedded_drive import drive_closed_loop
+
+    torch.set_num_threads(1)  # one frame is too little work for two threads
+    *_, value = drive.control.removesuffix(" mph").split()
+    controls = {
+        "hold": lambda: PI(float(value), kp=0.1, ki=0.002),
+        "proportional": lambda: PI(float(value), kp=0.5),
+        "throttle": lambda: Constant(float(value)),
+    }
+    speed = controls[drive.control.split()[0]]()
+    world = open_world(drive.track, frame_rate=drive.frame_rate)
+    try:
+        return summarize(drive_closed_loop(load_policy(checkpoint), world, speed, 0, laps=1.0))
+    finally:
+        world.pictures.close()
+
+
+def make_rows(options: ClaimOptions) -> list[dict]:
+    """Train and drive what is missing; return a line for each drive."""
+    sources = ["expert", *(["real"] if options.real else [])]
+    rows = []
+    for recipe in RECIPES:
+        if options.only and recipe not in options.only:
+            continue
+        for data in sources:
+            for seed in range(1, options.seeds + 1):
+                folder = train(recipe, data, seed, options)
+                for drive, figures in drive_missing(folder, recipe).items():
+                    rows.append(
+                        {
+                            "recipe": recipe,
+                            "experiment": RECIPES[recipe],
+                            "data": data,
+                            "training": "quick" if options.quick else "published",
+                            "weights": "imagenet" if recipe == "E" and options.weights else "",
+                            "seed": seed,
+                            "track": drive.track,
+                            "control": drive.control,
+                            "frame_rate": drive.frame_rate,
+                            **{key: round(figures[key], 4) for key in FIGURES},
+                        }
+                    )
+    return rows
+
+
+def merge(rows: list[dict]) -> list[dict]:
+    """Return the kept lines of `docs/claims.csv` with new ones in place of their older versions."""
+
+    def key(row: dict) -> tuple[str, ...]:
+        names = ("recipe", "data", "training", "weights", "seed", "track", "control", "frame_rate")
+        return tuple(str(row[name]) for name in names)
+
+    kept = {key(row): row for row in read_csv()} if CSV.is_file() else {}
+    kept |= {key(row): row for row in rows}
+    return [kept[name] for name in sorted(kept)]
+
+
+def read_csv() -> list[dict]:
+    """Return the lines of `docs/claims.csv`, all as text."""
+    with CSV.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def main(arguments: list[str]) -> None:
+    """Make the runs, then write the file and the page.
+
+    Raises:
+        InputError: an option is wrong, or a training failed.
+    """
+    try:
+        options = read_options(ClaimOptions, arguments)
+    except SimulatorError as error:
+        raise InputError(str(error)) from None
+    if options.runs:
+        rows = merge(make_rows(options))
+        with CSV.open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    print(", ".join(map(str, [CSV, *write_page(read_csv())])))
+
+
+if __name__ == "__main__":
+    from zoo.cli.run_command import run_command
+
+    sys.exit(run_command("claims", main, sys.argv[1:]))
