@@ -1,5 +1,6 @@
 """The original's autonomous mode: a car in a world, steered by a driver's replies to telemetry."""
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -69,10 +70,10 @@ class Client:
 
     @property
     def finished(self) -> bool:
-        """Return whether the laps or seconds of the options are driven."""
+        """Return whether the laps or seconds of the options are driven, or an open road ended."""
         options, world = self.options, self.world
         return bool(
-            (options.laps and world.travelled >= options.laps * world.track.length)
+            world.is_complete(options.laps or math.inf)
             or (options.seconds and world.time >= options.seconds)
         )
 
@@ -181,7 +182,7 @@ class Client:
         return {
             "time": world.time,
             "cte": world.cte,
-            "lane": world.track.width / 2,
+            "lane": world.place.width / 2,
             "wall": float(world.at_wall),
             "put_back": float(self.options.put_back),
         }

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 STEP_M = 0.5  # distance between samples of the centreline
-SEGMENT_STEP_M = 2.0  # distance between the control points of a road of segments
+SEGMENT_STEP_M = 1.0  # distance between the control points of a road of segments
 TRANSITION_M = 6.0  # length over which the curvature changes between two segments (a clothoid)
 SLOPE_M = 12.0  # length over which the grade changes between two segments
 # A survey's points lie on the road, so a curve through them swings out between them. This weight
@@ -90,8 +90,9 @@ def follow_segments(segments: list[Segment], closed: bool) -> np.ndarray:
     mode = "wrap" if closed else "nearest"
     curvature = np.array([one.turn / one.length for one in segments])[which]
     grade = np.array([one.climb / one.length for one in segments])[which]
-    curvature = uniform_filter1d(curvature, round(TRANSITION_M / step) | 1, mode=mode)
-    grade = uniform_filter1d(grade, round(SLOPE_M / step) | 1, mode=mode)
+    for _ in range(2):  # twice, because a spline overshoots at the corners of a ramp
+        curvature = uniform_filter1d(curvature, round(TRANSITION_M / 2 / step) | 1, mode=mode)
+        grade = uniform_filter1d(grade, round(SLOPE_M / 2 / step) | 1, mode=mode)
     heading = np.cumsum(curvature) * step - curvature * step / 2
     moves = np.stack([np.cos(heading), np.sin(heading), grade], -1) * step
     points = np.concatenate([np.zeros((1, 3)), np.cumsum(moves, 0)])

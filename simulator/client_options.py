@@ -20,8 +20,8 @@ class ClientOptions(WorldSettings):
         protocol: legacy (the original's Socket.IO of 2016) or modern (python-socketio).
         clock: lockstep (one frame for each reply) or realtime (time passes without replies).
         seed: random seed of the weather.
-        start: start position in metres along the lap.
-        laps: number of laps until the end; 0 for no end.
+        start: start position in metres along the road; null for its begin.
+        laps: number of laps until the end; 0 for no end but the end of an open road.
         seconds: seconds of simulated time until the end; 0 for no end.
         film: path of the .mp4 to write; null for none.
         window: whether to show the camera's frames in a window.
@@ -39,7 +39,7 @@ class ClientOptions(WorldSettings):
     protocol: str = "legacy"
     clock: str = "lockstep"
     seed: int = 0
-    start: float = 0.0
+    start: float | None = None
     laps: float = 0.0
     seconds: float = 0.0
     film: str | None = None

@@ -30,7 +30,7 @@ class DriveOptions(WorldSettings):
     Args:
         out: folder of the recording; auto is recordings/ and the time of its start.
         seed: random seed of the weather.
-        start: start position in metres along the lap.
+        start: start position in metres along the road; null for its begin.
         width: width of the window in pixels, 320..7680; its height is half of that.
         renderer: renderer of the recorded images: auto, software or opengl.
         header: whether the log begins with column names, as the course's sample data does.
@@ -41,7 +41,7 @@ class DriveOptions(WorldSettings):
     out: str = "auto"
 
     seed: int = 0
-    start: float = 0.0
+    start: float | None = None
     width: int = 1280
     renderer: str = "auto"
     header: bool = False

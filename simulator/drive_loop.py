@@ -86,10 +86,11 @@ class Drive:
     def _take_row(self, steering: float, throttle: float) -> None:
         """Show the centre camera's frame; record all cameras' frames while recording."""
         world, self.driven.frames = self.world, self.driven.frames + 1
-        cameras = CAMERAS if self.is_recording else CAMERAS[:1]
+        is_recorded = self.is_recording and not world.at_end
+        cameras = CAMERAS if is_recorded else CAMERAS[:1]
         frames = {camera: world.frame(camera) for camera in cameras}
         self.screen.show_frame(frames[CAMERAS[0]])
-        if self.is_recording:
+        if is_recorded:
             pedals = split_pedals(throttle)
             seconds = world.time - self._began_s
             self.recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
@@ -104,7 +105,9 @@ class Drive:
         else:
             status = f"paused   {rows:,} rows" if rows else "R: record"
         notice = self.recorder.folder.name if self.recorder else "nothing is recorded yet"
-        if self.world.off_road:
+        if self.world.at_end:
+            notice = "the road ends here: press backspace to return to its begin"
+        elif self.world.off_road:
             notice = "off the road: press backspace to return"
         elif self.control.cruising:
             notice = "cruising: space or the brake ends it"
@@ -139,9 +142,13 @@ class Drive:
         self._began_s = self.world.time
 
     def _put_back(self) -> None:
-        """Put the car on the centreline beside its place; the recording gets a gap there."""
-        self.world.put_back(Start(self.world.place.distance))
+        """Put the car on the centreline beside its place; the recording gets a gap there.
+
+        From the end of an open road it returns to the road's begin.
+        """
+        world = self.world
+        world.put_back(Start(None if world.at_end else world.place.distance))
         self.control.release()
         self.control.cruising = False
-        self._before = self.world.pose()
+        self._before = world.pose()
         self._begin_pass()

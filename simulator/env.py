@@ -1,4 +1,4 @@
-"""Gymnasium environments of the simulator: `Lake-v0`, `Mountain-v0`, and any track's file.
+"""Gymnasium environments of the simulator: `Lake-v0`, `UdacityLake-v0`, and any track's file.
 
 >>> import gymnasium, simulator
 >>> env = gymnasium.make("Lake-v0", laps=1)
@@ -12,6 +12,7 @@ Several at once, a process each (`reset(seed=7)` seeds them 7, 8, 9 ...), in a s
     gymnasium.make_vec("Lake-v0", 4, vectorization_mode="async", vector_kwargs={"context": "spawn"})
 """
 
+import math
 from typing import Any
 
 import gymnasium
@@ -32,9 +33,9 @@ class DrivingEnv(gymnasium.Env):
     Observation: `image` (uint8 [160, 320, 3] RGB, the centre camera; with `cameras="all"` also
     `left` and `right`) and `speed` (float32 [1], mph). Action: float32 [2], steering (right
     positive) and throttle (negative brakes), -1..1 each. Reward: metres of progress along the lap;
-    0 off the road. An episode is terminated when `laps` are driven, or after `off_road_s` off the
-    road. It is truncated after `max_seconds` of simulated time. `info` is
-    `simulator.world.World.info`.
+    0 off the road. An episode is terminated when `laps` are driven, at the end of an open road, or
+    after `off_road_s` off the road. It is truncated after `max_seconds` of simulated time. `info`
+    is `simulator.world.World.info`.
 
     Args:
         track: name of a track, or path of its YAML file.
@@ -44,7 +45,7 @@ class DrivingEnv(gymnasium.Env):
         direction: 1 (forward) or -1 (backward).
         weather: `clear`, `random` (drawn from each seed), or a `Weather`.
         random_start: whether episodes begin at a random place, up to 0.5 m off the centreline.
-        laps: number of laps until the end; None for no end.
+        laps: number of laps until the end; None for no end. An open road counts as one lap.
         max_seconds: simulated seconds until the end; None for no end.
         off_road_s: seconds allowed off the road; 0 ends the episode at the edge line.
         renderer: `auto`, `software` or `opengl`.
@@ -124,7 +125,7 @@ class DrivingEnv(gymnasium.Env):
         start = {}
         if self.random_start:
             start = {
-                "distance": self.np_random.uniform(0, self.world.track.length),
+                "distance": self.world.draw_distance(self.np_random),
                 "cte": self.np_random.uniform(-0.5, 0.5),
             }
         world_seed = int(self.np_random.integers(2**31))
@@ -153,7 +154,7 @@ class DrivingEnv(gymnasium.Env):
         elif self.off_since is None:
             self.off_since = world.time
         lost = self.off_since is not None and world.time - self.off_since >= self.off_road_s
-        arrived = self.laps is not None and world.lap >= self.laps
+        arrived = world.is_complete(math.inf if self.laps is None else self.laps)
         late = self.max_seconds is not None and world.time >= self.max_seconds
         reward = 0.0 if world.off_road else world.travelled - before
         return self._observation(), reward, lost or arrived, late, world.info()

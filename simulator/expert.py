@@ -77,7 +77,7 @@ class Expert:
 
     def __init__(self, track: Track, settings: ExpertSettings | None = None) -> None:
         self.track, self.settings = track, settings or ExpertSettings()
-        room = track.width / 2 - 1
+        room = track.widths.min() / 2 - 1
         if abs(self.settings.offset_m) > room:
             raise SimulatorError(
                 f"expert: offset_m={self.settings.offset_m:g}: must be in "
@@ -112,7 +112,7 @@ class Expert:
             # At least 25 m later, the length of the way back from the last one.
             self._next_sway = driven + 25 + self.rng.exponential(self.settings.sway_every_m - 25)
         if self._sway is None and driven >= self._next_sway:
-            room = 0.6 * self.track.width / 2 * self.settings.noise
+            room = 0.6 * world.place.width / 2 * self.settings.noise
             far = room * self.rng.uniform(0.4, 1) * self.rng.choice([-1, 1])
             self._sway = driven, driven + self.rng.uniform(10, 25), far
             self.recording = False
@@ -153,7 +153,8 @@ class Expert:
         way, speed = world.direction, world.car.ahead_mps
         distance = world.place.distance + way * speed * world.frame_s
         limits = self._limits[way]
-        limit = float(np.interp(distance, self.track.distance, limits, period=self.track.length))
+        period = self.track.length if self.track.closed else None
+        limit = float(np.interp(distance, self.track.distance, limits, period=period))
         if limit >= TOP_SPEED_MPH * MPS_PER_MPH:
             return 1.0
         grade = way * float(self.track.grade_at(distance))
@@ -171,8 +172,8 @@ def speed_limits(track: Track, settings: ExpertSettings, direction: int) -> np.n
     limits = np.clip(fastest, SLOWEST_MPS, settings.speed_mph * MPS_PER_MPH)
     ordered = limits[::direction]
     step = track.length / len(ordered)
-    # Two laps, because braking for the first bend begins in the lap before.
-    for index in range(2 * len(ordered) - 1, 0, -1):
+    # Two laps of a loop, because braking for the first bend begins in the lap before.
+    for index in range((1 + track.closed) * len(ordered) - 1, 0, -1):
         after, before = ordered[index % len(ordered)], (index - 1) % len(ordered)
         ordered[before] = min(ordered[before], np.sqrt(after**2 + 2 * settings.braking_mps2 * step))
     return limits

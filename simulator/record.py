@@ -30,13 +30,14 @@ class RecordOptions(WorldSettings):
 
     Args:
         out: folder to write; it must not contain a recording.
-        laps: number of laps; 0.5 is half a lap.
+        laps: number of laps; 0.5 is half a lap. A drive on an open road ends at the road's end, so
+            more than 1 counts as 1.
         control: expert (steers exactly), or a simulated student's keyboard (key taps) or mouse.
         speed: speed on straights in mph, 8..30; the driver slows down for sharp bends.
         noise: how far the driver sways off its line, 0..1; only the way back is recorded.
         direction: forward, backward, or both (one after the other).
         seed: random seed of swaying, hand inaccuracy and weather.
-        start: start position in metres along the lap.
+        start: start position in metres along the road; null for its begin.
         renderer: auto, software or opengl.
         header: whether the log begins with column names, as the course's sample data does.
         relative: whether the log has paths relative to its folder (IMG/...).
@@ -49,7 +50,7 @@ class RecordOptions(WorldSettings):
     noise: float = 0.0
 
     seed: int = 0
-    start: float = 0.0
+    start: float | None = None
     renderer: str = "auto"
     header: bool = False
     relative: bool = False
@@ -77,10 +78,10 @@ def record(
         SimulatorError: the driver left the road or got stuck, or the disk is full.
     """
     driven = Driven(world.track.length)
-    begin_m, begin_s, lap, lap_began_s = world.travelled, world.time, 0, world.time
+    begin_m, begin_s, lap, lap_began_s = world.travelled, world.time, world.lap, world.time
     farthest, farthest_s, begin_steps = 0.0, world.time, world.steps
     recorder.begin_pass()
-    while driven.metres < laps * world.track.length:
+    while driven.metres < world.drive_m(laps) and not world.at_end:
         steering, throttle = driver(world)
         # Rounded as in World.step, so that at equal rates each frame is a row.
         is_row = world.steps - begin_steps >= round(driven.frames * row_s / PHYSICS_STEP_S)
@@ -97,8 +98,8 @@ def record(
             farthest, farthest_s = driven.metres, world.time
         if world.off_road or world.time - farthest_s > STUCK_S:
             raise SimulatorError(_failure(world, recorder))
-        if driven.metres // driven.length > lap:
-            lap += 1
+        if world.lap > lap:
+            lap = world.lap
             driven.lap_s.append(world.time - lap_began_s)
             lap_began_s = world.time
         if progress:
@@ -141,7 +142,7 @@ def record_laps(
             if number:
                 world, driver = _open(options, way)
             name = options.track if way > 0 else f"{options.track}, backward"
-            total = options.laps * world.track.length
+            total = world.drive_m(options.laps)
             task = progress.add_task(name, total=total, metres="")
 
             def show(metres: float, task: int = task, total: float = total) -> None:

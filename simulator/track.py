@@ -149,6 +149,10 @@ class Track:
             return distance % self.length
         return min(max(distance, 0.0), self.length)
 
+    def begin(self, direction: int) -> float:
+        """Return the distance at which a drive in a direction, 1 or -1, begins."""
+        return 0.0 if self.closed or direction > 0 else self.length
+
     def stretch_at(self, distance: float) -> Stretch | None:
         """Return the stretch that covers a distance, or None outside of stretches."""
         rest = self.wrap(distance)

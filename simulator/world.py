@@ -15,6 +15,7 @@ from simulator.weather import CLEAR, Weather, random_weather
 from simulator.world_settings import WorldSettings
 
 WALL_M = 0.7  # distance from the edge line to a wall or a rock face
+ROAD_AHEAD_M = 100.0  # smallest length of open road ahead of a random start
 SCRAPE = 0.9  # factor on the speed for each step of contact with a wall
 
 
@@ -23,13 +24,14 @@ class Start:
     """The begin of a drive.
 
     Args:
-        distance: metres along the lap.
+        distance: metres along the road; None for its begin: the first point, or the last point of
+            an open road that is driven backward.
         cte: metres right of the centreline.
         heading_deg: degrees to the right of the road's heading.
         speed_mph: speed in mph.
     """
 
-    distance: float = 0.0
+    distance: float | None = None
     cte: float = 0.0
     heading_deg: float = 0.0
     speed_mph: float = 0.0
@@ -76,13 +78,19 @@ class World:
         self.steps = self.frames = self.lap = 0
         self.travelled = 0.0
         self.put_back(start)
+        if self.at_end:
+            raise SimulatorError(
+                f"start={start.distance:g}: the open road {self.track.name} ends there in this "
+                f"direction; start nearer to {self.track.begin(self.direction):.0f} m"
+            )
 
     def put_back(self, start: Start) -> None:
         """Put the car at a place during a drive."""
         for value in vars(start).values():
-            if not np.isfinite(value):
+            if value is not None and not np.isfinite(value):
                 raise SimulatorError(f"start={value}: must be a finite number")
-        distance = start.distance % self.track.length
+        begin = self.track.begin(self.direction)
+        distance = begin if start.distance is None else self.track.wrap(start.distance)
         heading = float(self.track.heading_at(distance))
         right = np.array([np.sin(heading), -np.cos(heading)]) * self.direction
         x, y = self.track.at(distance)[:2] + start.cte * right
@@ -125,7 +133,30 @@ class World:
     @property
     def off_road(self) -> bool:
         """Return whether the car's middle is beyond the edge line, or a wall stops the car."""
-        return self.at_wall or abs(self.place.cte) > self.track.width / 2
+        return self.at_wall or abs(self.place.cte) > self.place.width / 2
+
+    @property
+    def at_end(self) -> bool:
+        """Return whether the car is at or beyond the end of an open road."""
+        if self.track.closed:
+            return False
+        return self.place.distance == (self.track.length if self.direction > 0 else 0.0)
+
+    def drive_m(self, laps: float) -> float:
+        """Return the length of a drive in metres; on an open road more than 1 lap counts as 1."""
+        return (laps if self.track.closed else min(laps, 1.0)) * self.track.length
+
+    def is_complete(self, laps: float) -> bool:
+        """Return whether laps are driven since `reset`, or an open road has ended."""
+        return self.at_end or self.travelled >= self.drive_m(laps)
+
+    def draw_distance(self, rng: np.random.Generator) -> float:
+        """Return a random start, in metres, with enough of an open road ahead."""
+        length = self.track.length
+        if self.track.closed:
+            return rng.uniform(0, length)
+        drawn = rng.uniform(0, length - min(ROAD_AHEAD_M, length / 2))
+        return drawn if self.direction > 0 else length - drawn
 
     def info(self) -> dict:
         """Return figures for scoring; `progress` is the laps driven, fractions included."""
@@ -155,7 +186,7 @@ class World:
     def _keep_within_walls(self) -> None:
         verge = self.track.verge_at(self.place.distance)
         kind, side = (verge.right, 1) if self.place.cte > 0 else (verge.left, -1)
-        room = self.track.width / 2 + WALL_M - WHEEL_TRACK_M / 2
+        room = self.place.width / 2 + WALL_M - WHEEL_TRACK_M / 2
         # A car against a wall is placed exactly at it; the 0.01 m keep it in contact.
         self.at_wall = kind in ("wall", "rock") and abs(self.place.cte) > room - 0.01
         over = (abs(self.place.cte) - room) * side
@@ -169,10 +200,13 @@ class World:
         self.place = self.track.locate(self.car.x, self.car.y, self.place.distance)
 
     def _count(self, before: Place) -> None:
-        length = self.track.length
-        moved = (self.place.distance - before.distance + length / 2) % length - length / 2
+        length, moved = self.track.length, self.place.distance - before.distance
+        if self.track.closed:
+            moved = (moved + length / 2) % length - length / 2
         self.travelled += moved * self.direction
-        self.lap = max(self.lap, int(self.travelled // length))
+        # The sum of an open road's steps differs from its length by rounding errors.
+        driven = self.travelled if self.track.closed else self.travelled + 1e-6
+        self.lap = max(self.lap, int(driven // length))
 
 
 def open_world(

@@ -145,15 +145,17 @@ class ClosedLoop(lightning.Callback):
         torch.set_num_threads(1)  # one image is too little work for two threads
         try:
             policy = Policy(Checkpoint(copy.deepcopy(network).cpu().eval(), view, {}, {}))
-            length = self.world.track.length
+            track = self.world.track
+            # On an open road the last start leaves room for a whole drive.
+            spread = track.length if track.closed else max(track.length - self.metres, 0.0)
             drives = [
                 drive_closed_loop(
                     policy,
                     self.world,
                     speed_controller(self.speed),
                     seed=0,
-                    laps=self.metres / length,
-                    start=Start(number * length / self.starts, speed_mph=self.speed),
+                    laps=self.metres / track.length,
+                    start=Start(number * spread / self.starts, speed_mph=self.speed),
                 )
                 for number in range(self.starts)
             ]

@@ -13,12 +13,12 @@ from zoo.runs.plots import BLUE, GREY, ORANGE
 
 def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
     """Draw the car's path on the track, coloured by cross-track error, with interventions."""
-    closed = np.vstack([track.xyz, track.xyz[:1]])
-    extent = np.ptp(closed[:, :2], axis=0)
+    road = np.vstack([track.xyz, track.xyz[:1]]) if track.closed else track.xyz
+    extent = np.maximum(np.ptp(road[:, :2], axis=0), 1.0)
     width, height = extent * min(5.2 / extent)  # inches, without colour bar and title
     figure = Figure(figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained")
     axis = figure.subplots()
-    axis.plot(closed[:, 0], closed[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
+    axis.plot(road[:, 0], road[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
     way = drive.xy
     error = np.abs(drive.cross_track_m)
     lines = LineCollection(

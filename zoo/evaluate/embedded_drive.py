@@ -40,7 +40,7 @@ def drive_closed_loop(
         world: world to drive in.
         speed: speed controller.
         seed: random seed of start and weather; 0 starts at the track's first point.
-        laps: number of laps to drive.
+        laps: number of laps to drive; an open road ends every drive at its end.
         weather: weather, or `random` for weather drawn from the seed.
         margin_m: distance from the centreline in metres above which the car has left the lane;
             None for the edge line.
@@ -50,15 +50,15 @@ def drive_closed_loop(
     """
     world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
-    lane = world.track.width / 2 if margin_m is None else margin_m
+    lane_m = world.track.width / 2 if margin_m is None else margin_m
     rows: list[DriveRow] = []
     xy: list[tuple[float, float]] = []
     distance_m: list[float] = []
     lap_s: list[float] = []
     nan_frames = 0
-    longest_s = laps * world.track.length / (SLOWEST_MPH * 0.44704)
-    rule, lap_began_s = InterventionRule(lane), 0.0
-    while world.travelled < laps * world.track.length and world.time < longest_s:
+    longest_s = world.drive_m(laps) / (SLOWEST_MPH * 0.44704)
+    rule, lap_began_s = InterventionRule(lane_m), 0.0
+    while not world.is_complete(laps) and world.time < longest_s:
         frame = world.frame() if world.pictures is not None else None
         began = time.perf_counter()
         steering, predicted = policy(frame, world.car.speed_mph)
@@ -69,6 +69,8 @@ def drive_closed_loop(
         steering = min(max(float(steering), -1.0), 1.0)
         mph = world.car.speed_mph
         throttle = limit_pedal(speed.throttle(mph, steering, predicted, world.time), mph)
+        if margin_m is None:
+            rule.margin_m = world.place.width / 2
         lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None
         row = DriveRow(
             time_s=world.time,
@@ -85,7 +87,7 @@ def drive_closed_loop(
         if show:
             show(frame, row)
         if report:
-            report(min(world.travelled / (laps * world.track.length), 1.0))
+            report(min(world.travelled / world.drive_m(laps), 1.0))
         if lost:
             world.put_back(Start(world.place.distance, speed_mph=speed.set_mph or mph))
             speed.reset()
@@ -100,7 +102,7 @@ def drive_closed_loop(
         source=EMBEDDED,
         track=world.track.name,
         seed=seed,
-        lane_m=lane,
+        lane_m=lane_m,
         length_m=world.track.length,
         driven_m=world.travelled,
         lap_s=lap_s,
@@ -111,12 +113,16 @@ def drive_closed_loop(
 
 
 def start_of(world: World, seed: int, speed_mph: float) -> Start:
-    """Return the start that a seed draws, at a speed; seed 0 is the track's first point."""
+    """Return the start that a seed draws, at a speed; seed 0 is the begin of the road.
+
+    On an open road every seed starts there, beside the centreline, so that a lap is the whole road.
+    """
     if seed == 0:
         return Start(speed_mph=speed_mph)
     rng = np.random.default_rng((seed, 1))
+    distance = rng.uniform(0, world.track.length)
     return Start(
-        distance=rng.uniform(0, world.track.length),
+        distance=distance if world.track.closed else None,
         cte=rng.uniform(-0.5, 0.5),
         heading_deg=rng.uniform(-3, 3),
         speed_mph=speed_mph,
