@@ -159,23 +159,19 @@ def separate_parts(
     """
     stride = 2
     numbers = np.arange(0, len(centreline["distance"]), stride)
-    xy, distance = centreline["xyz"][numbers, :2], centreline["distance"][numbers]
-    tree = cKDTree(xy)
+    places, distance = centreline["xyz"][:, :2], centreline["distance"]
+    xy = places[numbers]
     widest = 2 * half_widths.max() + VERGE_M
-    firsts, seconds, missing = [], [], []
-    for first, near in enumerate(tree.query_ball_point(xy, widest)):
-        second = np.array(near)
-        along = np.abs(distance[second] - distance[first])
-        if closed:
-            along = np.minimum(along, centreline["length"] - along)
-        room = half_widths[numbers[first]] + half_widths[numbers[second]] + VERGE_M
-        apart = np.linalg.norm(xy[second] - xy[first], axis=-1)
-        # Nearer along the road they belong to the same bend.
-        is_close = (along >= np.pi * room) & (apart < room)
-        firsts += [numbers[first]] * int(is_close.sum())
-        seconds += numbers[second[is_close]].tolist()
-        missing += (room - apart)[is_close].tolist()
-    return np.array(firsts, int), np.array(seconds, int), np.array(missing)
+    pairs = numbers[cKDTree(xy).query_pairs(widest, output_type="ndarray")]
+    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
+    along = np.abs(distance[second] - distance[first])
+    if closed:
+        along = np.minimum(along, centreline["length"] - along)
+    room = half_widths[first] + half_widths[second] + VERGE_M
+    apart = np.linalg.norm(places[second] - places[first], axis=-1)
+    # Nearer along the road they belong to the same bend.
+    is_close = (along >= np.pi * room) & (apart < room)
+    return first[is_close], second[is_close], (room - apart)[is_close]
 
 
 def bridge_samples(centreline: dict, upper: np.ndarray, closed: bool) -> np.ndarray:

@@ -112,11 +112,11 @@ def draw_road(family: RoadFamily, seed: int) -> Track:
     """
     if not 0 <= seed <= MOST_SEED:
         raise SimulatorError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
-    return make_track(f"{family.name}:{seed}", draw_content(family, seed))
+    return draw_content(family, seed)[1]
 
 
-def draw_content(family: RoadFamily, seed: int) -> dict[str, Any]:
-    """Return the content of a file for the road of a seed; see `draw_road`."""
+def draw_content(family: RoadFamily, seed: int) -> tuple[dict[str, Any], Track]:
+    """Return the content of a file for the road of a seed, and the road; see `draw_road`."""
     rng = np.random.default_rng((VERSION, seed))
     closed = bool(rng.random() < family.shares["closed"])
     reason = ""
@@ -125,11 +125,9 @@ def draw_content(family: RoadFamily, seed: int) -> dict[str, Any]:
         if content is None:
             continue
         try:
-            make_track(family.name, content)
+            return content, make_track(f"{family.name}:{seed}", content)
         except SimulatorError as error:
             reason = f" (the last one: {error})"
-            continue
-        return content
     raise SimulatorError(
         f"track={family.name}:{seed}: the car could take none of {MOST_DRAWS} drawn roads{reason}; "
         "widen the ranges of radius, degrees or straight"
