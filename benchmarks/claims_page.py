@@ -104,7 +104,7 @@ def frame_rate_plot(rows: list[dict]) -> Figure:
         )
         low, high = ([ends(by_rate[rate]) for rate in rates] for ends in (min, max))
         axis.fill_between(rates, low, high, color=COLOURS[data], alpha=0.2, lw=0)
-    axis.axvline(USUAL_RATE, color=GREY, ls="--", lw=1, label="frame rate of the expert's recording")
+    axis.axvline(USUAL_RATE, color=GREY, ls="--", lw=1, label="rate of the expert's recording")
     axis.set_xscale("log")
     axis.set_xticks(rates, [f"{rate:g}" for rate in rates])
     axis.minorticks_off()

@@ -19,6 +19,7 @@ SLOPE_M = 12.0  # length over which the grade changes between two segments
 SMOOTHING = 0.05
 CLEARANCE_M = 5.0  # smallest height of a bridge above the road below it
 VERGE_M = 2.5  # smallest distance between the edges of two parts of the road
+MOST_PAIRS = 2_000_000  # pairs of samples in the same square, a limit on memory
 BRIDGE_END_M = 6.0  # length of a bridge beyond the road below it, at each end
 
 
@@ -45,7 +46,7 @@ def make_centreline(
     # Centripetal parameters avoid loops and cusps between points at uneven distances.
     steps = np.sqrt(np.linalg.norm(np.diff(knots[:, :2], axis=0), axis=1))
     parameter = np.concatenate([[0], np.cumsum(steps)])
-    curve = CubicSpline(parameter, knots, bc_type="periodic" if closed else "natural")
+    curve = CubicSpline(parameter, knots, bc_type="periodic" if closed else "not-a-knot")
     places = np.linspace(0, parameter[-1], fine * len(points) + 1)
     along = np.concatenate(
         [[0], np.cumsum(np.linalg.norm(np.diff(curve(places)[:, :2], axis=0), axis=1))]
@@ -81,26 +82,23 @@ def segment_points(segments: list[Segment]) -> np.ndarray:
 
 def follow_segments(segments: list[Segment], closed: bool) -> np.ndarray:
     """Return control points, float64 [N, 3], of segments, with smooth transitions between them."""
-    ends = np.cumsum([one.length for one in segments])
-    length = float(ends[-1])
-    count = max(round(length / STEP_M), 8)
-    step = length / count
-    middles = (np.arange(count) + 0.5) * step
-    which = np.searchsorted(ends, middles)
+    table = [(one.length, one.turn, one.climb) for one in segments]
+    ends, turned, climbed = np.concatenate([np.zeros((1, 3)), np.cumsum(table, 0)]).T
+    stride = 2  # steps of integration from one control point to the next
+    count = stride * max(round(ends[-1] / SEGMENT_STEP_M), 4)
+    nodes = np.linspace(0, ends[-1], count + 1)
+    step = nodes[1]
     mode = "wrap" if closed else "nearest"
-    curvature = np.array([one.turn / one.length for one in segments])[which]
-    grade = np.array([one.climb / one.length for one in segments])[which]
+    curvature = np.diff(np.interp(nodes, ends, turned)) / step
+    grade = np.diff(np.interp(nodes, ends, climbed)) / step
     for _ in range(2):  # twice, because a spline overshoots at the corners of a ramp
         curvature = uniform_filter1d(curvature, round(TRANSITION_M / 2 / step) | 1, mode=mode)
         grade = uniform_filter1d(grade, round(SLOPE_M / 2 / step) | 1, mode=mode)
     heading = np.cumsum(curvature) * step - curvature * step / 2
     moves = np.stack([np.cos(heading), np.sin(heading), grade], -1) * step
     points = np.concatenate([np.zeros((1, 3)), np.cumsum(moves, 0)])
-    stride = round(SEGMENT_STEP_M / STEP_M)
-    stations = np.append(np.arange(0, count, stride), count)
-    if count - stations[-2] < stride / 2:
-        stations = np.delete(stations, -2)
-    return _close(points[stations], stations * step) if closed else points[stations]
+    points = points[::stride]
+    return _close(points, np.arange(len(points))) if closed else points
 
 
 def survey_points(survey: np.ndarray, closed: bool) -> np.ndarray:
@@ -148,38 +146,40 @@ def _close(points: np.ndarray, stations: np.ndarray) -> np.ndarray:
     return (points - gap * (stations / stations[-1])[:, None])[:-1]
 
 
-def separate_parts(
+def near_parts(
     centreline: dict, half_widths: np.ndarray, closed: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pairs of samples of separate parts of the road whose edges are too near in plan.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where separate parts of the road are too near each other, seen from above.
 
     Returns:
-        Indices of the first samples, indices of the second samples, and how much nearer the two
-        are than the edges and `VERGE_M` allow, in metres.
+        Pairs of samples, int [M, 2], and the distances that they need, float64 [M], in metres.
+
+    Raises:
+        ValueError: the road passes itself too often to list the pairs.
     """
-    stride = 2
+    stride = 4
     numbers = np.arange(0, len(centreline["distance"]), stride)
-    places, distance = centreline["xyz"][:, :2], centreline["distance"]
-    xy = places[numbers]
+    xy = centreline["xyz"][numbers, :2]
     widest = 2 * half_widths.max() + VERGE_M
-    pairs = numbers[cKDTree(xy).query_pairs(widest, output_type="ndarray")]
-    first, second = np.concatenate([pairs, pairs[:, ::-1]]).T
-    along = np.abs(distance[second] - distance[first])
+    _, in_cell = np.unique(np.floor(xy / widest), axis=0, return_counts=True)
+    if (in_cell**2).sum() > MOST_PAIRS:
+        raise ValueError("the road passes itself too often")
+    pairs = numbers[cKDTree(xy).query_pairs(widest, output_type="ndarray")].reshape(-1, 2)
+    one, other = pairs.T
+    along = centreline["distance"][other] - centreline["distance"][one]
     if closed:
         along = np.minimum(along, centreline["length"] - along)
-    room = half_widths[first] + half_widths[second] + VERGE_M
-    apart = np.linalg.norm(places[second] - places[first], axis=-1)
+    room = half_widths[one] + half_widths[other] + VERGE_M
+    apart = np.linalg.norm(centreline["xyz"][one, :2] - centreline["xyz"][other, :2], axis=1)
     # Nearer along the road they belong to the same bend.
-    is_close = (along >= np.pi * room) & (apart < room)
-    return first[is_close], second[is_close], (room - apart)[is_close]
+    is_near = (along >= np.pi * room) & (apart < room)
+    return pairs[is_near], room[is_near]
 
 
-def bridge_samples(centreline: dict, upper: np.ndarray, closed: bool) -> np.ndarray:
-    """Return bool [N]: which samples stand on a bridge, given the samples above a road."""
-    count = len(centreline["distance"])
+def bridge_samples(upper: np.ndarray, count: int, closed: bool) -> np.ndarray:
+    """Return bool [count]: which samples stand on a bridge, given samples above a road."""
+    reach = round(BRIDGE_END_M / STEP_M)
+    around = upper[:, None] + np.arange(-reach, reach + 1)
     bridge = np.zeros(count, bool)
-    reach = round(BRIDGE_END_M / STEP_M) + 1
-    for offset in range(-reach, reach + 1):
-        index = upper + offset
-        bridge[index % count if closed else np.clip(index, 0, count - 1)] = True
+    bridge[around % count if closed else np.clip(around, 0, count - 1)] = True
     return bridge

@@ -12,8 +12,8 @@ from simulator.centreline import (
     follow_segments,
     follow_survey,
     make_centreline,
+    near_parts,
     segment_points,
-    separate_parts,
     survey_points,
 )
 from simulator.errors import SimulatorError
@@ -245,18 +245,21 @@ def _widths(content: dict, centreline: dict, closed: bool) -> tuple[float, np.nd
 
 def _bridges(kind: str, centreline: dict, half_widths: np.ndarray, closed: bool) -> np.ndarray:
     """Return which samples stand on a bridge; raise SimulatorError for parts that collide."""
-    first, second, missing = separate_parts(centreline, half_widths, closed)
-    height = centreline["xyz"][:, 2]
-    above = height[first] - height[second]
+    try:
+        pairs, room = near_parts(centreline, half_widths, closed)
+    except ValueError as error:
+        raise SimulatorError(f"{kind}: {error}; shorten it") from None
+    first, second = pairs.T
+    xyz, distance = centreline["xyz"], centreline["distance"]
+    above = xyz[first, 2] - xyz[second, 2]
     collide = np.abs(above) < CLEARANCE_M
     if collide.any():
-        worst = int(np.where(collide, missing, -1).argmax())
-        one, other = sorted((first[worst], second[worst]))
-        apart = np.linalg.norm(centreline["xyz"][one, :2] - centreline["xyz"][other, :2])
-        room = apart + missing[worst]
+        apart = np.linalg.norm(xyz[first, :2] - xyz[second, :2], axis=1)
+        worst = int(np.where(collide, room - apart, -1).argmax())
         raise SimulatorError(
-            f"{kind}: the road crosses itself, or nearly: {centreline['distance'][one]:.0f} m and "
-            f"{centreline['distance'][other]:.0f} m along it are {apart:.1f} m apart and need "
-            f"{room:.1f} m, or {CLEARANCE_M:g} m of height for a bridge ({abs(above[worst]):.1f} m)"
+            f"{kind}: the road crosses itself, or nearly: {distance[first[worst]]:.0f} m and "
+            f"{distance[second[worst]]:.0f} m along it are {apart[worst]:.1f} m apart and need "
+            f"{room[worst]:.1f} m, or {CLEARANCE_M:g} m of height for a bridge, not "
+            f"{abs(above[worst]):.1f} m"
         )
-    return bridge_samples(centreline, first[above > 0], closed)
+    return bridge_samples(np.where(above > 0, first, second), len(distance), closed)

@@ -16,6 +16,7 @@ from simulator.errors import SimulatorError
 from simulator.plain_yaml import read_yaml
 from simulator.track import Track
 from simulator.track_file import VERGES, make_track
+from simulator.track_names import road_folder
 from simulator.yaml_values import check_choice, check_keys, read_number
 
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
@@ -52,7 +53,7 @@ class RoadFamily:
     """Ranges from which roads are drawn.
 
     Attributes:
-        name: name of the family's file.
+        path: the family's file.
         ranges: smallest and largest value of each key of `RANGES`.
         shares: probability of each key of `SHARES`.
         widening: largest change of the width along the road, in metres.
@@ -61,7 +62,7 @@ class RoadFamily:
         grounds: kinds of ground.
     """
 
-    name: str
+    path: Path
     ranges: dict[str, tuple[float, float]]
     shares: dict[str, float]
     widening: float
@@ -69,26 +70,48 @@ class RoadFamily:
     scenery: dict[str, tuple[float, float]]
     grounds: tuple[str, ...]
 
+    @property
+    def name(self) -> str:
+        """Return the name of the family's file."""
+        return self.path.stem
 
-def read_family(path: Path) -> RoadFamily:
-    """Read a family of roads.
+
+def family_names() -> list[str]:
+    """Return the names of the included families, sorted."""
+    return sorted(path.stem for path in road_folder().glob("*.yaml"))
+
+
+def find_family(name: str) -> RoadFamily:
+    """Read a family by its name or by the path of its YAML file.
 
     Raises:
-        SimulatorError: the file cannot be read, or a key or value is wrong.
+        SimulatorError: there is no such family, the file cannot be read, or a key or value is
+            wrong.
     """
+    path = Path(name) if name.endswith((".yaml", ".yml")) else road_folder() / f"{name}.yaml"
+    if "\0" in name or not path.is_file():
+        raise SimulatorError(
+            f"there is no family of roads {name!a}; available: {', '.join(family_names())}, or a "
+            ".yaml file"
+        )
+    return _read_family(path)
+
+
+def _read_family(path: Path) -> RoadFamily:
     try:
         content = read_yaml(path)
         check_keys("", content, KEYS)
-        assert isinstance(content, dict)
         surroundings = content.get("surroundings", {})
         check_keys("surroundings: ", surroundings, (*SCENERY, "ground"))
         verges = content.get("verges")
         check_keys("verges: ", verges, VERGES)
+        if not any(verges.values()):
+            raise SimulatorError("verges: give one kind or more a weight above 0")
         grounds = surroundings.get("ground", ["sand"])
         for ground in grounds if isinstance(grounds, list) else [grounds]:
             check_choice("surroundings: ground", ground, GROUNDS)
         return RoadFamily(
-            path.stem,
+            path,
             {key: _range(key, content.get(key), *RANGES[key]) for key in RANGES},
             {key: read_number(key, content.get(key), 0, 1) for key in SHARES},
             read_number("widening", content.get("widening"), 0, 10),

@@ -15,6 +15,7 @@ from simulator.weather import CLEAR, Weather, random_weather
 from simulator.world_settings import WorldSettings
 
 WALL_M = 0.7  # distance from the edge line to a wall or a rock face
+AT_END_M = 1e-3  # more than rounding errors
 ROAD_AHEAD_M = 100.0  # smallest length of open road ahead of a random start
 SCRAPE = 0.9  # factor on the speed for each step of contact with a wall
 
@@ -138,9 +139,8 @@ class World:
     @property
     def at_end(self) -> bool:
         """Return whether the car is at or beyond the end of an open road."""
-        if self.track.closed:
-            return False
-        return self.place.distance == (self.track.length if self.direction > 0 else 0.0)
+        end = self.track.begin(-self.direction)
+        return not self.track.closed and abs(self.place.distance - end) < AT_END_M
 
     def drive_m(self, laps: float) -> float:
         """Return the length of a drive in metres; on an open road more than 1 lap counts as 1."""
@@ -204,8 +204,7 @@ class World:
         if self.track.closed:
             moved = (moved + length / 2) % length - length / 2
         self.travelled += moved * self.direction
-        # The sum of an open road's steps differs from its length by rounding errors.
-        driven = self.travelled if self.track.closed else self.travelled + 1e-6
+        driven = self.travelled if self.track.closed else self.travelled + AT_END_M
         self.lap = max(self.lap, int(driven // length))
 
 

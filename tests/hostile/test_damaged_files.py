@@ -312,6 +312,7 @@ CARDS = {
     "crop's text": (("view", "crop"), "x", "view.crop: "),
     "crop's NaN": (("view", "crop"), [float("nan"), 1], "view.crop.0"),
     "colour": (("view", "colour"), 3, "view.colour: "),
+    "resize": (("view", "resize"), ["area"], "view.resize: "),
     "config's text": (("config",), "x", "config: "),
     "model's list": (("config", "model"), [1], "config.model: "),
     "data's text": (("data",), "x", "data: "),

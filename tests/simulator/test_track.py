@@ -5,10 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simulator.track import STEP_M, Verge, make_centreline
+from simulator.centreline import STEP_M, make_centreline
+from simulator.track import Verge
 from simulator.track_file import make_track, read_track, track_names
 
 TRACKS = {name: read_track(name) for name in track_names()}
+ON_ONE_LEVEL = {name: track for name, track in TRACKS.items() if not track.bridge.any()}
 anywhere = st.floats(0, 1)
 beside = st.floats(-0.9, 0.9)  # share of the half width
 
@@ -27,7 +29,7 @@ def test_locate_finds_what_at_gave(track, lap, side, near):
     assert place.z == pytest.approx(track.at(distance)[2], abs=0.05)
 
 
-@pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
+@pytest.mark.parametrize("track", ON_ONE_LEVEL.values(), ids=ON_ONE_LEVEL)
 @given(lap=anywhere, side=beside)
 def test_locate_needs_no_hint(track, lap, side):
     heading = track.heading_at(lap * track.length)
@@ -47,7 +49,8 @@ def test_the_loop_is_closed_and_evenly_sampled(track):
 @pytest.mark.parametrize("track", TRACKS.values(), ids=TRACKS)
 def test_a_lap_turns_once_and_ends_at_its_own_height(track):
     turned = track.heading_at(track.length) - track.heading_at(0.0)
-    assert abs(turned) == pytest.approx(2 * np.pi)
+    turns = 0 if track.bridge.any() else 1  # a figure of eight does not turn
+    assert abs(turned) == pytest.approx(2 * np.pi * turns, abs=1e-9)
     step = track.length / len(track.distance)
     assert track.curvature.sum() * step == pytest.approx(turned, abs=0.02)
     assert track.grade.sum() * step == pytest.approx(0, abs=0.05)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
+from simulator.centreline_keys import TIGHTEST_RADIUS_M
 from simulator.errors import SimulatorError
-from simulator.track_file import TIGHTEST_RADIUS_M, read_track, track_folder, track_names
+from simulator.track_file import read_track, track_folder, track_names
 
 FILES = sorted(track_folder().glob("*.yaml"))
 SQUARE = [[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0]]
@@ -32,7 +33,7 @@ def test_every_included_track_can_be_driven(path):
     assert track.name in track_names()
     assert 1000 < track.length < 1600
     assert 1 / np.abs(track.curvature).max() > TIGHTEST_RADIUS_M
-    assert np.abs(track.grade).max() < 0.13
+    assert np.abs(track.grade).max() < (0.27 if "jungle" in track.name else 0.13)
     assert all(one.end <= track.length for one in track.stretches)
 
 

@@ -5,10 +5,11 @@ import pytest
 
 from simulator.expert import Expert
 from simulator.world import Start, World, open_world
-from tests.simulator.tracks import loop
+from tests.simulator.tracks import loop, open_road
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.drives.speed_controller import Constant
+from zoo.evaluate.drive_plots import birds_eye
 from zoo.evaluate.drives_table import mean_and_spread
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import Setup, drive_setup, expert_steering_per_s, speed_controller
@@ -47,7 +48,7 @@ def test_a_policy_that_never_steers_is_put_back_at_every_bend(lake: World) -> No
     assert figures["autonomy"] == pytest.approx(max(0, 1 - 6 * len(lost) / seconds))
 
 
-@pytest.mark.parametrize("track", ["lake", "mountain"])
+@pytest.mark.parametrize("track", ["lake", "mountain", "udacity_lake", "research_mountain"])
 def test_the_expert_drives_all_by_itself(track: str) -> None:
     world = open_world(track, renderer="none")
     expert = Expert(world.track)
@@ -127,3 +128,28 @@ def test_how_much_is_driven_is_reported_at_every_frame(lake: World) -> None:
     assert shares == sorted(shares)
     assert shares[0] == 0
     assert 0.9 < shares[-1] <= 1
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_every_seed_drives_the_whole_of_an_open_road(way: int, seed: int) -> None:
+    world = World(open_road(), direction=way)
+    expert = Expert(world.track)
+    drive = drive_setup(lambda *_: (expert(world)[0], None), world, Setup("road", seed, laps=2.0))
+    figures = measure(drive)
+    assert figures["laps"] == pytest.approx(1, abs=1e-6)
+    assert len(drive.lap_s) == 1
+    assert figures["interventions"] == 0
+    assert drive.lap_s[0] == pytest.approx(world.track.length / (15 * 0.44704), abs=1.5)
+    assert birds_eye(world.track, drive, "road").axes
+
+
+def test_the_lane_is_as_wide_as_the_road_at_the_car() -> None:
+    world = World(open_road(widths=[[0, 12], [40, 12], [60, 4]]))
+    drive = drive_closed_loop(straight_on, world, speed_controller(15), 0, 1)
+    lost = [number for number, row in enumerate(drive.rows) if row.intervention]
+    assert drive.lane_m == world.track.width / 2
+    for number in lost:
+        half = world.track.width_at(drive.distance_m[number]) / 2
+        assert abs(drive.rows[number].cross_track_m) == pytest.approx(half, abs=0.3)
+    assert len(lost) > 2
