@@ -1,4 +1,7 @@
-"""Draw `docs/images/tracks.webp`, plan and views of each track: `python docs/draw_tracks.py`."""
+"""Draw `docs/images/tracks.webp`, plan and views of each track: `python docs/draw_tracks.py`.
+
+It also prints each track's length, tightest radius and grades, the figures of `docs/simulator.md`.
+"""
 
 from pathlib import Path
 
@@ -8,6 +11,8 @@ import numpy as np
 mpl.use("agg")
 import matplotlib.pyplot as plt
 
+from simulator.centreline import STEP_M
+from simulator.track_file import read_track
 from simulator.track_names import track_names
 from simulator.world import Start, open_world
 
@@ -44,7 +49,18 @@ def draw_tracks(names: list[str]) -> plt.Figure:
     return figure
 
 
+def figures(name: str) -> str:
+    """Return a track's length, tightest radius, grades, range of heights and bridge in a line."""
+    track = read_track(name)
+    return (
+        f"{name}: {track.length:,.0f} m, radius {1 / np.abs(track.curvature).max():.1f} m or more, "
+        f"grades {track.grade.min():+.0%} to {track.grade.max():+.0%}, "
+        f"{np.ptp(track.xyz[:, 2]):.1f} m high, {track.bridge.sum() * STEP_M:.0f} m of bridge"
+    )
+
+
 if __name__ == "__main__":
+    print(*map(figures, track_names()), sep="\n")
     IMAGE.parent.mkdir(exist_ok=True)
     draw_tracks(track_names()).savefig(IMAGE, dpi=110, pil_kwargs={"quality": 85})
     print(IMAGE)

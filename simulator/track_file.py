@@ -8,7 +8,7 @@ from simulator.centreline_keys import CENTRELINE_KEYS, read_centreline
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import read_yaml
 from simulator.track import Stretch, Surroundings, Track, Verge
-from simulator.track_names import track_folder, track_names
+from simulator.track_names import ALIASES, recorded_name, track_folder, track_names
 from simulator.yaml_values import (
     check_choice,
     check_keys,
@@ -33,7 +33,7 @@ def read_track(name: str) -> Track:
         SimulatorError: there is no such track or file, a key or value is wrong, a bend is too
             tight for the car, or the road crosses itself at one height.
     """
-    path = track_folder() / f"{name}.yaml"
+    path = track_folder() / f"{ALIASES.get(name, name)}.yaml"
     if name.endswith((".yaml", ".yml")):
         path = Path(name)
     if "\0" in name or len(name) > MOST_PATH or not path.exists():
@@ -42,8 +42,10 @@ def read_track(name: str) -> Track:
             f"there is no track {name}; available: {', '.join(track_names())}, or a .yaml file"
         )
     content = read_yaml(path)
+    is_included = path.resolve().parent == track_folder().resolve()
     try:
-        return make_track(path.stem, content, path.parent)
+        own_name = recorded_name(path.stem) if is_included else path.stem
+        return make_track(own_name, content, path.parent)
     except SimulatorError as error:
         raise SimulatorError(f"{path}: {error}") from None
 
@@ -51,7 +53,7 @@ def read_track(name: str) -> Track:
 def make_track(name: str, content: dict, folder: Path = Path()) -> Track:
     """Return the track of a YAML file's content; raise the errors of `read_track`."""
     if not isinstance(content, dict):
-        raise SimulatorError("has no keys; see conf/track/lake.yaml for an example")
+        raise SimulatorError("has no keys; see conf/track/zoo_lake.yaml for an example")
     check_keys("", content, KEYS)
     closed = read_boolean("closed", content.get("closed", True))
     centreline = read_centreline(content, closed, folder)

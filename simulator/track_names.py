@@ -1,7 +1,11 @@
-"""Names of the included tracks (`conf/track/<name>.yaml`) and their Gymnasium ids."""
+"""Names of the included tracks (`conf/track/<name>.yaml`), their aliases and Gymnasium ids."""
 
 import re
 from pathlib import Path
+
+# Records and figures keep the older names of these tracks, so that no road is ranked as two.
+ALIASES = {"lake": "zoo_lake", "mountain": "zoo_mountain"}
+RECORDED = {name: alias for alias, name in ALIASES.items()}
 
 
 def track_folder() -> Path:
@@ -20,8 +24,17 @@ def _conf_folder(name: str) -> Path:
 
 
 def track_names() -> list[str]:
-    """Return the names of the included tracks, sorted."""
+    """Return the names of the included tracks, sorted, without aliases."""
     return sorted(path.stem for path in track_folder().glob("*.yaml"))
+
+
+def recorded_name(name: str) -> str:
+    """Return the name of a track in records and figures.
+
+    >>> recorded_name("zoo_lake"), recorded_name("lake"), recorded_name("udacity_lake")
+    ('lake', 'lake', 'udacity_lake')
+    """
+    return RECORDED.get(name, name)
 
 
 def environment_id(name: str) -> str:

@@ -5,6 +5,7 @@ from typing import Any
 
 from simulator.errors import SimulatorError
 from simulator.rig import PHYSICS_STEP_S
+from simulator.track_names import recorded_name
 from simulator.weather import read_weather
 
 QUALITIES = ("full", "simple")
@@ -33,7 +34,10 @@ class WorldSettings:
     quality: str = "full"
 
     def __post_init__(self) -> None:
-        """Replace the direction's name by 1 or -1."""
+        """Replace the direction's name by 1 or -1, and tracks' names by those in records."""
+        if isinstance(self.track, str):  # its type is checked later
+            names = ",".join(recorded_name(name) for name in self.track.split(","))
+            object.__setattr__(self, "track", names)
         object.__setattr__(self, "direction", DIRECTIONS.get(str(self.direction), self.direction))
 
     @property

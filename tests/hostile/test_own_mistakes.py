@@ -263,7 +263,7 @@ def test_an_unreadable_recording_is_named(name: str, nobody: list[str], tmp_path
 
 
 def lake() -> dict:
-    return yaml.safe_load((track_folder() / "lake.yaml").read_text())
+    return yaml.safe_load((track_folder() / "zoo_lake.yaml").read_text())
 
 
 def change(key: str, value: object) -> Callable[[dict], None]:

@@ -2,6 +2,7 @@
 
 import math
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -275,3 +276,14 @@ def test_a_survey_that_is_no_text_or_leads_out_of_the_folder_is_refused(tmp_path
     assert "lies outside" in refusal(write_track(inside, survey="link.csv"))
     os.mkfifo(inside / "pipe.csv")
     assert "not a regular file" in refusal(write_track(inside, survey="pipe.csv"))
+
+
+def test_the_manuals_example_is_a_track_and_its_message_is_ours():
+    page = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text()
+    text = page.partition("```yaml\nsegments:")[2].partition("```")[0]
+    content = yaml.safe_load("segments:" + text)
+    assert make_track("example", content).closed
+    with pytest.raises(SimulatorError) as error:
+        make_track("example", {"segments": content["segments"][:3]})
+    message = str(error.value).partition(":")[2].partition(": correct")[0]
+    assert f"segments:{message}" in page

@@ -61,7 +61,7 @@ def test_simple_quality_has_fewer_plants(track) -> None:
 
 
 def test_a_bare_world_can_be_drawn() -> None:
-    content = yaml.safe_load((track_folder() / "lake.yaml").read_text())
+    content = yaml.safe_load((track_folder() / "zoo_lake.yaml").read_text())
     content["surroundings"] = {"trees": 0, "bushes": 0, "rocks": 0, "poles": 0}
     content["stretches"] = []
     pictures = open_pictures(make_track("bare", content), "software")

@@ -2,13 +2,22 @@
 
 import math
 
+import gymnasium
 import numpy as np
 import pytest
 import yaml
 
 from simulator.centreline_keys import TIGHTEST_RADIUS_M
 from simulator.errors import SimulatorError
-from simulator.track_file import read_track, track_folder, track_names
+from simulator.track_file import read_track
+from simulator.track_names import (
+    ALIASES,
+    environment_id,
+    recorded_name,
+    track_folder,
+    track_names,
+)
+from simulator.world_settings import WorldSettings
 
 FILES = sorted(track_folder().glob("*.yaml"))
 SQUARE = [[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0]]
@@ -30,7 +39,7 @@ def refusal(path: str) -> str:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_every_included_track_can_be_driven(path):
     track = read_track(path.stem)
-    assert track.name in track_names()
+    assert track.name == recorded_name(path.stem)
     assert 1000 < track.length < 1600
     assert 1 / np.abs(track.curvature).max() > TIGHTEST_RADIUS_M
     assert np.abs(track.grade).max() < (0.27 if "jungle" in track.name else 0.13)
@@ -129,5 +138,27 @@ def test_a_key_without_a_value_counts_as_left_out(tmp_path, key):
 
 
 def test_an_unknown_track_names_the_known_ones():
-    assert "available: lake, mountain" in refusal("laek")
+    assert "udacity_lake, zoo_lake, zoo_mountain" in refusal("laek")
     assert "there is no track mine.yaml" in refusal("mine.yaml")
+
+
+@pytest.mark.parametrize(("alias", "name"), ALIASES.items())
+def test_an_alias_is_the_same_road_with_the_same_name_in_records(alias, name):
+    first, second = read_track(alias), read_track(name)
+    included = read_track(str(track_folder() / f"{name}.yaml"))
+    assert first.name == second.name == included.name == alias
+    assert np.array_equal(first.xyz, second.xyz)
+    assert WorldSettings(track=f"{name},udacity_lake").track == f"{alias},udacity_lake"
+    assert name in track_names()
+    assert alias not in track_names()
+
+
+def test_a_users_own_file_keeps_its_name(tmp_path):
+    path = tmp_path / "zoo_lake.yaml"
+    path.write_text(yaml.safe_dump({"points": SQUARE}))
+    assert read_track(str(path)).name == "zoo_lake"
+
+
+@pytest.mark.parametrize("name", [*track_names(), *ALIASES])
+def test_every_track_and_alias_has_a_gymnasium_id(name):
+    assert gymnasium.spec(environment_id(name)).kwargs == {"track": name}

@@ -205,13 +205,15 @@ def best_drive(
 
     Return `closed_loop` of `metrics.json`; None without that callback, or where it could not drive.
     """
+    from simulator.track_names import recorded_name
+
     for callback in trainer.callbacks:
         if isinstance(callback, ClosedLoop) and callback.world is not None:
             figures = callback.drive(module.network, view)
             callback.world.pictures.close()  # a sweep's next job opens another world
             callback.world = None
             return {
-                "track": callback.track,
+                "track": recorded_name(callback.track),
                 "speed_mph": callback.speed,
                 "metres": callback.starts * callback.metres,
                 **figures,

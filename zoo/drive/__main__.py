@@ -73,7 +73,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
         checkpoint=checkpoint,
         load=load,
         margin_m=settings.margin,
-        track=Path(settings.sim).stem if settings.sim else None,
+        track=_track(settings.sim) if settings.sim else None,
     )
     token = secrets.token_urlsafe(16) if settings.expose else None
     server = DriveServer(driver, listener, LivePage(driver, token=token), settings.expose)
@@ -117,6 +117,13 @@ class StopOnSignal:
         if self.asked and number == signal.SIGINT:
             raise KeyboardInterrupt
         self.asked = True
+
+
+def _track(sim: str) -> str:
+    """Return the name of the embedded simulator's track in records."""
+    from simulator.track_names import recorded_name
+
+    return recorded_name(Path(sim).stem)
 
 
 def open_port(host: str, port: int) -> "GreenSocket":
