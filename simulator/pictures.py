@@ -5,7 +5,7 @@ frames are identical on every machine and in every run. A few large pieces are f
 small ones. Near materials are drawn first, because pixels hidden behind them are skipped.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
@@ -24,9 +24,11 @@ from simulator.rig import (
     camera_matrix,
 )
 from simulator.scenery.air import Air
+from simulator.scenery.bridge import bridge_meshes
+from simulator.scenery.edges import edge_meshes
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import lit_colours
-from simulator.scenery.mesh import Mesh, cut, join
+from simulator.scenery.mesh import Mesh, cut, join, join_materials
 from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
 from simulator.scenery.road import road_meshes
 from simulator.scenery.shadows import Shadows
@@ -79,6 +81,8 @@ class Pictures:
 
     def set_weather(self, weather: Weather, seed: int) -> None:
         """Light the world for a weather; `seed` is for rain and sensor noise."""
+        azimuth = weather.sun_azimuth_deg + self.track.surroundings.sun_turn_deg
+        weather = replace(weather, sun_azimuth_deg=azimuth)
         if weather.texture_seed != self.seed_drawn:
             for name, pixels in make_textures(weather.texture_seed).items():
                 _fill_texture(self.textures[name], pixels)
@@ -136,7 +140,8 @@ class Pictures:
         track, quality = self.track, self.quality
         ground = Ground(track)
         standing = place_standing(track, ground, quality)
-        road = [part for mesh in road_meshes(track) for part in cut(mesh, CELL_M)]
+        built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
+        road = [part for mesh in join_materials(built) for part in cut(mesh, CELL_M)]
         if quality == "full":
             self.shadows = Shadows(track, standing, [mesh.points for mesh in road])
         things = (standing_meshes(standing, ground), boulder_meshes(track, ground, quality))

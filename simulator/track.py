@@ -45,6 +45,12 @@ class Surroundings:
     calm: float = 14.0  # distance from the centreline within which the ground is level
     lakes: tuple[tuple[float, float, float], ...] = ()  # x, y, radius
     water_level: float = -3.0
+    mounds: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius, height
+    sun_turn_deg: float = 0.0  # added to every weather's azimuth of the sun
+    kerb_width: float = 1.8
+    kerb_height: float = 0.4
+    stripes_width: float = 1.6
+    taper: float = 0.0  # length over which a rock face or a drop begins and ends
     clear: float = 10.5  # smallest distance of a tree from the centreline
     trees: int = 200
     bushes: int = 60

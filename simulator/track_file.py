@@ -23,7 +23,7 @@ VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
 KEYS = (*CENTRELINE_KEYS, "shoulder", "centre_line", "verge", "stretches", "surroundings")
 LEAST = {"water_level": -1e4, "hill_size": 1.0}  # smallest values; 0 for other surroundings
 MOST_PATH = 4096  # characters of the path of a track's file
-MOST_LAKES, MOST_RADIUS_M = 100, 2_000  # limits that keep the ground within memory
+MOST_CIRCLES, MOST_RADIUS_M = 100, 2_000  # limits that keep the ground within memory
 
 
 def read_track(name: str) -> Track:
@@ -104,20 +104,9 @@ def _surroundings(given: dict) -> Surroundings:
         if key == "ground":
             check_choice("surroundings: ground", value, ("sand", "forest"))
         elif key == "lakes":
-            lakes = read_rows("surroundings: lakes", value, 3, "[x, y, radius]")
-            if len(lakes) > MOST_LAKES or lakes[:, 2].max(initial=0) > MOST_RADIUS_M:
-                raise SimulatorError(
-                    f"surroundings: lakes: {len(lakes):,} with radii up to "
-                    f"{lakes[:, 2].max():,.0f} m; use at most "
-                    f"{MOST_LAKES}, with radii up to {MOST_RADIUS_M:,} m"
-                )
-            if (lakes[:, 2] <= 0).any():
-                number = int(np.argmax(lakes[:, 2] <= 0))
-                raise SimulatorError(
-                    f"surroundings: lakes, number {number + 1}: the radius is "
-                    f"{lakes[number, 2]:g}; must be above 0"
-                )
-            values[key] = tuple(map(tuple, lakes.tolist()))
+            values[key] = _circles(key, value, 3, "[x, y, radius]")
+        elif key == "mounds":
+            values[key] = _circles(key, value, 4, "[x, y, radius, height]")
         else:
             number = read_number(f"surroundings: {key}", value, LEAST.get(key, 0), 1e4)
             kind = type(names[key].default)
@@ -125,3 +114,21 @@ def _surroundings(given: dict) -> Surroundings:
                 raise SimulatorError(f"surroundings: {key}: {value}; must be a whole number")
             values[key] = kind(number)
     return Surroundings(**values)
+
+
+def _circles(key: str, value: object, columns: int, what: str) -> tuple[tuple[float, ...], ...]:
+    """Return rows of x, y, radius and more columns, all in metres."""
+    place = f"surroundings: {key}"
+    rows = read_rows(place, value, columns, what)
+    radius = rows[:, 2]
+    if len(rows) > MOST_CIRCLES or radius.max(initial=0) > MOST_RADIUS_M:
+        raise SimulatorError(
+            f"{place}: {len(rows):,} with radii up to {radius.max():,.0f} m; use at most "
+            f"{MOST_CIRCLES}, with radii up to {MOST_RADIUS_M:,} m"
+        )
+    if (radius <= 0).any():
+        number = int(np.argmax(radius <= 0))
+        raise SimulatorError(
+            f"{place}, number {number + 1}: the radius is {radius[number]:g}; must be above 0"
+        )
+    return tuple(map(tuple, rows.tolist()))

@@ -1,11 +1,14 @@
 """The ground around the road: heights, mesh and lakes."""
 
+from functools import cached_property
+
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
+from simulator.scenery.bands import FOREST, GRASS, ROCK, SAND
 from simulator.scenery.mesh import Mesh, grid_triangles
-from simulator.scenery.road import FOREST, GRASS, ROCK, SAND
+from simulator.scenery.room import verge_room
 from simulator.track import Track
 
 CELL_M = 8.0
@@ -13,6 +16,9 @@ MARGIN_M = 190.0  # width of the ground around the track
 RIM_M = 90.0  # width of its outer part, which rises to mountains that close the view
 RIM_HEIGHT_M = 42.0
 SINK_M = 0.5  # depth below the verges, which lie on it
+BELOW_M, BESIDE_M = 0.3, 1.5  # the ground lies this much below the road, up to this far beside it
+STEEP = 1.6  # of mounds; above 1 their tops are flat
+BLEND_M, MOST_NEAR = 2.0, 96  # samples' distance, and their number, for heights between roads
 PALE_ROCK, WATER = (0.62, 0.59, 0.50), (0.46, 0.56, 0.74)
 
 
@@ -23,6 +29,10 @@ class Ground:
         self.track = track
         self.around = track.surroundings
         self.near_road = cKDTree(track.xyz[:, :2])
+        self.room = verge_room(track)
+        # The ground has the height of the road below a bridge.
+        self.standing = np.flatnonzero(~track.bridge)
+        self.near_standing = cKDTree(track.xyz[self.standing, :2])
         self.low = track.xyz[:, :2].min(0) - MARGIN_M
         self.high = track.xyz[:, :2].max(0) + MARGIN_M
         rng = np.random.default_rng(self.around.seed)
@@ -34,7 +44,8 @@ class Ground:
 
     def height(self, xy: np.ndarray) -> np.ndarray:
         """Return heights in metres, float [N], at x and y, float [N, 2]."""
-        apart, nearest = self.near_road.query(xy)
+        apart, nearest = self.near_standing.query(xy)
+        nearest = self.standing[nearest]
         around = self.around
         heading = self.track.heading[nearest]
         away = xy - self.track.xyz[nearest, :2]
@@ -43,16 +54,24 @@ class Ground:
         rise = rise * _smooth((apart - around.calm) / 45)
         # The verges extend to 14 m, and no cell of the ground may stick out through them.
         rise = rise + 6.0 * self.rocky[side, nearest] * _smooth((apart - 13) / 8)
+        # A mound begins beyond the verges, too.
+        rise = rise + self._mounds(xy) * _smooth((apart - 13) / 8)
         rise = rise - 9.0 * self.dropping[side, nearest] * _smooth((apart - 5) / 12)
         # The ground has the road's height near it, and the track's mean height far away.
         level = self.track.xyz[:, 2]
         weight = _smooth((apart - 60) / 120)
-        base = level[nearest] * (1 - weight) + level.mean() * weight - SINK_M
+        nearby = level[nearest] if self.room is None else self._level_between(xy)
+        base = nearby * (1 - weight) + level.mean() * weight - SINK_M
         edge = np.minimum(xy - self.low, self.high - xy).min(1)
         rim = (
             RIM_HEIGHT_M * _smooth((RIM_M - edge) / RIM_M) * (0.55 + 0.45 * self._noise(xy, 55, 3))
         )
         return self._flood(xy, base + rise + rim, apart, nearest)
+
+    def mesh_height(self, xy: np.ndarray) -> np.ndarray:
+        """Return the mesh's heights in metres, float [N], at x and y, float [N, 2]."""
+        corners, weights = self._corners(xy)
+        return (self.grid[2].reshape(-1)[corners] * weights).sum(1)
 
     def density(self, xy: np.ndarray) -> np.ndarray:
         """Return the density of plants, about 0..1, at x and y, float [N, 2]."""
@@ -67,11 +86,9 @@ class Ground:
 
     def meshes(self) -> list[Mesh]:
         """Return the ground's mesh, and a level one for each lake."""
-        x = np.arange(self.low[0], self.high[0] + CELL_M, CELL_M)
-        y = np.arange(self.low[1], self.high[1] + CELL_M, CELL_M)
+        x, y, z = self.grid
         xy = np.stack(np.meshgrid(x, y), -1)
         flat = xy.reshape(-1, 2)
-        z = self.height(flat).reshape(xy.shape[:2])
         down_y, down_x = np.gradient(z, CELL_M)
         normals = np.stack([-down_x, -down_y, np.ones_like(z)], -1)
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -84,6 +101,58 @@ class Ground:
             grid_triangles(*z.shape),
         )
         return [ground, *(self._lake(*lake) for lake in self.around.lakes)]
+
+    @cached_property
+    def grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x [X], y [Y] and heights [Y, X] of the mesh, which nowhere covers the road."""
+        x = np.arange(self.low[0], self.high[0] + CELL_M, CELL_M)
+        y = np.arange(self.low[1], self.high[1] + CELL_M, CELL_M)
+        flat = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+        z = self.height(flat)
+        road, least = self._road_points()
+        corners, weights = self._corners(road, len(x))
+        for _ in range(100):
+            over = (z[corners] * weights).sum(1) - least
+            covered = over > 1e-6
+            if not covered.any():
+                break
+            # The smallest change of a triangle's corners that lowers it below the point.
+            share = weights[covered] / (weights[covered] ** 2).sum(1, keepdims=True)
+            lower = np.zeros_like(z)
+            np.maximum.at(lower, corners[covered], over[covered, None] * share)
+            z = z - lower
+        return x, y, z.reshape(len(y), len(x))
+
+    def _corners(self, xy: np.ndarray, columns: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return the corners int [N, 3] of the mesh's triangles at points, and their weights."""
+        columns = len(self.grid[0]) if columns is None else columns
+        place = (xy - self.low) / CELL_M
+        cell = place.astype(int)
+        right, up = (place - cell).T
+        first = cell[:, 1] * columns + cell[:, 0]
+        beside = np.where(right >= up, first + 1, first + columns)
+        corners = np.stack([first, beside, first + columns + 1], -1)
+        least, most = np.minimum(right, up), np.maximum(right, up)
+        return corners, np.stack([1 - most, most - least, least], -1)
+
+    def _road_points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return points float [N, 2] on the road and beside it, and the highest ground there."""
+        track = self.track
+        right = np.stack([np.sin(track.heading), -np.cos(track.heading)], -1)
+        half = track.widths / 2 + BESIDE_M
+        lateral = np.linspace(-half, half, 9, axis=-1)
+        points = track.xyz[:, None, :2] + lateral[..., None] * right[:, None]
+        return points.reshape(-1, 2), np.repeat(track.xyz[:, 2] - BELOW_M, 9)
+
+    def _level_between(self, xy: np.ndarray) -> np.ndarray:
+        """Return heights float [N] that change smoothly from one part of the road to the next."""
+        track = self.track
+        stride = round(BLEND_M * len(track.distance) / track.length)
+        samples = self.standing[::stride]
+        count = min(MOST_NEAR, len(samples))
+        apart, near = cKDTree(track.xyz[samples, :2]).query(xy, count)
+        weight = 1 / (apart**2 + 0.5) ** 2
+        return (weight * track.xyz[samples, 2][near]).sum(1) / weight.sum(1)
 
     def _colours(self, xy: np.ndarray, upright: np.ndarray) -> np.ndarray:
         """Return colours: sand or forest soil, patches of grass, rock on steep slopes."""
@@ -99,6 +168,14 @@ class Ground:
         hills = 0.65 * self._noise(xy, size, 0) + 0.35 * self._noise(xy, size / 2.7, 1)
         return np.clip(hills * 1.5 - 0.35, -0.05, 1)
 
+    def _mounds(self, xy: np.ndarray) -> np.ndarray:
+        """Return the heights of the track's own mounds."""
+        rise = np.zeros(len(xy))
+        for x, y, radius, height in self.around.mounds:
+            inside = 1 - np.hypot(*(xy - (x, y)).T) / radius
+            rise = np.maximum(rise, height * _smooth(inside * STEEP))
+        return rise
+
     def _noise(self, xy: np.ndarray, size: float, number: int) -> np.ndarray:
         """Return smooth noise, about 0..1, that varies over `size` metres."""
         at = ((xy - self.low) / size).T
@@ -109,7 +186,8 @@ class Ground:
         verges = [self.track.verge_at(float(d)) for d in self.track.distance]
         is_kind = np.array([[v.left == kind for v in verges], [v.right == kind for v in verges]])
         window = np.ones(17) / 17
-        wrapped = np.pad(is_kind.astype(float), ((0, 0), (8, 8)), mode="wrap")
+        mode = "wrap" if self.track.closed else "edge"
+        wrapped = np.pad(is_kind.astype(float), ((0, 0), (8, 8)), mode=mode)
         return np.stack([np.convolve(row, window, "valid") for row in wrapped])
 
     def _flood(

@@ -49,6 +49,12 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
+def join_materials(meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Join meshes into one for each material, sorted by material."""
+    materials = sorted({mesh.material for mesh in meshes})
+    return [join([mesh for mesh in meshes if mesh.material == name]) for name in materials]
+
+
 def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
     """Cut a mesh into squares of `cell_m`, so that a renderer can skip those out of sight."""
     middles = mesh.points[mesh.triangles].mean(1)[:, :2]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simulator.scenery.edges import surface
 from simulator.scenery.ground import Ground
 from simulator.scenery.mesh import Mesh, grid_triangles
 from simulator.scenery.textures import PLANTS
@@ -56,10 +57,11 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     row = _row_of_poles(track, ground, around.poles)
     kinds = [("pine", "tall_pine", "tall_pine", "round_tree")] * trees
     kinds += [("bush", "reeds")] * bushes + [("pylon",)] * len(row)
-    stacks = _beside_dirt(track)
+    # Between parts of the road near each other there is no room for tyres.
+    stacks = _beside_dirt(track) if ground.room is None else np.empty((0, 2))
     kinds += [("tyres",)] * len(stacks)
     places = np.concatenate([near, far, low, row, stacks])
-    heights = ground.height(places)
+    heights = surface(track, ground, places)
     standing = []
     for xy, z, choice in zip(places, heights, kinds, strict=True):
         kind = choice[rng.integers(len(choice))]
@@ -117,7 +119,8 @@ def _beside_dirt(track: Track) -> np.ndarray:
             if kind == "dirt":
                 heading = float(track.heading_at(distance))
                 right = np.array([np.sin(heading), -np.cos(heading)])
-                places.append(track.at(distance)[:2] + side * (track.width / 2 + 5.5) * right)
+                half = track.width_at(distance) / 2
+                places.append(track.at(distance)[:2] + side * (half + 5.5) * right)
     return np.array(places).reshape(-1, 2)
 
 

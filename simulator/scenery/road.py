@@ -1,181 +1,172 @@
-"""The road and its verges: bands along the centreline.
+"""The road and its verges: bands along the centreline."""
 
-Widths were measured on the original's frames of a straight, projected to a view from above: 6.4 m
-between the inner yellow lines; a dark strip and a second line; about 1.4 m of paved shoulder; then
-a concrete bank of about 2 m, pale in the sun and blue-grey in the shade.
-"""
-
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from simulator.scenery.mesh import Mesh, grid_triangles, join
+from simulator.scenery.bands import VERGE_END_M, Band, carriageway, verge_bands
+from simulator.scenery.mesh import Mesh, grid_triangles, join_materials
+from simulator.scenery.room import verge_room
 from simulator.track import Track
 
 ALONG_M = 1.0
-BANK = 0.9  # slope for the light: the original's bank is cream in the sun, blue-grey in shade
-VERGE_END_M = 14.0  # from the centreline; the ground's mesh continues from there
-
-YELLOW, GUTTER = (0.66, 0.62, 0.36), (0.23, 0.22, 0.17)
-ASPHALT, SHOULDER = (0.356, 0.355, 0.366), (0.40, 0.40, 0.40)
-COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.95, 0.92, 0.77)
-SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
-GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
-FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
-
-
-@dataclass(frozen=True)
-class Band:
-    """A strip of one material: metres from the road's edge, heights above the road."""
-
-    start: float
-    end: float
-    rise_start: float
-    rise_end: float
-    material: str
-    colour: tuple[float, float, float]
-    repeat: float = 4.0  # metres that one texture covers
-    steep: float | None = None  # rise per metre assumed for its light; None for the real one
-
-
-def verge_bands(
-    kind: str, shoulder: float, room: float, ground: str, cobbled: bool = False
-) -> list[Band]:
-    """Return the bands outside the road's edge for a kind of verge, up to `room` metres."""
-    paving = _paving(cobbled)
-    # The bridge's walls are nearly black in the original; walls of a mountain road are stone.
-    wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
-    soil = SAND if ground == "sand" else FOREST
-    grass = GRASS if ground == "sand" else FOREST
-    line = [
-        Band(0.0, 0.10, 0, 0, "plain", YELLOW),
-        Band(0.10, 0.42, 0, 0, "plain", GUTTER),
-        Band(0.42, 0.50, 0, 0, "plain", YELLOW),
-    ]
-    paved = 0.5 + shoulder
-    if kind == "kerb":
-        return [
-            *line,
-            Band(0.5, paved, 0, 0, "asphalt", SHOULDER),
-            Band(paved, paved + 1.8, 0, 0.4, "concrete", CONCRETE, steep=BANK),
-            Band(paved + 1.8, room, 0.4, 0.2, "ground", soil),
-        ]
-    if kind == "stripes":
-        return [
-            *line,
-            Band(0.5, 2.1, 0, 0.12, "stripes", (0.92, 0.92, 0.95), 1.1),
-            Band(2.1, 3.8, 0.12, 0.4, "concrete", CONCRETE, steep=BANK),
-            Band(3.8, room, 0.4, 0.2, "ground", soil),
-        ]
-    if kind == "dirt":
-        return [
-            Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, steep=0.0),
-            Band(1.2, room, 0.05, 0.2, "ground", soil, 6.0),
-        ]
-    if kind == "wall":
-        return [
-            Band(0.0, 0.7, 0, 0, *paving),
-            Band(0.7, 0.72, 0, 0.75, *wall),
-            Band(0.72, 1.0, 0.75, 0.75, *wall),
-            Band(1.0, 1.02, 0.75, -4.0, *wall),
-        ]
-    if kind == "rock":
-        return [
-            Band(0.0, 0.12, 0, 0, "plain", WHITE),
-            Band(0.12, 0.9, 0, 0.1, "ground", soil),
-            Band(0.9, 1.9, 0.1, 3.2, "rock", ROCK, 6.0),
-            Band(1.9, 3.4, 3.2, 5.0, "rock", ROCK, 6.0),
-            Band(3.4, room, 5.0, 6.0, "ground", grass, 8.0),
-        ]
-    if kind == "drop":
-        return [
-            Band(0.0, 0.12, 0, 0, "plain", WHITE),
-            Band(0.12, 0.9, 0, 0, "ground", soil),
-            Band(0.9, 1.3, 0, 0.35, "concrete", CONCRETE),
-            Band(1.3, 3.5, 0.35, -2.0, "ground", grass, 6.0),
-            Band(3.5, room, -2.0, -5.0, "ground", grass, 6.0),
-        ]
-    return [
-        *line,
-        Band(0.5, paved + 1.4, 0, 0.1, "asphalt", SHOULDER),
-        Band(paved + 1.4, room, 0.1, 0.25, "ground", grass, 6.0),
-    ]
 
 
 def road_meshes(track: Track) -> list[Mesh]:
-    """Return meshes of road, lines, shoulders and verges of the whole lap, one per material."""
-    meshes = []
-    for start, end in _runs(track):
-        stretch = track.stretch_at((start + end) / 2)
-        verge = track.verge_at((start + end) / 2)
-        along = np.linspace(start, end, max(round((end - start) / ALONG_M), 1) + 1)
-        cobbled = stretch is not None and stretch.paving == "cobbles"
-        half = track.width / 2
-        for band in _carriageway(half, cobbled, track.centre_line):
-            meshes.append(_band_mesh(track, along, band, 1, 0.0, columns=9))
-        for side, kind in ((-1, verge.left), (1, verge.right)):
-            room = VERGE_END_M - half
-            ground = track.surroundings.ground
-            for band in verge_bands(kind, track.shoulder, room, ground, cobbled):
-                meshes.append(_band_mesh(track, along, band, side, half))
-    return [join([m for m in meshes if m.material == name]) for name in _materials(meshes)]
+    """Return meshes of road, lines, shoulders and verges of the whole road, one per material."""
+    meshes, room = [], verge_room(track)
+    for start, end in runs(track):
+        along = points_along(start, end)
+        half = half_width(track, along)
+        for band in carriageway(half, is_cobbled(track, along), track.centre_line):
+            meshes.append(band_mesh(track, along, band, 1, np.zeros(len(along)), columns=9))
+        for number, side in enumerate((-1, 1)):
+            most = None if room is None else room_at(track, room[number], along)
+            share = taper_at(track, along, side)
+            for band in bands_of_run(track, along, side):
+                meshes.append(band_mesh(track, along, band, side, half, most=most, share=share))
+    return join_materials(meshes)
 
 
-def _carriageway(half: float, cobbled: bool, centre_line: bool) -> list[Band]:
-    """Return the bands between the road's edges, from left to right."""
-    paving = _paving(cobbled)
-    if not centre_line:
-        return [Band(-half, half, 0, 0, *paving)]
-    return [
-        Band(-half, -0.08, 0, 0, *paving),
-        Band(-0.08, 0.08, 0, 0, "plain", YELLOW),
-        Band(0.08, half, 0, 0, *paving),
-    ]
-
-
-def _paving(cobbled: bool) -> tuple[str, tuple[float, float, float], float]:
-    """Return the paving's material, colour and repeat."""
-    return ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
-
-
-def _materials(meshes: list[Mesh]) -> list[str]:
-    return sorted({mesh.material for mesh in meshes})
-
-
-def _runs(track: Track) -> list[tuple[float, float]]:
-    """Return the spans of distances in which paving and verges stay the same."""
+def runs(track: Track) -> list[tuple[float, float]]:
+    """Return the spans of distances in which paving, verges and bridges stay the same."""
     ends = {0.0, track.length}
     for stretch in track.stretches:
         ends |= {stretch.start, min(stretch.end, track.length)}
+    changes = np.flatnonzero(np.diff(track.bridge)) + 1
+    ends |= set(track.distance[changes].tolist())
     ordered = sorted(ends)
     return [(start, end) for start, end in pairwise(ordered) if end - start > 0.01]
 
 
-def _band_mesh(
-    track: Track, along: np.ndarray, band: Band, side: int, edge: float, columns: int = 2
-) -> Mesh:
-    """Return a band's mesh; `band.start` is measured from `edge`, outwards on `side`."""
-    across = np.linspace(band.start, band.end, columns)
-    rise = np.interp(across, (band.start, band.end), (band.rise_start, band.rise_end))
-    offset = edge + across
-    middle = track.at(along)
+def points_along(start: float, end: float) -> np.ndarray:
+    """Return distances about `ALONG_M` apart from the start to the end of a run."""
+    return np.linspace(start, end, max(round((end - start) / ALONG_M), 1) + 1)
+
+
+def half_width(track: Track, along: np.ndarray) -> np.ndarray:
+    """Return the distance between centreline and edge line in metres, float [N]."""
+    if (track.widths == track.width).all():  # without the rounding errors of an interpolation
+        return np.full(len(along), track.width / 2)
+    return track.width_at(along) / 2
+
+
+def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[Band]:
+    """Return the bands outside the edge of a run; `side` is -1 for the left and 1 for the right."""
+    middle = float(along[0] + along[-1]) / 2
+    kind = _kind_at(track, middle, side)
+    room = VERGE_END_M - half_width(track, along)
+    cobbled = is_cobbled(track, along)
+    bands = verge_bands(kind, track.shoulder, room, track.surroundings, cobbled)
+    # The outer face of a bridge's wall belongs to its deck.
+    return bands[:-1] if on_bridge(track, middle) else bands
+
+
+def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray | None:
+    """Return the share 0..1 of a rock face's or a drop's height, float [N], or None for all of it.
+
+    The share rises from 0 where the kind of verge changes.
+    """
+    taper = track.surroundings.taper
+    if not taper or _kind_at(track, float(along[0] + along[-1]) / 2, side) not in ("rock", "drop"):
+        return None
+    kinds = [(start, _kind_at(track, (start + end) / 2, side)) for start, end in runs(track)]
+    before = [kinds[-1] if track.closed else (0.0, ""), *kinds[:-1]]
+    changes = [
+        start for (start, kind), (_, last) in zip(kinds, before, strict=True) if kind != last
+    ]
+    changes += [] if track.closed else [track.length]
+    if not changes:
+        return None
+    apart = np.abs(along[:, None] - np.array(changes))
+    if track.closed:
+        apart = np.minimum(apart, track.length - apart)
+    share = np.clip(apart.min(1) / taper, 0, 1)
+    return share * share * (3 - 2 * share)
+
+
+def _kind_at(track: Track, distance: float, side: int) -> str:
+    """Return the kind of verge on a side; a bridge has walls."""
+    verge = track.verge_at(distance)
+    return "wall" if on_bridge(track, distance) else verge.left if side < 0 else verge.right
+
+
+def is_cobbled(track: Track, along: np.ndarray) -> bool:
+    """Return whether a run has cobbles."""
+    stretch = track.stretch_at(float(along[0] + along[-1]) / 2)
+    return stretch is not None and stretch.paving == "cobbles"
+
+
+def on_bridge(track: Track, distance: float) -> bool:
+    """Return whether the road stands on a bridge at a distance."""
+    return bool(track.bridge[_sample(track, np.array([distance]))[0]])
+
+
+def room_at(track: Track, room: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the values of samples float [N] at distances; the lower of two samples'."""
+    index = _sample(track, along)
+    after = (index + 1) % len(room) if track.closed else np.minimum(index + 1, len(room) - 1)
+    return np.minimum(room[index], room[after])
+
+
+def rightwards(track: Track, along: np.ndarray) -> np.ndarray:
+    """Return unit vectors float [N, 3] to the right of the road."""
     heading = track.heading_at(along)
-    right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
-    # Inside a bend a wide verge would fold over itself, so it ends before the bend's centre.
+    return np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
+
+
+def reach_at(track: Track, along: np.ndarray, side: int) -> np.ndarray:
+    """Return the metres from the centreline at which a verge ends inside of bends, else inf.
+
+    A wide verge would fold over itself there, so it ends before the bend's centre.
+    """
     bend = -track.curvature_at(along) * side
-    reach = np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
-    lateral = np.minimum(offset[None], reach[:, None]) * side
-    points = middle[:, None] + lateral[..., None] * right[:, None]
+    return np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
+
+
+def band_mesh(
+    track: Track,
+    along: np.ndarray,
+    band: Band,
+    side: int,
+    edge: np.ndarray,
+    columns: int = 2,
+    most: np.ndarray | None = None,
+    share: np.ndarray | None = None,
+) -> Mesh:
+    """Return a band's mesh.
+
+    Args:
+        track: track of the road.
+        along: distances of the mesh's rows, float [N].
+        band: strip to draw; its start and end are measured from `edge`, outwards.
+        side: -1 for the left, 1 for the right.
+        edge: metres from the centreline, float [N].
+        columns: number of points across.
+        most: metres from the centreline beyond which nothing is drawn, float [N].
+        share: factor on heights above the road, float [N].
+    """
+    start, end = (np.broadcast_to(one, len(along)) for one in (band.start, band.end))
+    across = np.linspace(start, end, columns, axis=-1)
+    rise = np.linspace(band.rise_start, band.rise_end, columns)[None]
+    offset = edge[:, None] + across
+    if most is not None:
+        offset = np.minimum(offset, most[:, None])
+        across = np.clip((offset - (edge + start)[:, None]) / (end - start)[:, None], 0, 1)
+        rise = band.rise_start + (band.rise_end - band.rise_start) * across
+    if share is not None:
+        rise = rise * share[:, None]
+    right = rightwards(track, along)
+    lateral = np.minimum(offset, reach_at(track, along, side)[:, None]) * side
+    points = track.at(along)[:, None] + lateral[..., None] * right[:, None]
     points[..., 2] += rise
-    up = np.array([0.0, 0.0, 1.0])
     slope = band.steep
     if slope is None:
-        slope = (band.rise_end - band.rise_start) / (band.end - band.start)
-    normal = up - slope * side * right
+        slope = (band.rise_end - band.rise_start) / (end - start)[:, None]
+    normal = np.array([0.0, 0.0, 1.0]) - slope * side * right
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     count = len(along) * columns
-    uv = np.stack(np.broadcast_arrays(along[:, None] / band.repeat, offset[None] / band.repeat), -1)
+    uv = np.stack(np.broadcast_arrays(along[:, None] / band.repeat, offset / band.repeat), -1)
     if band.material == "stripes":
         uv[..., 1] = 0.5
     return Mesh(
@@ -186,3 +177,11 @@ def _band_mesh(
         uv.reshape(-1, 2),
         grid_triangles(len(along), columns),
     )
+
+
+def _sample(track: Track, along: np.ndarray) -> np.ndarray:
+    """Return the index of the last sample at or before each distance."""
+    index = np.searchsorted(
+        track.distance, along % track.length if track.closed else along, "right"
+    )
+    return np.clip(index - 1, 0, len(track.distance) - 1)

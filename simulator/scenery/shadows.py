@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from simulator.scenery.bridge import DECK_M, WALL_END_M
 from simulator.scenery.light import towards_sun
 from simulator.scenery.plants import Standing
 from simulator.track import Track
@@ -38,7 +39,10 @@ class Shadows:
         verges = [track.verge_at(float(distance)) for distance in track.distance]
         rocky = np.array([(one.left == "rock", one.right == "rock") for one in verges])
         self.rock_left, self.rock_right = rocky[nearest].T
-        self.edge = track.width / 2
+        self.edge = track.widths[nearest] / 2
+        deck = track.xyz[track.bridge]
+        self.deck = (cKDTree(deck[:, :2]), deck[:, 2]) if len(deck) else None
+        self.deck_half = float(track.widths.max() / 2 + WALL_END_M)
 
     def __call__(self, weather: Weather) -> list[np.ndarray]:
         """Return for each piece float [N]: the share of sunlight, 0..1, that reaches its points."""
@@ -47,6 +51,7 @@ class Shadows:
         for tree in self.trees:
             self._cast(light, tree, sun)
         light[self._behind_rock(sun)] = 0.0
+        light[self._below_bridge(sun)] = 0.0
         return np.split(light, self.ends)
 
     def _cast(self, light: np.ndarray, tree: Standing, sun: np.ndarray) -> None:
@@ -78,3 +83,15 @@ class Shadows:
         away = apart / np.maximum(np.abs(rightwards), 1e-3)
         rocky = np.where(rightwards > 0, self.rock_right, self.rock_left)
         return rocky & (apart > 0) & (away * sun[2] / np.hypot(*sun[:2]) < ROCK_TOP_M)
+
+    def _below_bridge(self, sun: np.ndarray) -> np.ndarray:
+        """Return bool [N]: whether a bridge stands between a point and the sun."""
+        if self.deck is None:
+            return np.zeros(len(self.points), bool)
+        tree, height = self.deck
+        _, near = tree.query(self.points[:, :2])
+        rise = height[near] - DECK_M - self.points[:, 2]
+        # A ray to the sun meets the deck where it has the deck's height.
+        meets = self.points[:, :2] + rise[:, None] * sun[:2] / sun[2]
+        apart, _ = tree.query(meets)
+        return (rise > 0.5) & (apart < self.deck_half)

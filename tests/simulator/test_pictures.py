@@ -142,6 +142,22 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     assert 5 <= int(np.argmin(shifts)) <= 10
 
 
+@pytest.mark.parametrize("name", track_names())
+@pytest.mark.parametrize("every_m", [35.0, pytest.param(5.0, marks=pytest.mark.slow)])
+def test_the_camera_sees_the_road_before_it_along_the_lap(name: str, every_m: float) -> None:
+    """Check a world in which the road is red and everything else is blue."""
+    world = open_world(name, renderer="software", quality="simple")
+    for path in world.pictures.root.getChildren():
+        path.setTextureOff(1)
+        paved = path.getName() in ("asphalt", "cobbles", "plain")
+        path.setColor((1, 0, 0, 1) if paved else (0, 0, 1, 1), 1)
+    for number, distance in enumerate(np.arange(0, world.track.length - 8, every_m)):
+        world.direction = (1, -1)[number % 2]
+        frame = look(world, distance=world.track.length - distance if number % 2 else distance)
+        assert (frame[108:134, 125:195, 0] == 255).all(), f"{distance:.0f} m, {world.direction}"
+    world.pictures.close()
+
+
 def test_shadows_fall_on_the_mountain_road() -> None:
     world = open_world("mountain", renderer="software")
     light = np.concatenate(world.pictures.shadows(CLEAR))

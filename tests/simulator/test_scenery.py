@@ -3,19 +3,25 @@
 import numpy as np
 import pytest
 import yaml
-from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
 
 from simulator.pictures import open_pictures
 from simulator.scenery.bonnet import bonnet_picture
+from simulator.scenery.bridge import bridge_meshes
+from simulator.scenery.edges import edge_meshes
 from simulator.scenery.ground import Ground
 from simulator.scenery.light import lit_colours
 from simulator.scenery.mesh import Mesh, cut, grid_triangles, join
-from simulator.scenery.plants import place_standing
+from simulator.scenery.plants import boulder_meshes, place_standing
 from simulator.scenery.road import road_meshes
 from simulator.scenery.shadows import Shadows
 from simulator.scenery.textures import MEANS, halvings, make_textures
+from simulator.track import Track
 from simulator.track_file import make_track, read_track, track_folder, track_names
 from simulator.weather import Weather
+from tests.simulator.surfaces import surfaces_at
+
+CLEARANCE_M = 3.5  # smallest height of a bridge's underside above the road below
 
 
 @pytest.fixture(scope="module", params=track_names())
@@ -23,26 +29,56 @@ def track(request: pytest.FixtureRequest):
     return read_track(request.param)
 
 
-def test_the_ground_never_sticks_out_of_the_road(track) -> None:
-    """Check carriageway and shoulders against every triangle of the ground."""
-    ground = Ground(track).meshes()[0]
-    height = LinearNDInterpolator(ground.points[:, :2], ground.points[:, 2])
+def road_places(track: Track) -> np.ndarray:
+    """Return places float [N, 3] on the carriageway, every metre along and 7 across."""
+    along = np.arange(0, track.length, 1.0)
+    heading = track.heading_at(along)
+    right = np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
+    lateral = np.linspace(-0.98, 0.98, 7)[:, None] * track.width_at(along) / 2
+    return (track.at(along) + lateral[..., None] * right).reshape(-1, 3)
+
+
+def solid_meshes(track: Track) -> list[Mesh]:
+    ground = Ground(track)
+    built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
+    return [*ground.meshes(), *boulder_meshes(track, ground, "full"), *built]
+
+
+def check_nothing_covers_the_road(track: Track) -> None:
+    places = road_places(track)
+    number, height = surfaces_at(solid_meshes(track), places[:, :2])
+    above = height - places[number, 2]
+    assert set(number[np.abs(above) < 0.08]) == set(range(len(places))), "a hole in the road"
+    covered = places[number[(above > 0.08) & (above < CLEARANCE_M)]]
+    assert not len(covered), f"{len(covered)} places, such as {covered[0]}"
+    bridge = track.xyz[track.bridge, :2]
+    if (above > CLEARANCE_M).any():
+        below = places[number[above > CLEARANCE_M], :2]
+        assert cKDTree(bridge).query(below)[0].max() < track.widths.max() / 2 + 1.5
+
+
+def test_nothing_covers_the_road_but_bridges(track) -> None:
+    """Check the carriageway against every triangle of ground, verges, boulders and bridges."""
+    check_nothing_covers_the_road(track)
+
+
+def test_the_ground_stays_below_the_shoulders(track) -> None:
     along = np.arange(0, track.length, 1.0)
     heading = track.heading_at(along)
     right = np.stack([np.sin(heading), -np.cos(heading)], -1)
-    for cte in np.linspace(-1, 1, 9) * (track.width / 2 + 1):
-        points = track.at(along)[:, :2] + cte * right
-        above = track.at(along)[:, 2] - height(points)
-        assert above.min() > 0, f"{above.min():.2f} m at {along[above.argmin()]} m, {cte:+.1f}"
+    ground = Ground(track).meshes()[:1]
+    for side in (-1, 1):
+        points = track.at(along)
+        points[:, :2] += side * (track.width_at(along)[:, None] / 2 + 1) * right
+        number, height = surfaces_at(ground, points[:, :2])
+        assert (height < points[number, 2]).all(), along[number[height.argmax()]]
 
 
 def test_the_road_is_where_the_track_is(track) -> None:
     meshes = road_meshes(track)
     asphalt = next(mesh for mesh in meshes if mesh.material == "asphalt")
-    for point in asphalt.points[::997]:
-        place = track.locate(*point[:2])
-        assert abs(place.cte) < track.width / 2 + track.shoulder + 2
-        assert point[2] == pytest.approx(place.z, abs=0.3)
+    apart, _ = cKDTree(track.xyz).query(asphalt.points)
+    assert apart.max() < track.widths.max() / 2 + track.shoulder + 2
 
 
 def test_no_tree_stands_on_the_road_or_in_the_water(track) -> None:

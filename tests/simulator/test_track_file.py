@@ -95,6 +95,7 @@ def test_a_bend_too_tight_for_the_car_is_refused_with_its_place(tmp_path):
         ({"stretches": {"from": 10}}, "stretches: must be a list"),
         ({"stretches": ["all"]}, "stretches, number 1: must have from: and to:"),
         ({"surroundings": {"ground": "ice"}}, "surroundings: ground: ice; must be one of"),
+        ({"surroundings": {"mounds": [[1, 2, 3]]}}, "mounds: each must be [x, y, radius, height]"),
         ({"surroundings": {"lakes": [[1, 2]]}}, "lakes: each must be [x, y, radius]"),
         ({"surroundings": {"lakes": "deep"}}, "lakes: each must be [x, y, radius]"),
         ({"surroundings": {"trees": -1}}, "surroundings: trees: -1; must be a number"),

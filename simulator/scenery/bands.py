@@ -1,0 +1,131 @@
+"""The profile of the road and its verges: bands of one material across the road.
+
+Widths were measured on the original's frames of a straight, projected to a view from above: 6.4 m
+between the inner yellow lines; a dark strip and a second line; about 1.4 m of paved shoulder; then
+a concrete bank of about 2 m, pale in the sun and blue-grey in the shade.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.track import Surroundings
+
+BANK = 0.9  # slope for the light: the original's bank is cream in the sun, blue-grey in shade
+VERGE_END_M = 14.0  # from the centreline; the ground's mesh continues from there
+
+YELLOW, GUTTER = (0.66, 0.62, 0.36), (0.23, 0.22, 0.17)
+ASPHALT, SHOULDER = (0.356, 0.355, 0.366), (0.40, 0.40, 0.40)
+COBBLES, CONCRETE = (0.49, 0.43, 0.435), (0.95, 0.92, 0.77)
+SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
+GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
+FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
+
+
+@dataclass(frozen=True)
+class Band:
+    """A strip of one material: metres from the road's edge, heights above the road."""
+
+    start: float | np.ndarray  # an array has a value for each point along the road
+    end: float | np.ndarray
+    rise_start: float
+    rise_end: float
+    material: str
+    colour: tuple[float, float, float]
+    repeat: float = 4.0  # metres that one texture covers
+    steep: float | None = None  # rise per metre assumed for its light; None for the real one
+
+
+def verge_bands(
+    kind: str,
+    shoulder: float,
+    room: float | np.ndarray,
+    around: Surroundings,
+    cobbled: bool = False,
+) -> list[Band]:
+    """Return the bands outside the road's edge for a kind of verge, up to `room` metres."""
+    ground, high = around.ground, around.kerb_height
+    paving = _paving(cobbled)
+    # The bridge's walls are nearly black in the original; walls of a mountain road are stone.
+    wall = ("plain", WALL) if cobbled else ("rock", ROCK, 3.0)
+    soil = SAND if ground == "sand" else FOREST
+    grass = GRASS if ground == "sand" else FOREST
+    line = [
+        Band(0.0, 0.10, 0, 0, "plain", YELLOW),
+        Band(0.10, 0.42, 0, 0, "plain", GUTTER),
+        Band(0.42, 0.50, 0, 0, "plain", YELLOW),
+    ]
+    paved = 0.5 + shoulder
+    if kind == "kerb":
+        return [
+            *line,
+            Band(0.5, paved, 0, 0, "asphalt", SHOULDER),
+            Band(paved, paved + around.kerb_width, 0, high, "concrete", CONCRETE, steep=BANK),
+            Band(paved + around.kerb_width, room, high, 0.2, "ground", soil),
+        ]
+    if kind == "stripes":
+        striped = 0.5 + around.stripes_width
+        outer = striped + around.kerb_width - 0.1
+        return [
+            *line,
+            Band(0.5, striped, 0, 0.12, "stripes", (0.92, 0.92, 0.95), 1.1),
+            Band(striped, outer, 0.12, high, "concrete", CONCRETE, steep=BANK),
+            Band(outer, room, high, 0.2, "ground", soil),
+        ]
+    if kind == "dirt":
+        return [
+            Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, steep=0.0),
+            Band(1.2, room, 0.05, 0.2, "ground", soil, 6.0),
+        ]
+    if kind == "wall":
+        return [
+            Band(0.0, 0.7, 0, 0, *paving),
+            Band(0.7, 0.72, 0, 0.75, *wall),
+            Band(0.72, 1.0, 0.75, 0.75, *wall),
+            Band(1.0, 1.02, 0.75, -4.0, *wall),
+        ]
+    if kind == "rock":
+        return [
+            Band(0.0, 0.12, 0, 0, "plain", WHITE),
+            Band(0.12, 0.9, 0, 0.1, "ground", soil),
+            Band(0.9, 1.9, 0.1, 3.2, "rock", ROCK, 6.0),
+            Band(1.9, 3.4, 3.2, 5.0, "rock", ROCK, 6.0),
+            Band(3.4, room, 5.0, 6.0, "ground", grass, 8.0),
+        ]
+    if kind == "drop":
+        return [
+            Band(0.0, 0.12, 0, 0, "plain", WHITE),
+            Band(0.12, 0.9, 0, 0, "ground", soil),
+            Band(0.9, 1.3, 0, 0.35, "concrete", CONCRETE),
+            Band(1.3, 3.5, 0.35, -2.0, "ground", grass, 6.0),
+            Band(3.5, room, -2.0, -5.0, "ground", grass, 6.0),
+        ]
+    return [
+        *line,
+        Band(0.5, paved + 1.4, 0, 0.1, "asphalt", SHOULDER),
+        Band(paved + 1.4, room, 0.1, 0.25, "ground", grass, 6.0),
+    ]
+
+
+def carriageway(half: np.ndarray, cobbled: bool, centre_line: bool) -> list[Band]:
+    """Return the bands between the road's edges, from left to right."""
+    paving = _paving(cobbled)
+    if not centre_line:
+        return [Band(-half, half, 0, 0, *paving)]
+    return [
+        Band(-half, -0.08, 0, 0, *paving),
+        Band(-0.08, 0.08, 0, 0, "plain", YELLOW),
+        Band(0.08, half, 0, 0, *paving),
+    ]
+
+
+def rise_at(bands: list[Band], away: np.ndarray) -> np.ndarray:
+    """Return a verge's height above the road in metres, `away` metres outside the road's edge."""
+    places = [float(np.max(place)) for band in bands for place in (band.start, band.end)]
+    rises = [rise for band in bands for rise in (band.rise_start, band.rise_end)]
+    return np.interp(away, places, rises)
+
+
+def _paving(cobbled: bool) -> tuple[str, tuple[float, float, float], float]:
+    """Return the paving's material, colour and repeat."""
+    return ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)

@@ -1,0 +1,193 @@
+"""Edges of the road's verges: faces down to lower ground, and the ends of an open road."""
+
+import numpy as np
+
+from simulator.scenery.bands import CONCRETE, FOREST, ROCK, SAND, VERGE_END_M, rise_at
+from simulator.scenery.ground import PALE_ROCK, Ground
+from simulator.scenery.mesh import Mesh, grid_triangles
+from simulator.scenery.road import (
+    bands_of_run,
+    half_width,
+    on_bridge,
+    points_along,
+    reach_at,
+    rightwards,
+    room_at,
+    runs,
+    taper_at,
+)
+from simulator.scenery.room import CLEAR_M
+from simulator.track import Track
+
+STEP_M = 0.8  # highest step from a verge to the ground without a face
+BURIED_M = 0.5  # part of a face below the ground
+ACROSS = 15  # points across a cross-section, on each side
+BARRIER_M, BARRIER_THICK_M = 0.9, 0.5  # height and thickness of an open road's barrier
+
+
+def edge_meshes(track: Track, ground: Ground) -> list[Mesh]:
+    """Return faces below verges, where parts of the road are near each other, and road ends."""
+    meshes = []
+    if ground.room is not None or track.bridge.any():
+        for start, end in runs(track):
+            if not on_bridge(track, (start + end) / 2):
+                along = points_along(start, end)
+                meshes += [_outer_face(track, ground, along, side) for side in (-1, 1)]
+                meshes += [
+                    _cross_face(track, ground, along, at) for at in _bridge_ends(track, along)
+                ]
+    if not track.closed:
+        for at in (0, -1):
+            meshes += _road_end(track, ground, at)
+    return [mesh for mesh in meshes if len(mesh.triangles)]
+
+
+def surface(track: Track, ground: Ground, xy: np.ndarray) -> np.ndarray:
+    """Return the heights in metres, float [N], on which objects stand at x and y, float [N, 2].
+
+    Between parts of the road near each other that is the higher one of ground and verge.
+    """
+    if ground.room is None:
+        return ground.height(xy)
+    height = ground.mesh_height(xy)
+    apart, nearest = ground.near_standing.query(xy)
+    for number in np.flatnonzero(apart < VERGE_END_M):
+        sample = ground.standing[nearest[number]]
+        along = track.distance[[sample]]
+        offset = (xy[number] - track.xyz[sample, :2]) @ rightwards(track, along)[0, :2]
+        side = 1 if offset > 0 else -1
+        away = np.minimum(apart[[number]], _verge_edge(track, ground, along, side))
+        verge = track.xyz[sample, 2] + _rise(track, along, side, away)[0]
+        height[number] = max(height[number], verge)
+    return height
+
+
+def _verge_edge(track: Track, ground: Ground, along: np.ndarray, side: int) -> np.ndarray:
+    """Return the distance of a verge's outer edge from the centreline, float [N]."""
+    far = np.minimum(VERGE_END_M, reach_at(track, along, side))
+    if ground.room is None:
+        return far
+    return np.minimum(far, room_at(track, ground.room[(side + 1) // 2], along))
+
+
+def _rise(track: Track, along: np.ndarray, side: int, offset: np.ndarray) -> np.ndarray:
+    """Return a verge's heights above the road float [N], `offset` metres from the centreline."""
+    rise = rise_at(bands_of_run(track, along, side), offset - half_width(track, along))
+    share = taper_at(track, along, side)
+    return rise if share is None else rise * share
+
+
+def _outer_face(track: Track, ground: Ground, along: np.ndarray, side: int) -> Mesh:
+    """Return the face from a verge's outer edge down to the ground."""
+    edge, right = _verge_edge(track, ground, along, side), rightwards(track, along)
+    top = track.at(along) + (side * edge)[:, None] * right
+    top[:, 2] += _rise(track, along, side, edge)
+    return _face(ground, top, side * right)
+
+
+def _bridge_ends(track: Track, along: np.ndarray) -> list[int]:
+    """Return 0 and -1 where a bridge precedes and follows a run on the ground."""
+    ends = ((0, along[0] - 0.6), (-1, along[-1] + 0.6))
+    return [at for at, beyond in ends if on_bridge(track, beyond)]
+
+
+def _cross_face(track: Track, ground: Ground, along: np.ndarray, at: int) -> Mesh:
+    """Return the face across the road and its verges at the first or last point of a run."""
+    here = along[[at]]
+    lateral, rise = [], []
+    for side in (-1, 1):
+        half = half_width(track, here)[0]
+        away = np.linspace(0, max(_verge_edge(track, ground, here, side)[0] - half, 0), ACROSS)
+        lateral.append(side * (half + away))
+        share = taper_at(track, here, side)
+        rises = rise_at(bands_of_run(track, along, side), away)
+        rise.append(rises if share is None else rises * share)
+    lateral[0], rise[0] = lateral[0][::-1], rise[0][::-1]
+    right = rightwards(track, here)
+    top = track.at(here) + np.concatenate(lateral)[:, None] * right
+    top[:, 2] += np.concatenate(rise)
+    ahead = np.array([-right[0, 1], right[0, 0], 0.0]) * (1 if at else -1)
+    return _face(ground, top, np.broadcast_to(ahead, top.shape))
+
+
+def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
+    """Return an upright face from the points of its upper edge float [N, 3] to the ground."""
+    floor = ground.mesh_height(top[:, :2])
+    bottom = top.copy()
+    high = top[:, 2] - floor > STEP_M
+    bottom[:, 2] = np.where(high, floor - BURIED_M, top[:, 2])
+    points = np.stack([top, bottom], 1)
+    steps = np.linalg.norm(np.diff(top, axis=0), axis=1)
+    along = np.concatenate([[0], np.cumsum(steps)]) / 6.0
+    uv = np.stack(np.broadcast_arrays(along[:, None], points[..., 2] / 6.0), -1)
+    triangles = grid_triangles(len(top), 2)
+    shown = high[triangles // 2].any(1)
+    colour = PALE_ROCK if ground.around.ground == "sand" else ROCK
+    return Mesh(
+        "rock",
+        points.reshape(-1, 3),
+        np.repeat(normal, 2, 0),
+        np.tile(colour, (2 * len(top), 1)),
+        uv.reshape(-1, 2),
+        triangles[shown],
+    )
+
+
+def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
+    """Return a round place behind the road's first (0) or last (-1) point, and a barrier on it."""
+    here = track.distance[[at]]
+    right = rightwards(track, here)[0]
+    ahead = np.array([-right[1], right[0], 0.0]) * (1 if at else -1)
+    centre, half = track.at(here)[0], float(half_width(track, here)[0])
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 25)
+    spokes = np.cos(turn)[:, None] * ahead + np.sin(turn)[:, None] * right
+    apart = track.xyz[:, :2] - centre[:2]
+    behind = apart[apart @ ahead[:2] > 1]
+    nearest = np.linalg.norm(behind, axis=1).min(initial=np.inf)
+    most = np.clip(nearest - track.widths.max() / 2 - CLEAR_M, half + 1, VERGE_END_M)
+    away = np.array([0.0, half, most])
+    points = centre + away[:, None] * spokes[:, None]
+    points[..., 2] += np.array([0.0, 0.0, 0.2])
+    soil = SAND if ground.around.ground == "sand" else FOREST
+    count = points.size // 3
+    place = Mesh(
+        "ground",
+        points.reshape(-1, 3),
+        np.tile([0.0, 0.0, 1.0], (count, 1)),
+        np.tile(soil, (count, 1)),
+        points[..., :2].reshape(-1, 2) / 6.0,
+        grid_triangles(len(turn), len(away)),
+    )
+    run = points_along(*runs(track)[at])
+    cross = _cross_face(track, ground, run, at)
+    rim = _face(ground, points[:, -1], spokes)
+    return [place, cross, rim, *_barrier(centre + 0.3 * ahead, right, ahead, half + 1.0)]
+
+
+def _barrier(foot: np.ndarray, right: np.ndarray, ahead: np.ndarray, half: float) -> list[Mesh]:
+    """Return a red and white barrier across the road: its front, top and back."""
+    across = np.linspace(-half, half, 9)
+    up = np.array([0.0, 0.0, 1.0])
+    corners = [
+        -0.3 * up,
+        BARRIER_M * up,
+        BARRIER_M * up + BARRIER_THICK_M * ahead,
+        BARRIER_THICK_M * ahead - 0.3 * up,
+    ]
+    sides = (("stripes", -ahead), ("concrete", up), ("stripes", ahead))
+    meshes = []
+    for (material, normal), low, high in zip(sides, corners, corners[1:], strict=False):
+        points = foot + across[:, None, None] * right + np.stack([low, high])[None]
+        uv = np.full((len(across), 2, 2), 0.5)
+        uv[..., 0] = across[:, None] / 2.0
+        meshes.append(
+            Mesh(
+                material,
+                points.reshape(-1, 3),
+                np.tile(normal, (2 * len(across), 1)),
+                np.tile(CONCRETE, (2 * len(across), 1)),
+                uv.reshape(-1, 2),
+                grid_triangles(len(across), 2),
+            )
+        )
+    return meshes
