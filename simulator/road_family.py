@@ -15,7 +15,7 @@ from simulator.closing import closing_segments
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import read_yaml
 from simulator.track import Track
-from simulator.track_file import VERGES, make_track
+from simulator.track_content import VERGES, make_track
 from simulator.track_names import road_folder
 from simulator.yaml_values import check_choice, check_keys, read_number
 

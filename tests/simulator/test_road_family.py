@@ -9,6 +9,7 @@ import yaml
 from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.road_family import draw_content, draw_road, family_names, find_family
+from simulator.track_file import read_track
 from simulator.world import World
 
 
@@ -91,3 +92,15 @@ def test_ranges_without_a_road_say_so():
 def test_a_seed_out_of_range_is_refused(seed):
     with pytest.raises(SimulatorError, match=f"alpine:{seed}"):
         draw_road(find_family("alpine"), seed)
+
+
+def test_a_road_is_named_wherever_a_track_is():
+    road = read_track("alpine:17")
+    assert road.name == "alpine:17"
+    path = find_family("alpine").path
+    np.testing.assert_array_equal(read_track(f"{path}:17").xyz, road.xyz)
+
+
+def test_an_unknown_family_names_the_known_ones():
+    with pytest.raises(SimulatorError, match="tundra.*alpine, country, lakeside"):
+        read_track("tundra:1")
