@@ -102,5 +102,5 @@ def test_a_road_is_named_wherever_a_track_is():
 
 
 def test_an_unknown_family_names_the_known_ones():
-    with pytest.raises(SimulatorError, match="tundra.*alpine, country, lakeside"):
+    with pytest.raises(SimulatorError, match=r"tundra.*alpine, country, lakeside"):
         read_track("tundra:1")
