@@ -35,7 +35,7 @@ RANGES = {
     "shoulder": (0.0, 10.0),
     "stretch": (5.0, 1_000.0),
 }
-SHARES = ("closed", "centre_line", "cobbles")  # probabilities
+SHARES = ("closed", "straights", "centre_line", "cobbles")  # probabilities
 SCENERY = {
     "hills": (0.0, 200.0),
     "hill_size": (20.0, 500.0),
@@ -45,6 +45,7 @@ SCENERY = {
 }
 COUNTS = ("trees", "bushes", "rocks")
 KEYS = (*RANGES, *SHARES, "widening", "verges", "surroundings")
+LONGEST_M = 120.0  # length of a bend; one of a large radius turns less than `degrees`
 TURN_BACK_DEG = 60.0  # a road that has turned this far mostly turns back
 
 
@@ -192,13 +193,12 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         aim = 300.0 * along / wanted if closed else 0.0
         left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
         low, high = family.ranges["radius"]
-        one = {
-            "left" if left else "right": round(rng.uniform(*family.ranges["degrees"]), 1),
-            "radius": round(math.exp(rng.uniform(math.log(low), math.log(high))), 1),
-        }
+        radius = round(math.exp(rng.uniform(math.log(low), math.log(high))), 1)
+        degrees = min(rng.uniform(*family.ranges["degrees"]), math.degrees(LONGEST_M / radius))
+        one = {"left" if left else "right": round(degrees, 1), "radius": radius}
         turned += one["left"] if left else -one["right"]
         segments.append(one)
-        if rng.random() < 0.6:
+        if rng.random() < family.shares["straights"]:
             segments.append(_straight(family, rng))
         along = sum(_length(segment) for segment in segments)
     low, high = family.ranges["grade"]
@@ -209,7 +209,8 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
     ending = closing_segments(segments, rng.uniform(*family.ranges["radius"]))
     climb = -sum(one["climb"] for one in segments)
     room = sum(_length(one) for one in ending)
-    if not ending or not low <= climb / room <= high:
+    longest = 1.3 * family.ranges["loop"][1]
+    if not ending or not low <= climb / room <= high or along + room > longest:
         return None
     for one in ending:
         one["climb"] = climb * _length(one) / room
