@@ -10,8 +10,17 @@ RECORDED = {name: alias for alias, name in ALIASES.items()}
 
 def track_folder() -> Path:
     """Return the folder of the included tracks, in the installation or in the checkout."""
-    installed = Path(__file__).parent / "track"
-    return installed if installed.is_dir() else Path(__file__).parents[1] / "conf" / "track"
+    return _conf_folder("track")
+
+
+def road_folder() -> Path:
+    """Return the folder of the included families of roads."""
+    return _conf_folder("road")
+
+
+def _conf_folder(name: str) -> Path:
+    installed = Path(__file__).parent / name
+    return installed if installed.is_dir() else Path(__file__).parents[1] / "conf" / name
 
 
 def track_names() -> list[str]:

@@ -9,7 +9,7 @@ from simulator.scenery.ground import Ground
 from simulator.scenery.road import road_meshes
 from simulator.scenery.shadows import Shadows
 from simulator.track import Track
-from simulator.track_file import VERGES, make_track
+from simulator.track_content import VERGES, make_track
 from simulator.weather import Weather
 from tests.simulator.surfaces import surfaces_at
 from tests.simulator.test_centreline_keys import EIGHT

@@ -1,7 +1,7 @@
 """Short tracks for tests: a loop of 440 m, driven counter-clockwise, and an open road of 214 m."""
 
 from simulator.track import Track
-from simulator.track_file import make_track
+from simulator.track_content import make_track
 
 LOOP = [[0, 0, 0], [100, 0, 0], [140, 40, 0], [100, 80, 0], [0, 80, 0], [-40, 40, 0]]
 OPEN = [

@@ -1,0 +1,262 @@
+"""Roads by the thousand: a family of roads in `conf/road/<name>.yaml`, and a road for each seed.
+
+A road is drawn as a track's file would describe it: segments, widths, verges, surroundings. It is
+drawn again until the car can take it, so `alpine:17` is the same road on every machine.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simulator.closing import closing_segments
+from simulator.errors import SimulatorError
+from simulator.plain_yaml import read_yaml
+from simulator.track import Track
+from simulator.track_content import VERGES, make_track
+from simulator.track_names import road_folder
+from simulator.yaml_values import check_choice, check_keys, read_number
+
+VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
+MOST_DRAWS = 300
+MOST_SEED = 2**31 - 1
+GROUNDS = ("sand", "grass", "forest")
+# Smallest and largest value of each range; a road's own file has the same limits.
+RANGES = {
+    "length": (60.0, 20_000.0),
+    "loop": (300.0, 20_000.0),
+    "straight": (1.0, 1_000.0),
+    "radius": (6.0, 1_000.0),
+    "degrees": (1.0, 270.0),
+    "grade": (-0.3, 0.3),
+    "width": (3.0, 30.0),
+    "shoulder": (0.0, 10.0),
+    "stretch": (5.0, 1_000.0),
+}
+SHARES = ("closed", "straights", "centre_line", "cobbles")  # probabilities
+SCENERY = {
+    "hills": (0.0, 200.0),
+    "hill_size": (20.0, 500.0),
+    "trees": (0.0, 2_000.0),
+    "bushes": (0.0, 2_000.0),
+    "rocks": (0.0, 500.0),
+}
+COUNTS = ("trees", "bushes", "rocks")
+KEYS = (*RANGES, *SHARES, "widening", "verges", "surroundings")
+LONGEST_M = 120.0  # length of a bend; one of a large radius turns less than `degrees`
+TURN_BACK_DEG = 60.0  # a road that has turned this far mostly turns back
+
+
+@dataclass(frozen=True)
+class RoadFamily:
+    """Ranges from which roads are drawn.
+
+    Attributes:
+        path: the family's file.
+        ranges: smallest and largest value of each key of `RANGES`.
+        shares: probability of each key of `SHARES`.
+        widening: largest change of the width along the road, in metres.
+        verges: weight of each kind of verge.
+        scenery: smallest and largest value of each key of `SCENERY`.
+        grounds: kinds of ground.
+    """
+
+    path: Path
+    ranges: dict[str, tuple[float, float]]
+    shares: dict[str, float]
+    widening: float
+    verges: dict[str, float]
+    scenery: dict[str, tuple[float, float]]
+    grounds: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Return the name of the family's file."""
+        return self.path.stem
+
+
+def family_names() -> list[str]:
+    """Return the names of the included families, sorted."""
+    return sorted(path.stem for path in road_folder().glob("*.yaml"))
+
+
+def find_family(name: str) -> RoadFamily:
+    """Read a family by its name or by the path of its YAML file.
+
+    Raises:
+        SimulatorError: there is no such family, the file cannot be read, or a key or value is
+            wrong.
+    """
+    path = Path(name) if name.endswith((".yaml", ".yml")) else road_folder() / f"{name}.yaml"
+    if "\0" in name or not path.is_file():
+        raise SimulatorError(
+            f"there is no family of roads {name!a}; available: {', '.join(family_names())}, or a "
+            ".yaml file"
+        )
+    return _read_family(path)
+
+
+def _read_family(path: Path) -> RoadFamily:
+    try:
+        content = read_yaml(path)
+        check_keys("", content, KEYS)
+        surroundings = content.get("surroundings", {})
+        check_keys("surroundings: ", surroundings, (*SCENERY, "ground"))
+        verges = content.get("verges")
+        check_keys("verges: ", verges, VERGES)
+        if not any(verges.values()):
+            raise SimulatorError("verges: give one kind or more a weight above 0")
+        grounds = surroundings.get("ground", ["sand"])
+        for ground in grounds if isinstance(grounds, list) else [grounds]:
+            check_choice("surroundings: ground", ground, GROUNDS)
+        return RoadFamily(
+            path,
+            {key: _range(key, content.get(key), *RANGES[key]) for key in RANGES},
+            {key: read_number(key, content.get(key), 0, 1) for key in SHARES},
+            read_number("widening", content.get("widening"), 0, 10),
+            {kind: read_number(f"verges: {kind}", verges[kind], 0, 1e3) for kind in verges},
+            {
+                key: _range(f"surroundings: {key}", surroundings.get(key), *SCENERY[key])
+                for key in SCENERY
+            },
+            tuple(grounds),
+        )
+    except SimulatorError as error:
+        raise SimulatorError(f"{path}: {error}") from None
+
+
+def draw_road(family: RoadFamily, seed: int) -> Track:
+    """Return the road of a seed.
+
+    Raises:
+        SimulatorError: the seed is not allowed, or the family's ranges give no road that the car
+            can take.
+    """
+    if not 0 <= seed <= MOST_SEED:
+        raise SimulatorError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
+    return draw_content(family, seed)[1]
+
+
+def draw_content(family: RoadFamily, seed: int) -> tuple[dict[str, Any], Track]:
+    """Return the content of a file for the road of a seed, and the road; see `draw_road`."""
+    rng = np.random.default_rng((VERSION, seed))
+    closed = bool(rng.random() < family.shares["closed"])
+    reason = ""
+    for _ in range(MOST_DRAWS):
+        content = _draw(family, rng, closed)
+        if content is None:
+            continue
+        try:
+            return content, make_track(f"{family.name}:{seed}", content)
+        except SimulatorError as error:
+            reason = f" (the last one: {error})"
+    raise SimulatorError(
+        f"track={family.name}:{seed}: the car could take none of {MOST_DRAWS} drawn roads{reason}; "
+        "widen the ranges of radius, degrees or straight"
+    )
+
+
+def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[str, Any] | None:
+    """Return one draw of a road, or None for a loop that cannot be closed within the ranges."""
+    segments = _segments(family, rng, closed)
+    if segments is None:
+        return None
+    length = sum(_length(one) for one in segments)
+    width = rng.uniform(*family.ranges["width"])
+    low, high = family.ranges["width"]
+    stations = np.sort(rng.uniform(0, 0.98 * length, rng.integers(2, 6))).round(1)
+    change = family.widening / 2 * rng.uniform(-1, 1, len(stations))
+    widths = np.clip(width + change, low, high).round(2)
+    content: dict[str, Any] = {
+        "closed": closed,
+        "segments": segments,
+        "width": round(width, 2),
+        "shoulder": round(rng.uniform(*family.ranges["shoulder"]), 2),
+        "centre_line": bool(rng.random() < family.shares["centre_line"]),
+        "stretches": _stretches(family, rng, length),
+        "surroundings": _surroundings(family, rng),
+    }
+    if family.widening and np.diff(stations).min() > 1:
+        content["widths"] = np.stack([stations, widths], -1).tolist()
+    return content
+
+
+def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> list[dict] | None:
+    """Return segments of straights and bends; a loop mostly turns left and is closed at its end."""
+    wanted = rng.uniform(*family.ranges["loop" if closed else "length"])
+    along, turned, segments = 0.0, 0.0, [_straight(family, rng)]
+    along = _length(segments[0])
+    while along < wanted:
+        # A loop turns left steadily, an open road to both sides.
+        aim = 300.0 * along / wanted if closed else 0.0
+        left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
+        low, high = family.ranges["radius"]
+        radius = round(math.exp(rng.uniform(math.log(low), math.log(high))), 1)
+        degrees = min(rng.uniform(*family.ranges["degrees"]), math.degrees(LONGEST_M / radius))
+        one = {"left" if left else "right": round(degrees, 1), "radius": radius}
+        turned += one["left"] if left else -one["right"]
+        segments.append(one)
+        if rng.random() < family.shares["straights"]:
+            segments.append(_straight(family, rng))
+        along = sum(_length(segment) for segment in segments)
+    low, high = family.ranges["grade"]
+    for one in segments:
+        one["climb"] = round(rng.uniform(low, high) * _length(one), 2)
+    if not closed:
+        return segments
+    ending = closing_segments(segments, rng.uniform(*family.ranges["radius"]))
+    climb = -sum(one["climb"] for one in segments)
+    room = sum(_length(one) for one in ending)
+    longest = 1.3 * family.ranges["loop"][1]
+    if not ending or not low <= climb / room <= high or along + room > longest:
+        return None
+    for one in ending:
+        one["climb"] = climb * _length(one) / room
+    return [*segments, *ending]
+
+
+def _straight(family: RoadFamily, rng: np.random.Generator) -> dict:
+    return {"straight": round(rng.uniform(*family.ranges["straight"]), 1)}
+
+
+def _length(segment: dict) -> float:
+    """Return a segment's length in metres."""
+    if "straight" in segment:
+        return float(segment["straight"])
+    degrees = segment.get("left", segment.get("right"))
+    return float(math.radians(degrees) * segment["radius"])
+
+
+def _stretches(family: RoadFamily, rng: np.random.Generator, length: float) -> list[dict]:
+    """Return stretches of verges over the road; some are cobbled bridges with walls."""
+    kinds = list(family.verges)
+    weights = np.array([family.verges[kind] for kind in kinds])
+    stretches, start = [], 0.0
+    # A road's smoothed length is a little shorter than that of its segments.
+    while start < 0.9 * length:
+        end = min(start + rng.uniform(*family.ranges["stretch"]), 0.95 * length)
+        left, right = rng.choice(kinds, 2, p=weights / weights.sum()).tolist()
+        one = {"from": round(start, 1), "to": round(end, 1), "left": left, "right": right}
+        if rng.random() < family.shares["cobbles"]:
+            one |= {"paving": "cobbles", "left": "wall", "right": "wall"}
+        stretches.append(one)
+        start = end
+    return stretches
+
+
+def _surroundings(family: RoadFamily, rng: np.random.Generator) -> dict:
+    found = {key: rng.uniform(*family.scenery[key]) for key in SCENERY}
+    rounded = {key: round(value, 0 if key in COUNTS else 1) for key, value in found.items()}
+    ground = family.grounds[int(rng.integers(len(family.grounds)))]
+    return {"seed": int(rng.integers(10_000)), "ground": ground, **rounded}
+
+
+def _range(key: str, value: object, low: float, high: float) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise SimulatorError(f"{key}: {value}; must be [smallest, largest]")
+    first, last = (read_number(key, one, low, high) for one in value)
+    if first > last:
+        raise SimulatorError(f"{key}: {value}; the smallest value must come first")
+    return first, last

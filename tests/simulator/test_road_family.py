@@ -1,0 +1,106 @@
+"""Families of roads: the same road for the same seed, roads that the car can take."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+
+from simulator.errors import SimulatorError
+from simulator.expert import Expert
+from simulator.road_family import draw_content, draw_road, family_names, find_family
+from simulator.track_file import read_track
+from simulator.world import World
+
+
+@pytest.fixture(params=family_names())
+def family(request):
+    """Return each included family."""
+    return find_family(request.param)
+
+
+def test_a_seed_always_draws_the_same_road(family):
+    first, again = draw_road(family, 3), draw_road(family, 3)
+    np.testing.assert_array_equal(first.xyz, again.xyz)
+    np.testing.assert_array_equal(first.widths, again.widths)
+    assert first.name == f"{family.name}:3"
+    assert draw_road(family, 4).length != first.length
+
+
+def test_roads_keep_to_the_ranges_of_their_family(family):
+    for seed in range(20):
+        content, road = draw_content(family, seed)
+        low, high = family.ranges["width"]
+        assert low - 0.01 <= road.widths.min() <= road.widths.max() <= high + 0.01
+        grades = family.ranges["grade"]
+        assert grades[0] - 0.01 <= road.grade.min() <= road.grade.max() <= grades[1] + 0.01
+        assert road.closed == content["closed"]
+        # Transitions make an arc's middle as tight as the arc, not tighter than a few per cent.
+        assert np.abs(road.curvature).max() <= 1.1 / family.ranges["radius"][0]
+
+
+def test_the_expert_drives_roads_of_each_family(family):
+    for seed in range(3):
+        road = draw_road(family, seed)
+        world, expert = World(road), Expert(road)
+        while not world.is_complete(1.0):
+            world.step(*expert(world))
+            assert not world.off_road, f"{road.name} at {world.place.distance:.0f} m"
+            assert world.time < 600
+
+
+def test_loops_close(family):
+    family = dataclasses.replace(family, shares={**family.shares, "closed": 1.0})
+    road = draw_road(family, 1)
+    assert road.closed
+    turns = (road.heading[-1] - road.heading[0]) / (2 * np.pi)
+    assert abs(turns - round(turns)) < 0.03
+    steps = np.linalg.norm(np.diff(road.xyz, axis=0, append=road.xyz[:1]), axis=1)
+    assert steps.max() < 0.6
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "named"),
+    [
+        ("radius", [90, 15], "radius"),
+        ("radius", 15, "radius"),
+        ("closed", 2, "closed"),
+        ("verges", {"hedge": 1}, "hedge"),
+        ("verges", {"rock": 0}, "verges"),
+        ("verges", {}, "verges"),
+        ("surroundings", {"ground": ["snow"]}, "ground"),
+        ("lengths", [1, 2], "did you mean length"),
+    ],
+)
+def test_wrong_families_name_file_and_key(tmp_path, key, value, named):
+    content = yaml.safe_load((find_family("country").path).read_text())
+    path = tmp_path / "own.yaml"
+    path.write_text(yaml.safe_dump(content | {key: value}))
+    with pytest.raises(SimulatorError, match=named) as caught:
+        find_family(str(path))
+    assert str(path) in str(caught.value)
+
+
+def test_ranges_without_a_road_say_so():
+    family = find_family("alpine")
+    tight = {**family.ranges, "radius": (6.0, 6.0), "degrees": (270.0, 270.0)}
+    with pytest.raises(SimulatorError, match="alpine:1: the car could take none"):
+        draw_road(dataclasses.replace(family, ranges=tight), 1)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**31])
+def test_a_seed_out_of_range_is_refused(seed):
+    with pytest.raises(SimulatorError, match=f"alpine:{seed}"):
+        draw_road(find_family("alpine"), seed)
+
+
+def test_a_road_is_named_wherever_a_track_is():
+    road = read_track("alpine:17")
+    assert road.name == "alpine:17"
+    path = find_family("alpine").path
+    np.testing.assert_array_equal(read_track(f"{path}:17").xyz, road.xyz)
+
+
+def test_an_unknown_family_names_the_known_ones():
+    with pytest.raises(SimulatorError, match=r"tundra.*alpine, country, lakeside"):
+        read_track("tundra:1")
