@@ -25,6 +25,9 @@ class Verge:
     right: str = "paved"
 
 
+WALLS = Verge("wall", "wall")
+
+
 @dataclass(frozen=True)
 class Stretch:
     """A part of the lap, in metres from the start, with another paving or verge."""
@@ -165,9 +168,17 @@ class Track:
         return next((one for one in self.stretches if one.start <= rest < one.end), None)
 
     def verge_at(self, distance: float) -> Verge:
-        """Return the verges at a distance."""
+        """Return the verges at a distance; a bridge has walls."""
+        if self.on_bridge(distance):
+            return WALLS
         stretch = self.stretch_at(distance)
         return stretch.verge if stretch else self.verge
+
+    def on_bridge(self, distance: float) -> bool:
+        """Return whether the road stands on a bridge at a distance."""
+        pieces = len(self.distance) - (not self.closed)
+        index = int(self.wrap(distance) / self.length * pieces)
+        return bool(self.bridge[min(index, len(self.distance) - 1)])
 
     def locate(self, x: float, y: float, near: float | None = None) -> Place:
         """Return the place of a point; with `near`, search only 20 m around that distance."""

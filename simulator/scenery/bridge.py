@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 from simulator.scenery.bands import CONCRETE
 from simulator.scenery.ground import Ground
 from simulator.scenery.mesh import Mesh, grid_triangles
-from simulator.scenery.road import half_width, on_bridge, points_along, rightwards, runs
+from simulator.scenery.road import half_width, points_along, rightwards, runs
 from simulator.track import Track
 
 DECK_M = 1.1  # height of the deck's side faces below the road
@@ -19,7 +19,7 @@ def bridge_meshes(track: Track, ground: Ground) -> list[Mesh]:
     """Return the parts of the track's bridges below the road; the walls are part of the road."""
     meshes = []
     for start, end in runs(track):
-        if on_bridge(track, (start + end) / 2):
+        if track.on_bridge((start + end) / 2):
             along = points_along(start, end)
             meshes.append(_deck(track, along))
             meshes += _pillars(track, ground, along)

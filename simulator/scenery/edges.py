@@ -8,7 +8,6 @@ from simulator.scenery.mesh import Mesh, grid_triangles
 from simulator.scenery.road import (
     bands_of_run,
     half_width,
-    on_bridge,
     points_along,
     reach_at,
     rightwards,
@@ -30,7 +29,7 @@ def edge_meshes(track: Track, ground: Ground) -> list[Mesh]:
     meshes = []
     if ground.room is not None or track.bridge.any():
         for start, end in runs(track):
-            if not on_bridge(track, (start + end) / 2):
+            if not track.on_bridge((start + end) / 2):
                 along = points_along(start, end)
                 meshes += [_outer_face(track, ground, along, side) for side in (-1, 1)]
                 meshes += [
@@ -88,7 +87,7 @@ def _outer_face(track: Track, ground: Ground, along: np.ndarray, side: int) -> M
 def _bridge_ends(track: Track, along: np.ndarray) -> list[int]:
     """Return 0 and -1 where a bridge precedes and follows a run on the ground."""
     ends = ((0, along[0] - 0.6), (-1, along[-1] + 0.6))
-    return [at for at, beyond in ends if on_bridge(track, beyond)]
+    return [at for at, beyond in ends if track.on_bridge(beyond)]
 
 
 def _cross_face(track: Track, ground: Ground, along: np.ndarray, at: int) -> Mesh:

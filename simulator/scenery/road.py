@@ -59,7 +59,7 @@ def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[Band]:
     cobbled = is_cobbled(track, along)
     bands = verge_bands(kind, track.shoulder, room, track.surroundings, cobbled)
     # The outer face of a bridge's wall belongs to its deck.
-    return bands[:-1] if on_bridge(track, middle) else bands
+    return bands[:-1] if track.on_bridge(middle) else bands
 
 
 def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray | None:
@@ -86,20 +86,15 @@ def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray | None:
 
 
 def _kind_at(track: Track, distance: float, side: int) -> str:
-    """Return the kind of verge on a side; a bridge has walls."""
+    """Return the kind of verge on a side."""
     verge = track.verge_at(distance)
-    return "wall" if on_bridge(track, distance) else verge.left if side < 0 else verge.right
+    return verge.left if side < 0 else verge.right
 
 
 def is_cobbled(track: Track, along: np.ndarray) -> bool:
     """Return whether a run has cobbles."""
     stretch = track.stretch_at(float(along[0] + along[-1]) / 2)
     return stretch is not None and stretch.paving == "cobbles"
-
-
-def on_bridge(track: Track, distance: float) -> bool:
-    """Return whether the road stands on a bridge at a distance."""
-    return bool(track.bridge[_sample(track, np.array([distance]))[0]])
 
 
 def room_at(track: Track, room: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from simulator.scenery.shadows import Shadows
 from simulator.track import Track
 from simulator.track_content import VERGES, make_track
 from simulator.weather import Weather
+from simulator.world import Start, World
 from tests.simulator.surfaces import surfaces_at
 from tests.simulator.test_centreline_keys import EIGHT
 from tests.simulator.test_scenery import check_nothing_covers_the_road
@@ -96,3 +97,13 @@ def test_faces_close_the_gap_between_parts_at_different_heights() -> None:
     tall = (high[:, 2] - low[:, 2]) > 3
     assert tall.sum() > 50
     assert (low[tall, 2] < ground.mesh_height(low[tall, :2])).all()
+
+
+def test_a_bridge_s_walls_stop_the_car_where_the_file_has_none() -> None:
+    road = track(EIGHT, "dirt")
+    world = World(road)
+    world.reset(0, Start(road.length / 2, cte=road.width / 2, heading_deg=20, speed_mph=15))
+    for _ in range(8):
+        world.step(0.0, 0.2)
+        assert abs(world.place.cte) < road.width / 2 + 1
+    assert world.at_wall
