@@ -18,7 +18,9 @@ class LayerSpec:
         self.values, self.label = values, label
         self._read = {"layer", "data_format"}
 
-    def whole(self, key: str, default: int | None = None, least: int = 1, most: int = 65_536) -> int:
+    def whole(
+        self, key: str, default: int | None = None, least: int = 1, most: int = 65_536
+    ) -> int:
         """Return a whole number."""
         return self._whole(key, self._value(key, default), least, most)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from torch import Tensor, nn
 
 from zoo.models.layer_spec import LayerSpec
-from zoo.models.layers import Normalize
+from zoo.models.layers import SCALE, Normalize
 from zoo.models.spec_builders import BUILDERS, Shape
 
 MOST_LAYERS = 1000
@@ -42,10 +42,8 @@ class Sequential(nn.Module):
         specs = check_specs(layers if layers is not None else DEFAULT_LAYERS)
         first = is_channels_first(specs)
         channels, height, width = shape
-        self.normalize = Normalize(scale if scale is not None else (127.5, 1.0))
-        modules, shapes = build_layers(
-            specs, shape if first else (height, width, channels), first
-        )
+        self.normalize = Normalize(SCALE if scale is None else scale)
+        modules, shapes = build_layers(specs, shape if first else (height, width, channels), first)
         self.layers = nn.Sequential(*modules)
         self.outputs = math.prod(shapes[-1])
         if self.outputs not in (1, 2):
@@ -79,16 +77,23 @@ def is_channels_first(specs: Sequence[Mapping]) -> bool:
 
 
 def build_layers(
-    specs: Sequence[Mapping], shape: Shape, first: bool
+    specs: Sequence[Mapping], shape: Shape, first: bool, labels: Sequence[str] | None = None
 ) -> tuple[list[nn.Module], list[Shape]]:
     """Return a module and an output shape, in Keras' order of axes, for each spec.
+
+    Args:
+        specs: checked specs.
+        shape: shape of an image in Keras' order of axes.
+        first: whether that order is channels first.
+        labels: text on each layer for messages; None for their positions.
 
     Raises:
         ValueError: a spec is wrong, or a layer does not fit the output of the layer before.
     """
     modules, shapes, work = [], [], 0
     for number, values in enumerate(specs, start=1):
-        spec = LayerSpec(values, f"model.layers: layer {number} of {len(specs)} ({values['layer']})")
+        label = f"model.layers: layer {number} of {len(specs)} ({values['layer']})"
+        spec = LayerSpec(values, labels[number - 1] if labels else label)
         module, shape = BUILDERS[values["layer"]](spec, shape, first)
         spec.check_all_read()
         places = math.prod(shape[1:] if first else shape[:-1])
@@ -102,5 +107,3 @@ def build_layers(
         modules.append(module)
         shapes.append(shape)
     return modules, shapes
-
-

@@ -197,7 +197,9 @@ def _pool(spec: LayerSpec, shape: Shape, first: bool) -> Built:
 
 def _pooling(maximum: bool, size: Pair, stride: Pair, pads: Pads, shape: Pair) -> nn.Module:
     if not maximum:
-        return PaddedAvgPool2d(size, stride, pads, shape) if any(pads) else nn.AvgPool2d(size, stride)
+        return (
+            PaddedAvgPool2d(size, stride, pads, shape) if any(pads) else nn.AvgPool2d(size, stride)
+        )
     if not any(pads):
         return nn.MaxPool2d(size, stride)
     module = PaddedMaxPool2d(size, stride)
@@ -313,7 +315,9 @@ def _noise(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     return GaussianNoise(math.sqrt(rate / (1 - rate)), multiplies=True), shape
 
 
-def _elementwise(make: Callable[[LayerSpec], nn.Module], spec: LayerSpec, shape: Shape, _: bool) -> Built:
+def _elementwise(
+    make: Callable[[LayerSpec], nn.Module], spec: LayerSpec, shape: Shape, _: bool
+) -> Built:
     return make(spec), shape
 
 
