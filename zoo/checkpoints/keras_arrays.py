@@ -130,15 +130,15 @@ class WeightsFile:
         for part in name.strip("/").split("/"):
             group = _child(group, part, self.source)
         where = f"{self.source}: {name!s:.100}"
-        if not hasattr(group, "dtype") or group.dtype.kind != "f":
-            raise InputError(f"{where} does not hold floats; save the model again")
+        if not hasattr(group, "dtype") or group.dtype.kind not in "fiu":
+            raise InputError(f"{where} does not hold numbers; save the model again")
         if group.external or group.is_virtual:
             raise InputError(f"{where} keeps its values in another file; save the model again")
         self._left -= int(np.prod(group.shape, dtype=object)) * max(group.dtype.itemsize, 4)
         self._count += 1
         if self._left < 0 or self._count > MOST_ARRAYS:
             raise InputError(f"{where}: claims more values than the file can hold; copy it again")
-        return np.asarray(group[()]).astype(np.float32, casting="same_kind")
+        return np.asarray(group[()]).astype(np.float32)
 
 
 def _child(group: Any, name: str, source: object) -> Any:

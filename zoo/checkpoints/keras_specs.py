@@ -40,6 +40,15 @@ _ACTIVATIONS = {
 }
 
 
+# Operators of functional models, of Keras 2 (config's `function`) and Keras 3 (class).
+OPERATORS = {
+    "math.truediv": "/", "math.divide": "/", "TrueDivide": "/", "Divide": "/",
+    "math.multiply": "*", "Multiply": "*",
+    "math.subtract": "-", "Subtract": "-",
+    "__operators__.add": "+", "math.add": "+", "Add": "+",
+}  # fmt: skip
+
+
 class UnknownValueError(ValueError):
     """An error about a config's value that has no counterpart."""
 
@@ -73,6 +82,17 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     elif kind == "Activation":
         return activation_specs(config.get("activation"), version)
     return [{key: value for key, value in spec.items() if value is not None}, *more]
+
+
+def operator_specs(name: str, constants: tuple[float, ...]) -> list[Spec] | None:
+    """Return the specs of an operator with one number, such as `x / 127.5`; None for any other."""
+    sign = OPERATORS.get(name)
+    if sign is None or len(constants) != 1 or (sign == "/" and not constants[0]):
+        return None
+    (number,) = constants
+    if sign in "*/":
+        return [{"layer": "Rescaling", "scale": number if sign == "*" else 1 / number}]
+    return [{"layer": "Rescaling", "scale": 1.0, "offset": number if sign == "+" else -number}]
 
 
 def activation_specs(value: object, version: int) -> list[Spec]:

@@ -254,6 +254,10 @@ def _relu(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     return GeneralReLU(slope, threshold, most), shape
 
 
+def _thresholded(spec: LayerSpec) -> nn.Module:
+    return nn.Threshold(spec.number("theta", 1.0), 0.0)
+
+
 def _crop(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rows, columns, channels = _image(spec, shape, first)
     top, bottom, left, right = spec.edges("cropping")
@@ -344,6 +348,7 @@ BUILDERS: dict[str, Builder] = {
     "Activation": partial(_elementwise, _activation),
     "ELU": partial(_elementwise, lambda spec: nn.ELU(spec.number("alpha", 1.0))),
     "LeakyReLU": partial(_elementwise, lambda spec: nn.LeakyReLU(spec.number("alpha", 0.3))),
+    "ThresholdedReLU": partial(_elementwise, _thresholded),
     "PReLU": _prelu,
     "ReLU": _relu,
     "Cropping2D": _crop,
