@@ -36,17 +36,18 @@ class LayerConfig:
             yield from child.leaves()
 
 
-def read_architecture(model: object, source: object) -> LayerConfig:
+def read_architecture(model: object, source: object, as_chain: bool = True) -> LayerConfig:
     """Return a model with its layers in the order of the data.
 
     Args:
         model: parsed config of a whole model.
         source: file, for messages.
+        as_chain: whether to refuse a model that is no chain; else the file's order is kept.
 
     Raises:
         InputError: it is no sequential chain of layers; names the layer that is not.
     """
-    found = _layer(model, source, depth=0)
+    found = _layer(model, source, as_chain, depth=0)
     if not found.children:
         raise InputError(
             f"{source}: its architecture is {found.kind or 'empty'!s:.60}, not a Sequential or "
@@ -57,7 +58,7 @@ def read_architecture(model: object, source: object) -> LayerConfig:
     return found
 
 
-def _layer(entry: object, source: object, depth: int) -> LayerConfig:
+def _layer(entry: object, source: object, as_chain: bool, depth: int) -> LayerConfig:
     if not isinstance(entry, dict) or depth > 16:
         raise InputError(f"{source}: its architecture is damaged; copy or save it again")
     kind, config = entry.get("class_name"), entry.get("config")
@@ -70,8 +71,8 @@ def _layer(entry: object, source: object, depth: int) -> LayerConfig:
     if kind == "Sequential" or kind in GRAPHS:
         if not isinstance(layers, list) or not layers:
             raise InputError(f"{source}: {kind} {name} has no layers; save the model again")
-        children = [_layer(one, source, depth + 1) for one in layers]
-        if kind in GRAPHS:
+        children = [_layer(one, source, as_chain, depth + 1) for one in layers]
+        if kind in GRAPHS and as_chain:
             children = _chain(children, layers, own, source)
         return LayerConfig(name, kind, own, tuple(children))
     return LayerConfig(name, kind, own, constants=_constants(entry.get("inbound_nodes")))

@@ -62,11 +62,12 @@ class WeightsFile:
         if not self.is_legacy:
             return dict(self._keras_3(model, self.file))
         groups = dict(self.named_arrays())
+        known = {one.name for layer in model.children for one in (layer, *layer.leaves())}
+        if any(arrays and name not in known for name, arrays in groups.items()):
+            return self._in_order(model, groups)
         found = {}
         for one in model.children:
             found.update(self._legacy(one, groups))
-        if not set(groups) & {leaf.name for leaf in model.leaves()} - {""} and not found:
-            found = self._in_order(model, groups)
         return found
 
     def _legacy(self, layer: LayerConfig, groups: dict) -> dict[int, list[np.ndarray]]:

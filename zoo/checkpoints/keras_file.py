@@ -66,7 +66,10 @@ class KerasModel:
 
 
 def read_keras(
-    path: str | Path, weights: str | Path | None = None, find_json: bool = True
+    path: str | Path,
+    weights: str | Path | None = None,
+    find_json: bool = True,
+    as_chain: bool = True,
 ) -> KerasModel:
     """Return a model that Keras 1, 2 or 3 saved.
 
@@ -75,6 +78,7 @@ def read_keras(
         weights: `.h5` file for a `.json`; None to find it in the same folder.
         find_json: whether a `.h5` file of weights alone gets the `.json` with its name, or
             `model.json`, in the same folder.
+        as_chain: whether to refuse a model that is no chain of layers.
 
     Raises:
         InputError: h5py is not installed; a file is missing, damaged, too large, or not of Keras;
@@ -83,15 +87,17 @@ def read_keras(
     path = Path(path)
     if path.suffix.lower() == ".json":
         found = Path(weights) if weights is not None else _weights_of(path)
-        return _read_h5(found, _json_model(path))
+        return _read_h5(found, _json_model(path), as_chain=as_chain)
     if weights is not None:
         raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
     if path.suffix.lower() == ".keras":
-        return _read_zip(path)
-    return _read_h5(path, None, find_json)
+        return _read_zip(path, as_chain)
+    return _read_h5(path, None, find_json, as_chain)
 
 
-def _read_h5(path: Path, json_model: dict | None, find_json: bool = False) -> KerasModel:
+def _read_h5(
+    path: Path, json_model: dict | None, find_json: bool = False, as_chain: bool = True
+) -> KerasModel:
     with _naming_damage(path, "HDF5"), open_binary(path, MOST_BYTES) as raw, _hdf5(raw) as file:
         weights = WeightsFile(file, path, _size(raw))
         if not weights.is_legacy and not weights.is_keras_3:
@@ -102,10 +108,10 @@ def _read_h5(path: Path, json_model: dict | None, find_json: bool = False) -> Ke
             json_model = _checked_model(weights.attribute("model_config"), path)
         if json_model is None and find_json and (beside := _json_of(path)):
             json_model = _json_model(beside)
-        return _model(path, json_model, weights)
+        return _model(path, json_model, weights, as_chain)
 
 
-def _read_zip(path: Path) -> KerasModel:
+def _read_zip(path: Path, as_chain: bool) -> KerasModel:
     with _naming_damage(path, ".keras"), open_binary(path, MOST_BYTES) as raw:
         with zipfile.ZipFile(raw) as archive:
             config = _checked_model(_member(archive, CONFIG, path).decode(), path)
@@ -114,10 +120,10 @@ def _read_zip(path: Path) -> KerasModel:
                 config |= found if isinstance(found, dict) else {}
             weights = _member(archive, WEIGHTS, path)
         with _hdf5(io.BytesIO(weights)) as file:
-            return _model(path, config, WeightsFile(file, path, len(weights)))
+            return _model(path, config, WeightsFile(file, path, len(weights)), as_chain)
 
 
-def _model(path: Path, config: dict | None, weights: WeightsFile) -> KerasModel:
+def _model(path: Path, config: dict | None, weights: WeightsFile, as_chain: bool) -> KerasModel:
     version = weights.attribute("keras_version") or (config or {}).get("keras_version")
     backend = weights.attribute("backend") or (config or {}).get("backend")
     if config is None:
@@ -131,7 +137,7 @@ def _model(path: Path, config: dict | None, weights: WeightsFile) -> KerasModel:
             for name, arrays in weights.named_arrays()
         ]
     else:
-        root = read_architecture(config, path)
+        root = read_architecture(config, path, as_chain)
         arrays = weights.arrays_of(root)
         layers = [_layer(leaf, arrays) for leaf in root.leaves()]
     return KerasModel(

@@ -26,6 +26,9 @@ CLASSES = {
     "BatchNormalizationV1": "BatchNormalization",
     "BatchNormalizationV2": "BatchNormalization",
 }
+# Orders of axes, of Keras 2 and 1.
+ORDERS = {"channels_first": "channels_first", "th": "channels_first"}
+ORDERS |= {"channels_last": "channels_last", "tf": "channels_last"}
 # Layers that change nothing in driving, and need no place in the network.
 IDENTITIES = (
     "InputLayer", "ActivityRegularization", "Masking", "Identity", "RandomContrast", "RandomFlip",
@@ -71,9 +74,8 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     if translate is None:
         return None
     spec = {"layer": kind} | translate(config)
-    order = config.get("data_format", {"th": "channels_first"}.get(str(config.get("dim_ordering"))))
-    if order == "channels_first":
-        spec["data_format"] = order
+    if ORDERS.get(str(config.get("data_format", config.get("dim_ordering")))) == "channels_first":
+        spec["data_format"] = "channels_first"
     more = []
     if kind in WITH_ACTIVATION:
         more = activation_specs(config.get("activation"), version)
