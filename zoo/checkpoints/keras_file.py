@@ -19,7 +19,7 @@ from datamodules.errors import InputError
 from datamodules.regular_file import open_binary
 from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
 from zoo.checkpoints.keras_arrays import FREE_BYTES, MOST_RATIO, WeightsFile
-from zoo.runs.bounded_files import MOST_JSON_BYTES, check_text, parse_json, read_json
+from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
 
 MOST_BYTES = 4_000_000_000
 H5_SUFFIXES = (".h5", ".hdf5")
@@ -159,19 +159,34 @@ def _major(version: object) -> int:
 
 
 def _json_model(path: Path) -> dict:
-    found = read_json(path)
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: is no model of Keras; write it with model.to_json()")
-    return found
+    try:
+        return _checked_model(read_text(path, MOST_JSON_BYTES), path)
+    except ValueError as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{path}: is no model of Keras ({reason}); write it with model.to_json()"
+        ) from None
 
 
 def _checked_model(contents: str, path: Path) -> dict:
     if len(contents) > MOST_JSON_BYTES:
         raise InputError(f"{path}: its architecture has {len(contents):,} characters; too many")
-    found = check_text(parse_json(contents))
+    found = parse_json(contents)
+    check_text(_without_code(found))
     if not isinstance(found, dict):
         raise ValueError("its architecture is not a model")
     return found
+
+
+def _without_code(node: object, depth: int = 0) -> object:
+    """Return a config without the code of Lambdas, the only text that may contain NUL."""
+    if depth > MOST_LEVELS:
+        raise ValueError(f"nested deeper than {MOST_LEVELS} levels")
+    if isinstance(node, dict):
+        return {
+            k: None if k == "function" else _without_code(v, depth + 1) for k, v in node.items()
+        }
+    return [_without_code(one, depth + 1) for one in node] if isinstance(node, list) else node
 
 
 def _weights_of(path: Path) -> Path:

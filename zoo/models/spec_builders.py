@@ -262,7 +262,8 @@ def _crop(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rows, columns, channels = _image(spec, shape, first)
     top, bottom, left, right = spec.edges("cropping")
     rows, columns = rows - top - bottom, columns - left - right
-    return Crop(top, bottom, left, right), _shape(rows, columns, channels, first)
+    module = Crop((top, bottom, left, right), (rows, columns))
+    return module, _shape(rows, columns, channels, first)
 
 
 def _zero_padding(spec: LayerSpec, shape: Shape, first: bool) -> Built:
