@@ -15,8 +15,9 @@ import numpy as np
 
 ROWS, COLUMNS = 34, 46
 ACTIVATIONS = (
-    "relu elu tanh sigmoid linear softplus softsign selu hard_sigmoid swish exponential relu6 gelu"
-).split()
+    "relu", "elu", "tanh", "sigmoid", "linear", "softplus", "softsign", "selu", "hard_sigmoid",
+    "swish", "exponential", "relu6", "gelu",
+)  # fmt: skip
 
 
 def conv(k: object, *arguments: object, **more: object) -> object:
@@ -60,7 +61,7 @@ def variants(k: object) -> dict[str, Callable[[], list]]:
         "gray_input": lambda: [scale(), conv(k, 4, 3), *head(k)],
         "batchnorm_first": lambda: [lay.BatchNormalization(), conv(k, 4, 3), *head(k)],
         "batchnorm_axis": lambda: [
-            lay.BatchNormalization(axis=1, epsilon=1e-2), lay.BatchNormalization(axis=2),
+            scale(), lay.BatchNormalization(axis=1, epsilon=1e-2), lay.BatchNormalization(axis=2),
             conv(k, 3, 3), *head(k),
         ],
         "batchnorm_flags": lambda: [
@@ -130,6 +131,11 @@ def variants(k: object) -> dict[str, Callable[[], list]]:
         "scale_only_255": lambda: [lay.Lambda(lambda x: x / 255.0), conv(k, 3, 3), *head(k)],
         "scale_128": lambda: [lay.Lambda(lambda x: (x - 128) / 128), conv(k, 3, 3), *head(k)],
         "rescaling": lambda: [lay.Rescaling(1 / 127.5, offset=-1), conv(k, 3, 3), *head(k)],
+        "normalization": lambda: [
+            lay.Normalization(mean=[100.0, 120.0, 90.0], variance=[900.0, 800.0, 1000.0]),
+            conv(k, 3, 3), *head(k),
+        ],
+        "normalization_weights": lambda: [lay.Normalization(), conv(k, 3, 3), *head(k)],
         "resizing": lambda: [lay.Resizing(20, 30), scale(), conv(k, 3, 3), *head(k)],
         "two_outputs": lambda: [scale(), conv(k, 3, 3, strides=3), lay.Flatten(), lay.Dense(2)],
         "softmax_layer": lambda: [
