@@ -1,8 +1,8 @@
 """Keras models over all layers, for `benchmarks/keras_parity.py`, run by a Python with Keras.
 
-`python keras_models.py FOLDER` reads frames of several sizes from FOLDER/frames.npz. It writes each
-model with random weights as `.h5`, as `.json` with weights, and as `.keras`, and the model's
-outputs in FOLDER/expected.npz. Keras 3 and, if `tf-keras` is installed, Keras 2 are used.
+`python keras_models.py FOLDER [MODEL ...]` reads frames of several sizes from FOLDER/frames.npz. It
+writes each model with random weights as `.h5`, as `.json` with weights, and as `.keras`, and the
+models' outputs in FOLDER/expected.npz. Keras 3 and, if `tf-keras` is installed, Keras 2 are used.
 """
 
 import json
@@ -228,10 +228,15 @@ def randomize(model: object, rng: np.random.Generator) -> None:
         else:
             values = rng.normal(size=shape) * 0.2
         layer.assign(values.astype("float32"))
+    for layer in model.layers:
+        if hasattr(layer, "finalize_state"):  # Normalization computes with copies of its weights
+            layer.finalize_state()
 
 
-def write_models(k: object, label: str, folder: Path, frames: dict, expected: dict) -> None:
-    """Write every model of a version of Keras, and keep its outputs."""
+def write_models(
+    k: object, label: str, folder: Path, frames: dict, expected: dict, only: list[str]
+) -> None:
+    """Write the models of a version of Keras, all or `only` some, and keep their outputs."""
     rng = np.random.default_rng(0)
     makers: dict[str, Callable[[], object]] = dict(course(k))
     for name, layers in variants(k).items():
@@ -245,6 +250,8 @@ def write_models(k: object, label: str, folder: Path, frames: dict, expected: di
              k.layers.Conv2D(3, 3), k.layers.ThresholdedReLU(0.2), *head(k)]
         )  # fmt: skip
     for name, make in makers.items():
+        if only and name not in only:
+            continue
         key = f"{label}_{name}"
         try:
             k.backend.clear_session()
@@ -263,7 +270,7 @@ def write_models(k: object, label: str, folder: Path, frames: dict, expected: di
             print(f"{key}: not built: {traceback.format_exc().splitlines()[-1]:.150}", flush=True)
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, only: list[str]) -> None:
     frames = dict(np.load(folder / "frames.npz"))
     expected: dict[str, np.ndarray] = {}
     versions = {}
@@ -273,10 +280,10 @@ def main(folder: Path) -> None:
         except ImportError:
             continue
         versions[label] = k.__version__
-        write_models(k, label, folder, frames, expected)
+        write_models(k, label, folder, frames, expected, only)
     np.savez(folder / "expected.npz", **expected)
     (folder / "versions.json").write_text(json.dumps(versions))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2:])

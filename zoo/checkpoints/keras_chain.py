@@ -19,6 +19,7 @@ Scale = tuple[float, float]
 
 
 # A scale before these layers is the same as one at the network's input.
+LEAST_PIXELS = 5  # mean of pixels 0..255 that is none of scaled pixels
 BEFORE_SCALE = ("Cropping2D", "Resize")
 
 
@@ -48,11 +49,21 @@ class Chain:
             self.specs += found
             self.owners += [index] * len(found)
             self.understood.append(understood)
+        if self.scale is None and self._normalizes_pixels():
+            self.scale = (1.0, 0.0)
         if self._words:
             raise InputError(
                 f"{model.path}: lambdas={','.join(map(str, lambdas or []))!s:.100} has more words "
                 "than the file has unclear Lambdas; leave out the last"
             )
+
+    def _normalizes_pixels(self) -> bool:
+        """Return whether the first layer is a batch normalization with the means of 0..255."""
+        layer = self.model.layers[self.owners[0]] if self.owners else None
+        if layer is None or self.specs[0]["layer"] != "BatchNormalization" or not layer.arrays:
+            return False
+        mean = layer.arrays[-2] if len(layer.arrays) > 1 else layer.arrays[0]
+        return bool(mean.size and mean.min() > LEAST_PIXELS and mean.max() < 255)
 
     def label(self, index: int) -> str:
         """Return a layer's position, name and class, for messages."""

@@ -18,7 +18,8 @@ from datamodules.errors import InputError
 from datamodules.regular_file import open_binary
 from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
 from zoo.checkpoints.keras_arrays import FREE_BYTES, MOST_RATIO, WeightsFile
-from zoo.checkpoints.keras_model import KerasLayer, KerasModel
+from zoo.checkpoints.keras_model import KerasLayer
+from zoo.checkpoints.keras_model import KerasModel as KerasModel
 from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
 
 MOST_BYTES = 4_000_000_000
