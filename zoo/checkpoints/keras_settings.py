@@ -160,7 +160,7 @@ def _resizing(config: dict) -> Spec:
     methods = {"bilinear": "linear", "nearest": "nearest", "area": "area"}
     method = config.get("interpolation", "bilinear")
     if (
-        method not in methods
+        str(method) not in methods
         or config.get("crop_to_aspect_ratio")
         or config.get("pad_to_aspect_ratio")
     ):
