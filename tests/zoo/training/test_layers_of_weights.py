@@ -1,5 +1,6 @@
 """`model=keras`: trainings that start from a Keras model or an imported checkpoint."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,12 @@ import torch
 from omegaconf import OmegaConf
 
 from datamodules.errors import InputError
+from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.checkpoints.keras_files import INPUT, write_h5, write_json, write_keras
 from tests.zoo.checkpoints.test_keras_layers import IMAGES, REST, SCALE, expected
 from tests.zoo.trainings import SMALL, zoo_here
-from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.checkpoints.initial_weights import load_weights
 from zoo.cli.compose import compose_config
 from zoo.models.sequential import Sequential
@@ -113,3 +115,19 @@ def test_another_models_checkpoint_is_refused(run_folder: Path) -> None:
     path = run_folder / "checkpoints" / "best.ckpt"
     with pytest.raises(InputError, match=r"best\.ckpt: .*without model\.layers; set model"):
         with_layers(config_of(f"model.weights={path}"))
+
+
+def test_a_checkpoint_of_another_view_names_its_keys(tmp_path: Path) -> None:
+    layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
+    config = {"model": {"name": "keras", "layers": layers, "scale": [255, 0.5]}}
+    for view, words in (
+        (View([60, 25], "yuv_old", (66, 200), "linear"), "crop=[60,25] model.colour=yuv_old "),
+        (View([0, 0], "bgr", None), "crop=[0,0] model.colour=bgr model.size=null "),
+    ):
+        card = make_card(config, view, {"fingerprint": "0", "rows": 1})
+        torch.save({"drivezoo": card, "state_dict": {}}, tmp_path / "old.ckpt")
+        with pytest.raises(InputError, match=re.escape(words)):
+            with_layers(config_of(f"model.weights={tmp_path / 'old.ckpt'}"))
+    same = ["model.colour=bgr", "model.size=null", "data.crop=[0,0]"]
+    model = with_layers(config_of(f"model.weights={tmp_path / 'old.ckpt'}", *same)).model
+    assert (model.layers, model.scale) == (layers, [255, 0.5])
