@@ -1,0 +1,221 @@
+"""Convert a Keras model to specs and weights of `zoo.models.sequential.Sequential`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from datamodules.errors import InputError
+from zoo.checkpoints.keras_chain import Chain, Scale
+from zoo.checkpoints.keras_model import KerasModel
+from zoo.checkpoints.keras_specs import (
+    CLASSES,
+    Spec,
+)
+from zoo.checkpoints.keras_tensors import MisfitError, by, copy_arrays
+from zoo.models.make_network import LimitedParameters
+from zoo.models.sequential import Sequential, build_layers, is_channels_first
+
+SIDES = set(range(1, 4097))  # of an image, in pixels
+
+
+@dataclass(frozen=True)
+class LayerNote:
+    """What was understood of a layer, for a person.
+
+    Attributes:
+        position: its position in the file, from 1.
+        name: its name in the file.
+        kind: its class in the file.
+        understood: what it does in the converted network.
+        shape: its output's shape in Keras' order of axes.
+        parameters: number of its weights.
+    """
+
+    position: int
+    name: str
+    kind: str
+    understood: str
+    shape: tuple[int, ...]
+    parameters: int
+
+
+@dataclass(frozen=True)
+class ConvertedKeras:
+    """A Keras model as a network of drivezoo.
+
+    Attributes:
+        layers: specs for `model.layers`.
+        state: state dict of `Sequential`.
+        input_shape: `(height, width, channels)` of the images.
+        scale: the network computes `pixel / scale[0] - scale[1]`; None if the file does not tell.
+        notes: what was understood, layer by layer.
+        outputs: number of the outputs: steering, or steering and throttle.
+    """
+
+    layers: list[Spec]
+    state: dict[str, Tensor]
+    input_shape: tuple[int, int, int]
+    scale: Scale | None
+    notes: list[LayerNote]
+    outputs: int
+
+
+def convert(
+    model: KerasModel,
+    scale: Sequence[float] | None = None,
+    lambdas: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    size: Sequence[int] | None = None,
+) -> ConvertedKeras:
+    """Return a Keras model's layers and weights for `Sequential`.
+
+    Args:
+        model: model that `read_keras` returned.
+        scale: divisor and subtracted number, in place of what the file tells; an unclear Lambda
+            before the first weights is this scale.
+        lambdas: a word for each unclear Lambda in order; see `keras_lambda.WORDS`.
+        outputs: name of each output, `steering`, `throttle` or `ignored`, if there are several.
+        size: rows and columns of the images, if the file does not have them.
+
+    Raises:
+        InputError: a layer is unknown or unclear, or does not fit the one before; names its
+            position, its name and the remedy.
+    """
+    if not model.has_architecture:
+        raise InputError(
+            f"{model.path}: holds weights without the architecture; name the model's .json file"
+        )
+    chain = Chain(model, scale, lambdas)
+    specs, owners = chain.specs, chain.owners
+    labels = [chain.label(owner) for owner in owners]
+    first = is_channels_first(specs)
+    shape = _input_shape(model, first, size)
+    try:
+        with LimitedParameters():
+            modules, shapes = build_layers(specs, shape, first, labels)
+    except ValueError as error:
+        raise InputError(f"{model.path}: {error}") from None
+    for owner in sorted(set(owners)):
+        own = [modules[index] for index, one in enumerate(owners) if one == owner]
+        try:
+            layer = model.layers[owner]
+            layer = replace(layer, arrays=[]) if layer.kind == "Normalization" else layer
+            copy_arrays(layer, torch.nn.Sequential(*own), model, first)
+        except MisfitError as error:
+            raise InputError(
+                f"{model.path}: {chain.label(owner)}: {error}{_remedy(error, shape, first)}"
+            ) from None
+    notes = _notes(model, chain, shapes, shape)
+    chosen = _output_specs(model, shapes[-1] if shapes else shape, outputs)
+    specs = [*specs, *chosen]
+    rows = shape[1:] if first else shape[:2]
+    channels = shape[0] if first else shape[2]
+    network = Sequential((channels, *rows), specs, chain.scale)
+    for index, module in enumerate(modules):
+        network.layers[index] = module
+    return ConvertedKeras(
+        specs, network.state_dict(), (*rows, channels), chain.scale, notes, network.outputs
+    )
+
+
+def _notes(
+    model: KerasModel, chain: Chain, shapes: list[tuple[int, ...]], shape: tuple[int, ...]
+) -> list[LayerNote]:
+    notes = []
+    for index, (layer, understood) in enumerate(zip(model.layers, chain.understood, strict=True)):
+        own = [one for one, owner in zip(shapes, chain.owners, strict=True) if owner == index]
+        shape = own[-1] if own else shape
+        count = sum(array.size for array in layer.arrays)
+        notes.append(LayerNote(index + 1, layer.name, layer.kind, understood, shape, count))
+    return notes
+
+
+def _input_shape(
+    model: KerasModel, first: bool, size: Sequence[int] | None
+) -> tuple[int, int, int]:
+    """Return the shape of an image in Keras' order of axes.
+
+    Raises:
+        InputError: the file does not have it and `size` is None, or it is not an image's.
+    """
+    shape = _saved_shape(model)
+    channels = shape[0 if first else 2] if shape is not None and len(shape) == 3 else None
+    if shape is not None and len(shape) != 3:
+        raise InputError(
+            f"{model.path}: its input is {by(shape)}, not an image of rows, columns and channels; "
+            "only networks of one image are converted"
+        )
+    if channels is None:
+        channels = _kernel_channels(model)
+    sides = list(shape[1:] if first else shape[:2]) if shape is not None else [None, None]
+    if None in sides and size is not None:
+        sides = list(size)
+    if None in sides or type(channels) is not int:
+        raise InputError(
+            f"{model.path}: has no size of its input; set size=[rows,columns] of the images in "
+            "its training, such as size=[66,200]"
+        )
+    if channels not in (1, 3):
+        raise InputError(
+            f"{model.path}: its input has {channels} channels; only images of 1 or 3 are converted"
+        )
+    rows, columns = sides
+    if type(rows) is not int or type(columns) is not int or not {rows, columns} <= SIDES:
+        raise InputError(f"{model.path}: its input of {rows} x {columns} is not 1 to 4096 pixels")
+    return (channels, rows, columns) if first else (rows, columns, channels)
+
+
+def _saved_shape(model: KerasModel) -> list | None:
+    """Return the shape of an image that a layer's config has."""
+    for layer in model.layers[:3]:
+        for key in ("batch_input_shape", "batch_shape"):
+            shape = layer.config.get(key)
+            if isinstance(shape, list) and len(shape) > 1:
+                return shape[1:]
+    return None
+
+
+def _kernel_channels(model: KerasModel) -> int | None:
+    for layer in model.layers:
+        if layer.arrays:
+            kernel = layer.arrays[0]
+            is_conv = CLASSES.get(layer.kind, layer.kind).endswith("Conv2D") and kernel.ndim == 4
+            return int(kernel.shape[2]) if is_conv else None
+    return None
+
+
+def _output_specs(
+    model: KerasModel, shape: tuple[int, ...], outputs: Sequence[str] | None
+) -> list[Spec]:
+    """Return the specs that bring the outputs into the order steering, throttle."""
+    count = 1
+    for one in shape:
+        count *= one
+    flat: list[Spec] = [] if len(shape) == 1 else [{"layer": "Flatten"}]
+    if count == 1:
+        return flat
+    if count > 4 and outputs is None:
+        raise InputError(
+            f"{model.path}: has {count} outputs, so it is a network of another task; name one that "
+            "returns the steering"
+        )
+    names = list(outputs or [])
+    known = ("steering", "throttle", "ignored")
+    if len(names) != count or names.count("steering") != 1 or names.count("throttle") > 1:
+        raise InputError(
+            f"{model.path}: has {count} outputs; name each with outputs=["
+            f"{','.join((*known[:2], *['ignored'] * count)[:count])}], steering once"
+        )
+    if set(names) - set(known):
+        raise InputError(f"{model.path}: outputs={names!s:.100}: known are {', '.join(known)}")
+    columns = [names.index(one) for one in known[:2] if one in names]
+    return [*flat, {"layer": "Select", "columns": columns}]
+
+
+def _remedy(error: MisfitError, shape: tuple[int, ...], first: bool) -> str:
+    if not error.follows_input:
+        return "; the file is damaged or of another model: save the model again"
+    rows = shape[1:] if first else shape[:2]
+    return f"; the images of its training were not {by(rows)}: set size=[rows,columns]"
