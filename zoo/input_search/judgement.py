@@ -1,0 +1,109 @@
+"""Judgement of a search: whether its best combination is convincing, and which others may be right.
+
+Correlations of outputs that have nothing to do with the steering are measured by rolling the
+recorded steering along the recording, which keeps how it changes with time. For each shift, the
+highest correlation of all combinations counts, since the search takes the highest, too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoo.input_search.trials import Trial, Trials, correlations
+
+NULL_SHARE = 0.99
+# The output explains a quarter of the steering's variance. With a wrong colour, networks that drive
+# reach 0.37 here, and untrained ones 0.30: docs/importing.md.
+LEAST_CORRELATION = 0.5
+SURE = 0.95
+RESAMPLES = 200
+BLOCK_ROWS = 10  # neighbouring frames are alike
+SAME_STEERING = 0.02  # mean difference of two outputs that makes no difference in driving
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A judgement of the best trial.
+
+    Attributes:
+        doubts: reasons why the best combination is not convincing; empty if it is.
+        chance: correlation that steering which is rolled along the recording exceeds in 1 %.
+        alike: other finalists that steer the same as the best.
+        tied: finalists that steer differently, but whose score may be as high as the best's.
+        next: best finalist that is certainly different in score; None without one.
+    """
+
+    doubts: tuple[str, ...]
+    chance: float
+    alike: tuple[Trial, ...]
+    tied: tuple[Trial, ...]
+    next: Trial | None
+
+
+def judge(trials: Trials) -> Judgement:
+    """Return the judgement of a search."""
+    best, *others = trials.finalists
+    chance = chance_correlation(trials)
+    alike = [one for one in others if _steer_alike(best, one)]
+    different = [one for one in others if one not in alike]
+    tied = [one for one in different if not _is_surely_better(best, one)]
+    return Judgement(
+        tuple(_doubts(best, chance)),
+        chance,
+        tuple(alike),
+        tuple(tied),
+        next((one for one in different if one not in tied), None),
+    )
+
+
+def chance_correlation(trials: Trials) -> float:
+    """Return the correlation that all combinations reach by chance in 1 % of the shifts."""
+    steering = trials.coarse[0].steering
+    outputs = np.stack([one.center for one in trials.coarse])
+    rows = len(steering)
+    shifts = range(rows // 20, rows - rows // 20 + 1)
+    highest = [correlations(outputs, np.roll(steering, shift)).max() for shift in shifts]
+    return float(np.quantile(highest, NULL_SHARE))
+
+
+def _doubts(best: Trial, chance: float) -> list[str]:
+    doubts = []
+    if best.correlation <= chance:
+        doubts.append(
+            f"its correlation with the recorded steering, {best.correlation:.2f}, is not above "
+            f"{chance:.2f}, which one of {len(best.steering):,} frames can reach by chance"
+        )
+    elif best.correlation < LEAST_CORRELATION:
+        doubts.append(
+            f"its correlation with the recorded steering, {best.correlation:.2f}, is below "
+            f"{LEAST_CORRELATION:g}, as it is with a wrong colour"
+        )
+    if len(best.left) and _low([best.rows(rows).recovery for rows in _resamples(best)]) <= 0:
+        doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
+    return doubts
+
+
+def _steer_alike(best: Trial, other: Trial) -> bool:
+    difference = np.abs(best.center - other.center).mean()
+    return bool(difference < SAME_STEERING)
+
+
+def _is_surely_better(best: Trial, other: Trial) -> bool:
+    differences = [
+        best.rows(rows).score - other.rows(rows).score for rows in _resamples(best)
+    ]
+    return _low(differences) > 0
+
+
+def _low(values: list[float]) -> float:
+    """Return the lower end of the interval that holds 95 % of the values."""
+    return float(np.quantile(values, (1 - SURE) / 2))
+
+
+def _resamples(trial: Trial) -> list[np.ndarray]:
+    """Return the rows of each bootstrap resample, drawn in blocks, int64 [N] each."""
+    rows = len(trial.steering)
+    blocks = np.array_split(np.arange(rows), max(1, round(rows / BLOCK_ROWS)))
+    rng = np.random.default_rng(0)
+    draws = rng.integers(len(blocks), size=(RESAMPLES, len(blocks)))
+    return [np.concatenate([blocks[block] for block in draw]) for draw in draws]

@@ -1,0 +1,180 @@
+"""Trials of combinations on frames, from coarse to fine.
+
+1. Every colour and crop, on every other frame of the centre camera. If the scale is not known, it
+   is tried as -1..1 and as 0..255 only.
+2. The best of these and the best of each colour, with every scale, on all frames of all cameras.
+3. The best of these with each way of resizing, which changes the outputs least.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import nn
+
+from datamodules.view import View
+from zoo.input_search.combinations import (
+    SCALES,
+    Combination,
+    KnownInput,
+    Scale,
+    combinations,
+    with_each_resize,
+)
+from zoo.input_search.trial_frames import TrialFrames
+from zoo.training.open_loop import side_response
+
+COARSE_STEP = 2
+COARSE_SCALES = (SCALES[0], SCALES[-1])
+FINALISTS = 8
+SCALED = 3  # combinations that are tried with every scale
+BATCH = 64
+Network = Callable[[View, Scale], nn.Module]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A combination's outputs, and how well they agree with the recording.
+
+    Attributes:
+        combination: the view and the scale.
+        center, left, right: steering that the network returns for each camera's frames, float64
+            [N]; the side cameras' are empty without their images.
+        steering: recorded steering, float64 [N].
+    """
+
+    combination: Combination
+    center: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    steering: np.ndarray
+
+    @cached_property
+    def correlation(self) -> float:
+        """Return Pearson's correlation of the output with the recorded steering."""
+        return float(correlations(self.center[None], self.steering)[0])
+
+    @cached_property
+    def recovery(self) -> float | None:
+        """Return the recovery response, -1..1; None without side images."""
+        return side_response(self.left, self.right)
+
+    @cached_property
+    def side_correlation(self) -> float | None:
+        """Return the correlation of the output with the side, left +1 and right -1; or None.
+
+        It is the recovery response on a scale that does not depend on the network's gain.
+        """
+        if not len(self.left):
+            return None
+        outputs = np.concatenate([self.left, self.right])
+        sides = np.repeat([1.0, -1.0], [len(self.left), len(self.right)])
+        return float(correlations(outputs[None], sides)[0])
+
+    @property
+    def score(self) -> float:
+        """Return the mean of both correlations, -1..1; the first one without side images."""
+        if self.side_correlation is None:
+            return self.correlation
+        return (self.correlation + self.side_correlation) / 2
+
+    def rows(self, rows: np.ndarray) -> "Trial":
+        """Return the trial of some rows only, such as a bootstrap's."""
+        sides = [one[rows] if len(one) else one for one in (self.left, self.right)]
+        return Trial(self.combination, self.center[rows], *sides, self.steering[rows])
+
+
+@dataclass(frozen=True)
+class Trials:
+    """The trials of a search.
+
+    Attributes:
+        finalists: trials on all frames of all cameras, the highest score first.
+        coarse: trials of the first stage, on some frames of the centre camera.
+    """
+
+    finalists: tuple[Trial, ...]
+    coarse: tuple[Trial, ...]
+
+
+def correlations(outputs: np.ndarray, steering: np.ndarray) -> np.ndarray:
+    """Return Pearson's correlation of each row of outputs [C, N] with steering [N], float64 [C].
+
+    It is 0 for constant outputs, and for outputs that are not finite.
+    """
+    with np.errstate(all="ignore"):
+        centred = outputs - outputs.mean(1, keepdims=True)
+        wanted = steering - steering.mean()
+        product = centred @ wanted
+        product /= np.sqrt(np.square(centred).sum(1) * np.square(wanted).sum())
+    return np.nan_to_num(product, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def try_inputs(
+    network: Network,
+    known: KnownInput,
+    frames: TrialFrames,
+    show: Callable[[float], None] = lambda share: None,
+) -> Trials:
+    """Try the combinations that fit what is known, and return the trials.
+
+    Args:
+        network: function of a view and a scale that returns the network for them, in evaluation
+            mode, on the CPU.
+        known: facts about the input.
+        frames: frames to try on.
+        show: function called with the finished share of the work, 0..1.
+
+    Raises:
+        InputError: no combination fits.
+    """
+    possible = combinations(known)
+    if known.scale is None:
+        possible = [one for one in possible if one.scale in COARSE_SCALES]
+    some = frames.every(COARSE_STEP).center_only()
+    coarse = []
+    for number, one in enumerate(possible):
+        coarse.append(try_one(network, one, some))
+        show(0.5 * (number + 1) / len(possible))
+    chosen = _finalists(coarse, known)
+    finalists = []
+    for number, one in enumerate(chosen):
+        finalists.append(try_one(network, one, frames))
+        show(0.5 + 0.4 * (number + 1) / len(chosen))
+    best = max(finalists, key=lambda one: one.score).combination
+    finalists += [try_one(network, one, frames) for one in with_each_resize(best, known)[1:]]
+    show(1.0)
+    finalists.sort(key=lambda one: -one.score)
+    return Trials(tuple(finalists), tuple(coarse))
+
+
+@torch.inference_mode()
+def try_one(network: Network, combination: Combination, frames: TrialFrames) -> Trial:
+    """Return the trial of a combination."""
+    module = network(combination.view, combination.scale)
+    outputs = [
+        _steering(module, combination.view, one)
+        for one in (frames.center, frames.left, frames.right)
+    ]
+    return Trial(combination, *outputs, frames.steering)
+
+
+def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
+    """Return the network's steering for frames uint8 [N, 160, 320, 3] RGB, float64 [N]."""
+    steering = []
+    for start in range(0, len(frames), BATCH):
+        images = np.stack([view(frame) for frame in frames[start : start + BATCH]])
+        steering.append(module(torch.from_numpy(images).permute(0, 3, 1, 2))[:, 0].numpy())
+    return np.concatenate(steering).astype(np.float64) if steering else np.empty(0)
+
+
+def _finalists(coarse: Iterable[Trial], known: KnownInput) -> list[Combination]:
+    """Return the best combinations, with each scale if it is not known, and each colour's best."""
+    ranked = [one.combination for one in sorted(coarse, key=lambda one: -one.score)]
+    colours = {one.view.colour: one for one in reversed(ranked)}
+    best = ranked[:FINALISTS]
+    if known.scale is None:
+        best = [replace(one, scale=scale) for one in ranked[:SCALED] for scale in SCALES]
+    return list(dict.fromkeys([*best, *colours.values()]))
