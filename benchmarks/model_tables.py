@@ -14,7 +14,7 @@ from torch import nn
 from benchmarks.marked_page import markdown_table, write_between
 from zoo.cli.compose import compose_config
 from zoo.models.commaai import SameConv2d
-from zoo.models.layers import Normalize
+from zoo.models.layers import SCALE, Normalize
 from zoo.models.make_network import make_network, published_view
 from zoo.models.network_facts import multiply_adds
 from zoo.models.vgg import ImageNetNormalize
@@ -103,7 +103,8 @@ def layer_words(module: nn.Module) -> str:
         case nn.Dropout():
             return f"dropout {module.p:.2g}"
         case Normalize():
-            return "scale to -1..1"
+            to_ones = (module.divisor, module.shift) == SCALE
+            return "scale to -1..1" if to_ones else module.extra_repr()
         case ImageNetNormalize():
             return "ImageNet's mean 0, deviation 1"
         case nn.Flatten():

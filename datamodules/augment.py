@@ -16,6 +16,8 @@ import albumentations
 import cv2
 import numpy as np
 
+from datamodules.view import CODES
+
 
 class Brightness(albumentations.ImageOnlyTransform):
     """Scale the V channel of HSV by a random factor, as the course's solutions do.
@@ -146,8 +148,8 @@ class Shift(albumentations.ImageOnlyTransform):
 class Augment:
     """A sequence of transforms for images of one colour.
 
-    They apply to RGB: a `yuv` image is converted to RGB and back. Changes of light are left out for
-    saturation (`hsv_s`).
+    They apply to RGB: a `bgr`, `yuv`, `yuv_old` or `hsv` image is converted to RGB and back.
+    Changes of light are left out for saturation (`hsv_s`).
     """
 
     def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
@@ -185,15 +187,16 @@ class Augment:
         if not self.changes or not len(images):
             return
         place = place or (0, len(images))
-        if self.colour == "yuv":
-            _convert(images, cv2.COLOR_YUV2RGB)
+        from_rgb, to_rgb = CODES.get(self.colour, (None, None))
+        if to_rgb is not None:
+            _convert(images, to_rgb)
         # Each transform has its own random stream. With one stream for all, as in albumentations,
         # every shifted image would also be blurred.
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for change, stream in zip(self.changes, streams, strict=True):
             change(images, steering, np.random.default_rng(stream), place)
-        if self.colour == "yuv":
-            _convert(images, cv2.COLOR_RGB2YUV)
+        if from_rgb is not None:
+            _convert(images, from_rgb)
 
 
 class _OneByOne:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from datamodules.augment import Brightness, Shadow, Shift
 from datamodules.bend import Bend
-from datamodules.device_pictures import darkened, lit, moved, rgb_of_yuv, yuv_of_rgb
+from datamodules.device_pictures import darkened, from_rgb, lit, moved, to_rgb
 from datamodules.errors import InputError
 from datamodules.ground import MAX_STEERING_DEG, WHEELBASE_M
 from datamodules.image import FRAME_WIDTH
@@ -70,16 +70,13 @@ class DeviceAugment:
         """
         if not self.changes or not len(images):
             return images, steering
-        changed = images.permute(0, 3, 1, 2).float()
-        if self.colour == "yuv":
-            changed = rgb_of_yuv(changed)
+        changed = to_rgb(images.permute(0, 3, 1, 2).float(), self.colour)
         place = place or (0, len(images))
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for one, stream in zip(self.changes, streams, strict=True):
             rng = np.random.default_rng(stream)
             changed, steering = _apply(one, changed, steering, rng, place)
-        if self.colour == "yuv":
-            changed = yuv_of_rgb(changed)
+        changed = from_rgb(changed, self.colour)
         rounded = changed.round().clamp(0, 255).to(torch.uint8, memory_format=torch.channels_last)
         return rounded.permute(0, 2, 3, 1), steering
 

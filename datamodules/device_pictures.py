@@ -78,14 +78,60 @@ def moved(images: Tensor, right: Tensor, down: Tensor, beyond: str = "border") -
     return F.grid_sample(images, grid, "bilinear", padding_mode=beyond, align_corners=True)
 
 
-def rgb_of_yuv(images: Tensor) -> Tensor:
-    """Convert YUV to RGB as OpenCV does for 8 bits, but without rounding."""
+def to_rgb(images: Tensor, colour: str) -> Tensor:
+    """Convert a view's images to RGB as OpenCV does for 8 bits, but without rounding."""
+    match colour:
+        case "bgr":
+            return images.flip(1)
+        case "yuv":
+            return _rgb_of_yuv(images)
+        case "yuv_old":
+            return _rgb_of_yuv(images).flip(1)
+        case "hsv":
+            return _rgb_of_hsv(images)
+    return images
+
+
+def from_rgb(images: Tensor, colour: str) -> Tensor:
+    """Convert RGB to a view's colour as OpenCV does for 8 bits, but without rounding."""
+    match colour:
+        case "bgr":
+            return images.flip(1)
+        case "yuv":
+            return _yuv_of_rgb(images)
+        case "yuv_old":
+            return _yuv_of_rgb(images.flip(1))
+        case "hsv":
+            return _hsv_of_rgb(images)
+    return images
+
+
+def _rgb_of_hsv(images: Tensor) -> Tensor:
+    hue, saturation, value = images.unbind(1)
+    # Each channel is V within 30 of its own hue, and V less S beyond 60; hues repeat after 180.
+    own = hue.new_tensor([0.0, 60.0, 120.0])[:, None, None]
+    away = ((hue[:, None] - own + 90) % 180 - 90).abs()
+    share = (away / 30 - 1).clamp(0, 1)
+    return value[:, None] * (1 - share * saturation[:, None] / 255)
+
+
+def _hsv_of_rgb(images: Tensor) -> Tensor:
+    images = images.clamp(0, 255)
+    red, green, blue = images.unbind(1)
+    value, spread = images.amax(1), images.amax(1) - images.amin(1)
+    by = spread.clamp(min=1e-6) / 30
+    hue = torch.where(value == green, 60 + (blue - red) / by, 120 + (red - green) / by)
+    hue = torch.where(value == red, (green - blue) / by, hue)
+    hue = hue.round() % 180  # 179.6 is a hue of 0
+    return torch.stack([hue, 255 * spread / value.clamp(min=1e-6), value], 1)
+
+
+def _rgb_of_yuv(images: Tensor) -> Tensor:
     grey = images.new_tensor([0.0, 128.0, 128.0])[:, None, None]
     return _mixed(images - grey, _RGB).clamp(0, 255)
 
 
-def yuv_of_rgb(images: Tensor) -> Tensor:
-    """Convert RGB to YUV as OpenCV does for 8 bits, but without rounding."""
+def _yuv_of_rgb(images: Tensor) -> Tensor:
     grey = images.new_tensor([0.0, 128.0, 128.0])[:, None, None]
     return _mixed(images.clamp(0, 255), _YUV) + grey
 

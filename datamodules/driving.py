@@ -38,7 +38,8 @@ class DrivingData(lightning.LightningDataModule):
     Args:
         root: the recordings' folder, or a list of them.
         weights: factors by which each recording's training samples are drawn more often.
-        view: view of the network (`data.crop`, `model.colour`, `model.size`).
+        view: view of the network (`data.crop`, `model.colour`, `model.size`,
+            `model.resize`).
         images: folder of the images, if not `IMG` next to each log.
         cameras: names of the cameras to train on.
         offset: steering added for the left camera and subtracted for the right one.

@@ -1,4 +1,4 @@
-"""What a network sees of a frame: crop, colour and size. No other code decides this."""
+"""What a network sees of a frame: crop, colour, size and resize. No other code decides this."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -10,11 +10,29 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 
+# OpenCV's codes of colours with three channels: from RGB, and back.
+CODES = {
+    "bgr": (cv2.COLOR_RGB2BGR, cv2.COLOR_BGR2RGB),
+    "yuv": (cv2.COLOR_RGB2YUV, cv2.COLOR_YUV2RGB),
+    # Before 3.2, OpenCV's RGB2YUV exchanged red and blue (pull request 7481, October 2016).
+    "yuv_old": (cv2.COLOR_BGR2YUV, cv2.COLOR_YUV2BGR),
+    "hsv": (cv2.COLOR_RGB2HSV, cv2.COLOR_HSV2RGB),
+}
 CONVERSIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "rgb": lambda image: image,
-    "yuv": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2YUV),
+    **{
+        colour: lambda image, code=code: cv2.cvtColor(image, code)
+        for colour, (code, _) in CODES.items()
+    },
     "gray": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY),
     "hsv_s": lambda image: cv2.cvtColor(image, cv2.COLOR_RGB2HSV)[:, :, 1],
+}
+# By area, every pixel of the frame counts: thin lane lines do not flicker.
+RESIZES = {
+    "area": cv2.INTER_AREA,
+    "linear": cv2.INTER_LINEAR,
+    "area_first": cv2.INTER_AREA,
+    "linear_first": cv2.INTER_LINEAR,
 }
 
 
@@ -24,13 +42,17 @@ class View:
 
     Attributes:
         crop: rows removed from the top and the bottom of the 160.
-        colour: `rgb`, `yuv`, `gray` or `hsv_s` (the saturation of HSV).
-        size: `(height, width)` after resizing by area; None to keep the cropped size.
+        colour: `rgb`, `bgr`, `yuv`, `yuv_old` (YUV of OpenCV before 3.2), `hsv` (OpenCV's, hue
+            0..179), `gray` or `hsv_s` (the saturation of HSV).
+        size: `(height, width)` after resizing; None to keep the cropped size.
+        resize: `area`, or `linear` without smoothing; `area_first` and `linear_first` resize
+            before the colour conversion.
     """
 
     crop: tuple[int, int]
     colour: str
     size: tuple[int, int] | None
+    resize: str = "area"
 
     def __post_init__(self) -> None:
         _check_pair("data.crop", self.crop, least=0)
@@ -40,6 +62,8 @@ class View:
             )
         if self.colour not in CONVERSIONS:
             raise InputError(f"model.colour={self.colour} is not one of {', '.join(CONVERSIONS)}")
+        if self.resize not in RESIZES:
+            raise InputError(f"model.resize={self.resize} is not one of {', '.join(RESIZES)}")
         object.__setattr__(self, "crop", tuple(self.crop))
         if self.size is not None:
             _check_pair("model.size", self.size, least=1)
@@ -49,22 +73,28 @@ class View:
     def shape(self) -> tuple[int, int, int]:
         """Return the output's `(height, width, channels)`."""
         size = self.size or (FRAME_HEIGHT - sum(self.crop), FRAME_WIDTH)
-        return (*size, 3 if self.colour in ("rgb", "yuv") else 1)
+        return (*size, 1 if self.colour in ("gray", "hsv_s") else 3)
 
     def __call__(self, frame: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Return the view of a frame uint8 [160, 320, 3] RGB, written to `out` if given."""
         top, bottom = self.crop
-        image = CONVERSIONS[self.colour](frame[top : FRAME_HEIGHT - bottom])
-        if self.size is not None:
-            # By area, every pixel of the frame counts: thin lane lines do not flicker.
-            height, width = self.size
-            image = cv2.resize(image, (width, height), dst=out, interpolation=cv2.INTER_AREA)
+        image, convert = frame[top : FRAME_HEIGHT - bottom], CONVERSIONS[self.colour]
+        if self.resize.endswith("_first"):
+            image = convert(self._resized(image))
+        else:
+            image = self._resized(convert(image), out)
         image = image.reshape(self.shape)
         if out is None:
             return image
         if not np.shares_memory(image, out):
             out[:] = image
         return out
+
+    def _resized(self, image: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        if self.size is None:
+            return image
+        height, width = self.size
+        return cv2.resize(image, (width, height), dst=out, interpolation=RESIZES[self.resize])
 
     def to_dict(self) -> dict:
         """Return plain containers, for a checkpoint; `View.from_dict` reads them."""
@@ -73,14 +103,14 @@ class View:
 
     @classmethod
     def from_dict(cls, plain: dict) -> "View":
-        """Return the view that `to_dict` wrote."""
+        """Return the view that `to_dict` wrote, also before it had `resize`."""
         return cls(**plain)
 
 
 def view_to_rgb(image: np.ndarray, colour: str) -> np.ndarray:
     """Return a view's image, uint8 [H, W, C], as RGB [H, W, 3] to show."""
-    if colour == "yuv":
-        return cv2.cvtColor(image, cv2.COLOR_YUV2RGB)
+    if colour in CODES:
+        return cv2.cvtColor(image, CODES[colour][1])
     if image.shape[2] == 1:
         return np.repeat(image, 3, axis=2)
     return image

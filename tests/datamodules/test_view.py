@@ -1,11 +1,13 @@
+import colorsys
 import json
 
+import cv2
 import numpy as np
 import pytest
 
 from datamodules.errors import InputError
 from datamodules.image import decode_image
-from datamodules.view import CONVERSIONS, View, view_to_rgb
+from datamodules.view import CONVERSIONS, RESIZES, View, view_to_rgb
 
 SHAPE_CASES = [
     ((60, 25), "rgb", (66, 200), (66, 200, 3)),
@@ -14,6 +16,8 @@ SHAPE_CASES = [
     ((40, 20), "gray", None, (100, 320, 1)),
     ((0, 159), "gray", (1, 1), (1, 1, 1)),
     ((0, 0), "rgb", (224, 448), (224, 448, 3)),
+    ((60, 25), "bgr", (66, 200), (66, 200, 3)),
+    ((0, 0), "hsv", None, (160, 320, 3)),
 ]
 
 
@@ -24,23 +28,34 @@ def frame() -> np.ndarray:
 
 
 def by_hand(frame: np.ndarray, colour: str) -> np.ndarray:
-    """Convert with the textbook's formulas; return float [160, 320, C]."""
+    """Convert with the textbook's formulas; return float [160, 320, C].
+
+    `yuv_old` is the formula of OpenCV before 3.2.
+    """
     red, green, blue = np.moveaxis(frame.astype(float), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
+    luma_old = 0.114 * red + 0.587 * green + 0.299 * blue
     largest, smallest = frame.max(axis=2).astype(float), frame.min(axis=2).astype(float)
     planes = {
         "rgb": [red, green, blue],
+        "bgr": [blue, green, red],
         "yuv": [luma, 0.492 * (blue - luma) + 128, 0.877 * (red - luma) + 128],
+        "yuv_old": [luma_old, 0.492 * (red - luma_old) + 128, 0.877 * (blue - luma_old) + 128],
         "gray": [luma],
         "hsv_s": [255 * (largest - smallest) / np.maximum(largest, 1)],
     }
+    hue = [colorsys.rgb_to_hsv(*pixel)[0] * 180 for pixel in frame.reshape(-1, 3) / 255]
+    planes["hsv"] = [np.reshape(hue, frame.shape[:2]), *planes["hsv_s"], largest]
     return np.clip(np.stack(planes[colour], axis=2), 0, 255)
 
 
 @pytest.mark.parametrize("colour", CONVERSIONS)
 def test_colour_is_the_textbooks(frame, colour):
     ours = View(crop=(0, 0), colour=colour, size=None)(frame)
-    assert np.abs(ours - by_hand(frame, colour)).max() <= 1
+    difference = np.abs(ours - by_hand(frame, colour))
+    if colour == "hsv":  # a hue of 180 is one of 0
+        difference[..., 0] = np.minimum(difference[..., 0], 180 - difference[..., 0])
+    assert difference.max() <= 1
 
 
 @pytest.mark.parametrize(("crop", "colour", "size", "shape"), SHAPE_CASES)
@@ -69,6 +84,28 @@ def test_colour_comes_before_size():
     assert View((0, 0), "hsv_s", (80, 160))(frame).min() == 255
 
 
+@pytest.mark.parametrize("colour", CONVERSIONS)
+@pytest.mark.parametrize("resize", RESIZES)
+def test_resize_is_opencvs_before_or_after_the_colour(recorded, colour, resize):
+    frame = decode_image(recorded.image(3).read_bytes())
+    way = cv2.INTER_AREA if resize.startswith("area") else cv2.INTER_LINEAR
+    cropped, convert = frame[60:135], CONVERSIONS[colour]
+    first = convert(cv2.resize(cropped, (200, 66), interpolation=way))
+    after = cv2.resize(convert(cropped), (200, 66), interpolation=way)
+    wanted = first if resize.endswith("_first") else after
+    ours = View((60, 25), colour, (66, 200), resize)(frame)
+    np.testing.assert_array_equal(ours, wanted.reshape(ours.shape))
+
+
+def test_each_resize_gives_another_image_of_an_edge():
+    """Between pure red and blue, U and V are clipped before the resize, but not after it."""
+    frame = np.zeros((160, 320, 3), np.uint8)
+    frame[:, :161] = (255, 0, 0)
+    frame[:, 161:] = (0, 0, 255)
+    images = [View((0, 0), "yuv", (66, 200), resize)(frame) for resize in RESIZES]
+    assert len({image.tobytes() for image in images}) == 4
+
+
 def test_frame_is_left_as_it_was(frame):
     before = frame.copy()
     View((60, 25), "yuv", (66, 200))(frame)
@@ -76,18 +113,28 @@ def test_frame_is_left_as_it_was(frame):
 
 
 def test_survives_a_checkpoint():
-    for view in (View((60, 25), "yuv", (66, 200)), View((0, 0), "gray", None)):
+    for view in (
+        View((60, 25), "yuv", (66, 200)),
+        View((0, 0), "gray", None),
+        View((60, 25), "yuv_old", (66, 200), "linear_first"),
+    ):
         assert View.from_dict(json.loads(json.dumps(view.to_dict()))) == view
+
+
+def test_a_view_of_a_checkpoint_without_resize_is_by_area():
+    plain = {"crop": [60, 25], "colour": "rgb", "size": [66, 200]}
+    assert View.from_dict(plain) == View((60, 25), "rgb", (66, 200), "area")
 
 
 def test_lists_are_as_good_as_tuples():
     assert View([60, 25], "rgb", [66, 200]) == View((60, 25), "rgb", (66, 200))
 
 
-def test_yuv_is_turned_back_for_people(recorded):
+@pytest.mark.parametrize("colour", ["rgb", "bgr", "yuv", "yuv_old", "hsv"])
+def test_colours_are_turned_back_for_people(recorded, colour):
     frame = decode_image(recorded.image(3).read_bytes())
-    back = view_to_rgb(View((0, 0), "yuv", None)(frame), "yuv")
-    assert np.abs(back.astype(int) - frame).max() <= 3
+    back = view_to_rgb(View((0, 0), colour, None)(frame), colour)
+    assert np.abs(back.astype(int) - frame).max() <= (5 if colour == "hsv" else 3)
 
 
 def test_gray_is_shown_as_three_equal_channels(frame):
@@ -109,18 +156,25 @@ def test_bad_size(size):
         View((0, 0), "rgb", size)
 
 
-@pytest.mark.parametrize("colour", ["bgr", "", None, "RGB"])
+@pytest.mark.parametrize("colour", ["", None, "RGB"])
 def test_unknown_colour_names_those_there_are(colour):
-    with pytest.raises(InputError, match=r"model\.colour=.*rgb, yuv, gray, hsv_s"):
+    with pytest.raises(InputError, match=r"model\.colour=.*rgb, .*yuv_old, .*hsv_s"):
         View((0, 0), colour, None)
 
 
+@pytest.mark.parametrize("resize", ["cubic", "", None, "first"])
+def test_unknown_resize_names_those_there_are(resize):
+    with pytest.raises(InputError, match=r"model\.resize=.*area, linear, area_first, linear_first"):
+        View((0, 0), "rgb", (66, 200), resize)
+
+
+@pytest.mark.parametrize("resize", RESIZES)
 @pytest.mark.parametrize(("crop", "colour", "size", "shape"), SHAPE_CASES)
 def test_out_takes_the_same_and_nothing_beside_it(
-    crop: tuple, colour: str, size: tuple | None, shape: tuple, frame: np.ndarray
+    crop: tuple, colour: str, size: tuple | None, shape: tuple, resize: str, frame: np.ndarray
 ) -> None:
     """The cache writes each view into an array: its neighbours do not change."""
-    view, several = View(crop, colour, size), np.full((3, *shape), 7, np.uint8)
+    view, several = View(crop, colour, size, resize), np.full((3, *shape), 7, np.uint8)
     assert view(frame, out=several[1]).base is several
     assert np.array_equal(several[1], view(frame))
     assert (several[[0, 2]] == 7).all()

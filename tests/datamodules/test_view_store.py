@@ -14,8 +14,8 @@ import pytest
 
 from datamodules.errors import InputError
 from datamodules.image import decode_image
-from datamodules.view import View
-from datamodules.view_store import load_views
+from datamodules.view import CONVERSIONS, RESIZES, View
+from datamodules.view_store import VERSION, cache_key, load_views
 from tests.recordings import Written, write_recording
 
 VIEW = View((60, 25), "rgb", (33, 100))
@@ -171,7 +171,13 @@ def test_changed_image_is_decoded_again(written, cache):
 
 
 @pytest.mark.parametrize(
-    "other", [View((60, 25), "yuv", (33, 100)), View((61, 24), "rgb", (33, 100))]
+    "other",
+    [
+        View((60, 25), "yuv", (33, 100)),
+        View((61, 24), "rgb", (33, 100)),
+        View((60, 25), "bgr", (33, 100)),
+        View((60, 25), "rgb", (33, 100), "linear"),
+    ],
 )
 def test_another_view_has_its_own_file(written, cache, other):
     paths = centre_paths(written)
@@ -179,6 +185,22 @@ def test_another_view_has_its_own_file(written, cache, other):
     views = load_views(paths, other, cache).views
     assert not np.array_equal(views, before)
     np.testing.assert_array_equal(load_views(paths, VIEW, cache).views, before)
+
+
+def test_every_view_has_a_key_of_its_own(written):
+    paths = centre_paths(written)[:2]
+    keys = {
+        cache_key(paths, View((60, 25), colour, (33, 100), resize))
+        for colour in CONVERSIONS
+        for resize in RESIZES
+    }
+    assert len(keys) == len(CONVERSIONS) * len(RESIZES)
+
+
+def test_files_of_views_by_area_keep_the_names_of_earlier_versions():
+    plain = {"crop": [60, 25], "colour": "yuv", "size": [33, 100]}
+    key = hashlib.sha256(json.dumps([VERSION, plain]).encode()).hexdigest()[:24]
+    assert cache_key([], View((60, 25), "yuv", (33, 100))) == key
 
 
 @pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])

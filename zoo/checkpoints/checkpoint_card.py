@@ -18,6 +18,7 @@ class View(Fields):
     crop: list[Whole]
     colour: str
     size: list[Whole] | None
+    resize: str = "area"  # earlier versions had no other
 
 
 class Data(Fields):

@@ -38,6 +38,18 @@ CONTROLS = "controls"
 # Largest difference of steering and throttle (-1..1): the last digit sent to a simulator.
 TOLERANCE = 1e-4
 
+# The view's words for other programs: colours by OpenCV's conversion, and ways to resize.
+COLOURS = {
+    "rgb": "RGB",
+    "bgr": "BGR",
+    "yuv": "YUV (OpenCV's RGB2YUV)",
+    "yuv_old": "YUV with red and blue exchanged (OpenCV's BGR2YUV of an RGB image)",
+    "hsv": "HSV (OpenCV's RGB2HSV, hue 0..179)",
+    "gray": "gray",
+    "hsv_s": "the saturation of HSV (OpenCV's RGB2HSV)",
+}
+WAYS = {"area": "area (OpenCV's INTER_AREA)", "linear": "bilinear (OpenCV's INTER_LINEAR)"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions:
@@ -124,12 +136,14 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     """Describe inputs and outputs for other programs that run the file."""
     network, view = checkpoint.network, checkpoint.view
     height, width, channels = view.shape
-    size = " resized by area," if view.size else ""
+    colour, way = COLOURS[view.colour], view.resize.removesuffix("_first")
+    steps = [f"in {colour}", f"resized by {WAYS[way]}"] if view.size else [f"in {colour}"]
+    steps = steps[::-1] if view.resize.endswith("_first") else steps
     speed = f", and {SPEED}: mph, float32 [batch]" if network.takes_speed else ""
     throttle = " and throttle" if network.outputs > 1 else ""
     return (
         f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], a frame of 320 x 160 less "
-        f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom,{size} in {view.colour}"
+        f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom, {', then '.join(steps)}"
         f"{speed} -> {CONTROLS}: steering{throttle}, float32, to be clipped to -1..1"
     )
 

@@ -3,7 +3,7 @@
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zoo.models.layers import Dropout, Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Dropout, Normalize, activation_layer, feature_shape
 
 
 class SameConv2d(nn.Conv2d):
@@ -29,6 +29,7 @@ class CommaAi(nn.Module):
         activation: `elu` or `relu`.
         dropout: rates before and after the first dense layer.
         width: factor on the channels and units of every hidden layer.
+        scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
     takes_speed = False
@@ -40,11 +41,12 @@ class CommaAi(nn.Module):
         activation: str = "elu",
         dropout: tuple[float, float] = (0.2, 0.5),
         width: float = 1.0,
+        scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__()
         c1, c2, c3, f1 = (max(1, round(n * width)) for n in (16, 32, 64, 512))
         self.features = nn.Sequential(
-            Normalize(),
+            Normalize(scale),
             SameConv2d(shape[0], c1, 8, 4),
             activation_layer(activation),
             SameConv2d(c1, c2, 5, 2),

@@ -17,13 +17,45 @@ def activation_layer(name: str) -> nn.Module:
     return ACTIVATIONS[name]()
 
 
+SCALE = (127.5, 1.0)  # to -1..1
+
+
 class Normalize(nn.Module):
-    """A layer that scales pixels 0..255 to -1..1, so that only uint8 is copied to the device."""
+    """A layer that scales pixels 0..255, so that only uint8 is copied to the device.
+
+    Args:
+        scale: divisor of the pixels, and the number subtracted afterwards.
+
+    Raises:
+        ValueError: the scale is not two finite numbers, or its divisor is 0.
+    """
+
+    def __init__(self, scale: tuple[float, float] = SCALE) -> None:
+        super().__init__()
+        self.divisor, self.shift = checked_scale(scale)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Return float images in -1..1."""
+        """Return float images: pixel / divisor - shift."""
         dtype = images.dtype if images.is_floating_point() else torch.get_default_dtype()
-        return images.to(dtype) / 127.5 - 1.0
+        return images.to(dtype) / self.divisor - self.shift
+
+    def extra_repr(self) -> str:
+        """Return the scale, for a printed network."""
+        return f"pixel / {self.divisor:g} - {self.shift:g}"
+
+
+def checked_scale(scale: object) -> tuple[float, float]:
+    """Return a scale as two floats; raise ValueError if it is none."""
+    most = torch.finfo(torch.float32).max
+    pair = scale if isinstance(scale, list | tuple) and len(scale) == 2 else ("", "")
+    if all(type(one) in (int, float) and abs(one) < most for one in pair):
+        divisor, shift = map(float, pair)
+        if divisor and 255 / abs(divisor) < most:
+            return divisor, shift
+    raise ValueError(
+        f"model.scale={scale!s:.100}: should be two finite numbers, the first not 0; set "
+        "model.scale=[127.5,1] for pixel / 127.5 - 1"
+    )
 
 
 class Dropout(nn.Dropout):

@@ -5,7 +5,7 @@ Max pooling and ReLU, as in the course, and one output instead of ten.
 
 from torch import Tensor, nn
 
-from zoo.models.layers import Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Normalize, activation_layer, feature_shape
 
 
 class LeNet(nn.Module):
@@ -16,6 +16,7 @@ class LeNet(nn.Module):
         activation: `relu` or `elu`.
         dropout: rate before each of the last two layers.
         width: factor on the channels and units of every hidden layer.
+        scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
     takes_speed = False
@@ -27,11 +28,12 @@ class LeNet(nn.Module):
         activation: str = "relu",
         dropout: float = 0.0,
         width: float = 1.0,
+        scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__()
         c1, c2, f1, f2 = (max(1, round(n * width)) for n in (6, 16, 120, 84))
         self.features = nn.Sequential(
-            Normalize(),
+            Normalize(scale),
             nn.Conv2d(shape[0], c1, 5),
             activation_layer(activation),
             nn.MaxPool2d(2),

@@ -2,7 +2,7 @@
 
 from torch import Tensor, nn
 
-from zoo.models.layers import Normalize
+from zoo.models.layers import SCALE, Normalize
 
 
 class Linear(nn.Module):
@@ -10,19 +10,20 @@ class Linear(nn.Module):
 
     Args:
         shape: `(1, rows, columns)` of the view.
+        scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
     takes_speed = False
     outputs = 1
 
-    def __init__(self, shape: tuple[int, int, int]) -> None:
+    def __init__(self, shape: tuple[int, int, int], scale: tuple[float, float] = SCALE) -> None:
         super().__init__()
         colours, rows, columns = shape
         if colours != 1:
             raise ValueError(
                 f"Linear takes one channel, not {colours}: set model.colour=hsv_s or gray"
             )
-        self.normalize = Normalize()
+        self.normalize = Normalize(scale)
         self.head = nn.Linear(rows * columns, 1)
 
     def forward(self, images: Tensor) -> Tensor:

@@ -12,9 +12,14 @@ from datamodules.view import View
 from zoo.runs.saved_config import ALLOWED, own_class
 
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
-VIEW_KEYS = ("colour", "size")
+VIEW_KEYS = ("colour", "size", "resize")
 # Keys of a model's config that its constructor does not take.
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
+
+
+def view_of(model: dict, crop: list[int]) -> View:
+    """Return the view of a model's config; older configs have no `resize`, which was by area."""
+    return View(crop, model["colour"], model["size"], model.get("resize", "area"))
 
 
 def published_view(config: dict) -> View:
@@ -24,7 +29,7 @@ def published_view(config: dict) -> View:
     """
     model = config["model"]
     crop = config["data"]["crop"] if model["size"] else [0, 0]
-    return View(crop, **{key: model[key] for key in VIEW_KEYS})
+    return view_of(model, crop)
 
 
 def make_network(model: dict, view: View) -> nn.Module:

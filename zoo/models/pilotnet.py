@@ -6,7 +6,7 @@ ELU, and a dropout that rises from layer to layer, as in a well-known solution o
 import torch
 from torch import Tensor, nn
 
-from zoo.models.layers import Dropout, Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Dropout, Normalize, activation_layer, feature_shape
 
 CONVOLUTIONS = [(24, 5, 2), (36, 5, 2), (48, 5, 2), (64, 3, 1), (64, 3, 1)]
 DENSE = [100, 50, 10]
@@ -21,6 +21,7 @@ class PilotNet(nn.Module):
         dropout: rates after the first and the last hidden layer; rates between rise evenly.
         width: factor on the channels and units of every hidden layer.
         speed: whether it takes the speed, too, and returns steering and throttle.
+        scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
     def __init__(
@@ -30,10 +31,11 @@ class PilotNet(nn.Module):
         dropout: tuple[float, float] = (0.1, 0.5),
         width: float = 1.0,
         speed: bool = False,
+        scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__()
         rates = torch.linspace(*dropout, len(CONVOLUTIONS) + len(DENSE)).tolist()
-        layers: list[nn.Module] = [Normalize()]
+        layers: list[nn.Module] = [Normalize(scale)]
         channels = shape[0]
         for (out, kernel, stride), rate in zip(CONVOLUTIONS, rates, strict=False):
             out = max(1, round(out * width))

@@ -5,7 +5,7 @@ Both use only the saturation channel, which shows the road's edge clearly.
 
 from torch import Tensor, nn
 
-from zoo.models.layers import Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Normalize, activation_layer, feature_shape
 
 
 class Tiny(nn.Module):
@@ -16,6 +16,7 @@ class Tiny(nn.Module):
         activation: `relu` or `elu`.
         dropout: rate before the output.
         width: factor on the two channels.
+        scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
     takes_speed = False
@@ -27,6 +28,7 @@ class Tiny(nn.Module):
         activation: str = "relu",
         dropout: float = 0.3,
         width: float = 1.0,
+        scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__()
         colours, rows, columns = shape
@@ -40,7 +42,7 @@ class Tiny(nn.Module):
             )
         channels = max(1, round(2 * width))
         self.features = nn.Sequential(
-            Normalize(),
+            Normalize(scale),
             nn.Flatten(1, 2),  # [N, 1, rows, columns] -> [N, rows, columns]
             nn.Conv1d(rows, channels, 1),
             activation_layer(activation),
@@ -62,6 +64,7 @@ class Tiny63(nn.Module):
         activation: `relu` or `elu`.
         dropout: rate before the output.
         width: factor on the two channels.
+        scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
     takes_speed = False
@@ -73,10 +76,11 @@ class Tiny63(nn.Module):
         activation: str = "relu",
         dropout: float = 0.0,
         width: float = 1.0,
+        scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__()
         self.features = nn.Sequential(
-            Normalize(),
+            Normalize(scale),
             nn.Conv2d(shape[0], max(1, round(2 * width)), 3),
             activation_layer(activation),
             nn.MaxPool2d(4),

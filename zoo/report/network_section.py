@@ -87,6 +87,7 @@ def _table(run: Run) -> list[Block]:
     outputs = "steering and throttle" if network.outputs == 2 else "steering"
     frozen = "" if trained == total else f" ({total - trained:,} of them frozen)"
     top, bottom = view.crop
+    resize = f" (resize: {view.resize})" if view.size else ""
     return [
         Text(
             f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}. "
@@ -95,9 +96,9 @@ def _table(run: Run) -> list[Block]:
         ),
         Text(
             f"The view crops {top} rows at the top and {bottom} at the bottom of a frame of "
-            f"160 x 320 pixels. Its colour is {view.colour}, its size {height} x {width}. The "
-            "checkpoint stores the view, so driving uses the same. The network itself scales the "
-            "pixels."
+            f"160 x 320 pixels. Its colour is {view.colour}, its size {height} x {width}{resize}. "
+            "The checkpoint stores the view, so driving uses the same. The network itself scales "
+            "the pixels."
         ),
         Rows(
             ["layer", "type", "output", "parameters"],

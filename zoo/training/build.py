@@ -23,7 +23,7 @@ from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.checkpoints.initial_weights import load_weights
-from zoo.models.make_network import VIEW_KEYS, make_network
+from zoo.models.make_network import make_network, view_of
 from zoo.training.compilation import compile_step
 from zoo.training.embedded_recording import with_recording
 from zoo.training.plan import TrainingPlan
@@ -68,7 +68,7 @@ def build_data(config: DictConfig) -> DrivingData:
     if type(config.seed) is not int or config.seed < 0:
         raise InputError(f"seed={config.seed} is not a whole number, 0 or more")
     model = OmegaConf.to_container(config.model, resolve=True)
-    view = View(OmegaConf.to_container(config.data.crop), **{key: model[key] for key in VIEW_KEYS})
+    view = view_of(model, OmegaConf.to_container(config.data.crop))
     data = OmegaConf.to_container(config.data, resolve=True)
     settings = {key: v for key, v in data.items() if key not in ("crop", "record")}
     places = {key: settings.pop(key) for key in PLACES if key in settings}

@@ -12,16 +12,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
 
+from datamodules.balance import BatchKey
 from datamodules.errors import InputError
 from datamodules.image import decode_image
+from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import ROOT
 from tests.zoo.drive.old_client import telemetry
-from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
 from zoo.checkpoints.policy import load_policy
+from zoo.cli.compose import compose_config
 from zoo.drive.telemetry_message import read_telemetry
+from zoo.export.__main__ import onnx_bytes
+from zoo.training.build import build_data, build_network
 
 
 @pytest.fixture
@@ -32,7 +39,8 @@ def best(run_folder: Path) -> Path:
 def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(best: Path) -> None:
     contents = torch.load(best, weights_only=True)
     card = contents["drivezoo"]
-    assert card["view"] == {"crop": [40, 20], "colour": "rgb", "size": [66, 200]}
+    view = {"crop": [40, 20], "colour": "rgb", "size": [66, 200], "resize": "area"}
+    assert card["view"] == view
     assert card["config"]["model"]["name"] == "nvidia"
     assert card["data"]["rows"] == 120
     assert len(card["data"]["fingerprint"]) == 16
@@ -61,11 +69,6 @@ def test_training_and_driving_see_the_same_bits(
     run_folder: Path, best: Path, recorded: Written
 ) -> None:
     """One JPEG through the view cache and the batch, through the driver, and the policy."""
-    from omegaconf import OmegaConf
-    from rich.console import Console
-
-    from zoo.training.build import build_data
-
     config = OmegaConf.create(read_checkpoint_file(best)["drivezoo"]["config"])
     config.data.cache = str(run_folder.parent / "outputs" / "cache")
     data = build_data(config)
@@ -85,6 +88,98 @@ def test_training_and_driving_see_the_same_bits(
         steering, throttle = policy(decode_image(jpeg), 9.0)
         assert steering == pytest.approx(float(trained[0, 0].clamp(-1, 1)), abs=0)
         assert throttle is None
+
+
+@pytest.mark.parametrize(
+    ("colour", "resize"),
+    [
+        *((colour, "area") for colour in CONVERSIONS),
+        ("rgb", "linear"),
+        ("yuv", "area_first"),
+        ("yuv_old", "linear_first"),
+        ("hsv_s", "linear_first"),
+    ],
+)
+def test_training_validation_driving_and_export_see_the_same_bits(
+    colour: str, resize: str, recorded: Written, tmp_path: Path, console: Console
+) -> None:
+    """One JPEG through the cache, both kinds of batches, the driver, a checkpoint and ONNX."""
+    config = view_config(recorded, tmp_path, colour, resize)
+    data = build_data(config)
+    data.load(console)
+    training = data.training_batches()[BatchKey(0, 0, np.arange(5))]["images"]
+    rows = [*data.samples.row[:5], *data.split.val[:5]]
+    cameras = [*data.samples.camera[:5], *[0] * 5]
+    fed = torch.cat([training, data.evaluation_batches("val")[0]["images"][:5]])
+    checkpoint = write_checkpoint(tmp_path / "x.ckpt", config, data.view)
+    policy = load_policy(checkpoint)
+    (tmp_path / "x.onnx").write_bytes(onnx_bytes(load_checkpoint(checkpoint)))
+    exported = load_policy(tmp_path / "x.onnx")
+    assert exported.view == policy.view == data.view
+    for image, row, camera in zip(fed, rows, cameras, strict=True):
+        jpeg = Path(data.recording.images[row, camera]).read_bytes()
+        driven = read_telemetry(telemetry(jpeg=jpeg)).frame
+        for view in (policy.view, exported.view):
+            assert np.array_equal(view(driven), image.permute(1, 2, 0).numpy())
+        with torch.inference_mode():
+            trained = float(policy.network(image[None])[0, 0].clamp(-1, 1))
+        assert policy(driven, 9.0)[0] == trained
+        assert exported(driven, 9.0)[0] == pytest.approx(trained, abs=1e-5)
+
+
+def view_config(recorded: Written, folder: Path, colour: str, resize: str) -> DictConfig:
+    return OmegaConf.create(
+        compose_config(
+            [
+                "model=lenet",
+                f"model.colour={colour}",
+                f"model.resize={resize}",
+                "model.scale=[255,0.5]",
+                "augment=[]",
+                "data.flip=0",
+                "data.batch_size=5",
+                f"data.root={recorded.folder}",
+                f"data.cache={folder / 'cache'}",
+            ]
+        )
+    )
+
+
+def write_checkpoint(path: Path, config: DictConfig, view: View) -> Path:
+    """Write a checkpoint of the config's network with random weights."""
+    network = build_network(config, view, Console(quiet=True))
+    plain = OmegaConf.to_container(config, resolve=True)
+    card = make_card(plain, view, {"fingerprint": "0" * 16, "rows": 120})
+    state = {f"network.{name}": one for name, one in network.state_dict().items()}
+    torch.save({"drivezoo": card, "state_dict": state}, path)
+    return path
+
+
+def test_a_checkpoint_without_resize_and_scale_is_by_area_and_to_ones(
+    best: Path, tmp_path: Path, recorded: Written
+) -> None:
+    """Checkpoints of earlier versions have neither key."""
+    contents = torch.load(best, weights_only=True)
+    del contents["drivezoo"]["view"]["resize"]
+    for key in ("resize", "scale"):
+        del contents["drivezoo"]["config"]["model"][key]
+    torch.save(contents, tmp_path / "old.ckpt")
+    old, new = load_policy(tmp_path / "old.ckpt"), load_policy(best)
+    assert old.view == new.view == View([40, 20], "rgb", [66, 200], "area")
+    frame = decode_image(recorded.image(3).read_bytes())
+    assert old(frame, 9.0) == new(frame, 9.0)
+    assert build_data(OmegaConf.create(old.config)).view == new.view
+
+
+@pytest.mark.parametrize("scale", [[0, 1], [1e-300, 0], [float("nan"), 1], "x", [1, 2, 3], {}])
+def test_a_checkpoints_wrong_scale_is_named(scale: object, best: Path, tmp_path: Path) -> None:
+    contents = torch.load(best, weights_only=True)
+    contents["drivezoo"]["config"]["model"]["scale"] = scale
+    torch.save(contents, tmp_path / "x.ckpt")
+    with pytest.raises(
+        InputError, match=r"x\.ckpt: .*model\.scale=.*set model\.scale=\[127\.5,1\]"
+    ):
+        load_checkpoint(tmp_path / "x.ckpt")
 
 
 def test_pickled_code_is_refused_and_never_run(tmp_path: Path) -> None:

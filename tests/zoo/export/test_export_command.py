@@ -14,6 +14,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from datamodules.image import decode_image
+from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.recordings import Written
 from tests.zoo.commands import run
 from tests.zoo.drive.serve import picture, served
@@ -28,7 +29,7 @@ from zoo.drive.__main__ import load_warm_policy, view_line
 from zoo.drive.live_page import list_checkpoints
 from zoo.evaluate import __main__ as evaluate
 from zoo.export import __main__ as export
-from zoo.export.__main__ import ExportOptions, onnx_bytes
+from zoo.export.__main__ import COLOURS, ExportOptions, onnx_bytes
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.saliency.visual_backprop import Saliency
 
@@ -91,10 +92,42 @@ def test_the_file_describes_its_network(exported: Path, checkpoint: Path) -> Non
     original = read_checkpoint_file(checkpoint)["drivezoo"]
     for key in ("format", "config", "view", "data"):
         assert card[key] == original[key]
-    assert card["view"] == {"crop": [40, 20], "colour": "rgb", "size": [66, 200]}
+    view = {"crop": [40, 20], "colour": "rgb", "size": [66, 200], "resize": "area"}
+    assert card["view"] == view
     assert card["data"]["fingerprint"]
     assert "uint8 [batch, 3, 66, 200]" in model.doc_string
+    assert "in RGB, then resized by area" in model.doc_string
     assert [one.version for one in model.opset_import] == [17]
+
+
+@pytest.mark.parametrize("colour", CONVERSIONS)
+@pytest.mark.parametrize("resize", RESIZES)
+def test_the_file_keeps_the_view_and_the_scale(
+    colour: str, resize: str, frames: Frames, tmp_path: Path
+) -> None:
+    keys = [f"model.colour={colour}", f"model.resize={resize}", "model.scale=[128,1]"]
+    network, view = build("lenet", *keys)
+    config = {"model": {"name": "lenet", "scale": [128, 1]}}
+    checkpoint = Checkpoint(network.eval(), view, config, {"rows": 3})
+    (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint))
+    policy = load_policy(tmp_path / "model.onnx")
+    assert policy.view == view == View([40, 20], colour, [32, 64], resize)
+    assert policy.config == config
+    assert compare(Policy(checkpoint), policy, frames).difference < 1e-5
+    text = onnx.load(tmp_path / "model.onnx").doc_string
+    assert ("INTER_AREA" if resize.startswith("area") else "INTER_LINEAR") in text
+    assert COLOURS[colour] in text
+    assert (text.index("resized") < text.index(COLOURS[colour])) == resize.endswith("_first")
+
+
+def test_a_file_without_resize_is_by_area(exported: Path, tmp_path: Path) -> None:
+    """Files of earlier versions have neither `resize` nor `scale`."""
+    model = onnx.load(exported)
+    card = json.loads(model.metadata_props[0].value)
+    del card["view"]["resize"], card["config"]["model"]["resize"], card["config"]["model"]["scale"]
+    onnx.helper.set_model_props(model, {CARD: json.dumps(card)})
+    onnx.save(model, tmp_path / "old.onnx")
+    assert load_policy(tmp_path / "old.onnx").view == load_policy(exported).view
 
 
 def test_a_file_that_steers_differently_is_removed(

@@ -7,6 +7,7 @@ from datamodules.errors import InputError
 from datamodules.view import View
 from tests.zoo.commands import ROOT, run
 from zoo.cli.compose import choices, compose_config
+from zoo.models.layers import Normalize
 from zoo.models.make_network import make_network, published_view
 
 # Only published models stand here; a new model needs no line.
@@ -75,6 +76,20 @@ def test_settings_reach_the_network(name: str) -> None:
     )
 
 
+@pytest.mark.parametrize("name", [name for name in choices("model") if name != "vgg"])
+def test_the_scale_reaches_the_network(name: str) -> None:
+    network, _ = build(name, "model.scale=[255,0.5]")
+    (layer,) = [m for m in network.modules() if isinstance(m, Normalize)]
+    pixels = torch.arange(256, dtype=torch.uint8)
+    assert torch.equal(layer(pixels), pixels.float() / 255 - 0.5)
+
+
+def test_the_usual_scale_is_that_of_earlier_versions_to_the_bit() -> None:
+    pixels = torch.linspace(0, 255, 100_000)
+    assert torch.equal(Normalize()(pixels), pixels / 127.5 - 1.0)
+    assert torch.equal(Normalize([127.5, 1])(pixels), pixels / 127.5 - 1.0)
+
+
 def test_speed_changes_what_nvidia_speed_predicts() -> None:
     network, _ = build("nvidia_speed")
     images = torch.full((1, 3, 66, 200), 90.0)
@@ -99,6 +114,11 @@ def test_vgg_freezes_all_but_the_last_blocks(trainable: int) -> None:
         ("model.size=[20,20]", "too small"),
         ("model.activation=tanh", "activation=.*elu, relu"),
         ("+model.colour_depth=3", "colour_depth"),
+        ("model.resize=cubic", "model.resize=cubic .*linear_first"),
+        ("model.scale=[0,1]", r"model.scale=.*set model.scale=\[127.5,1\]"),
+        ("model.scale=255", "model.scale=255: .*two finite numbers"),
+        ("model.scale=[.nan,1]", "model.scale="),
+        ("model.scale=[true,1]", "model.scale="),
         ("model._target_=os.system", "no network of zoo.models"),
         ("model._target_=zoo.models.layers.activation_layer", "no network of zoo.models"),
     ],

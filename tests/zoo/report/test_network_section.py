@@ -4,16 +4,15 @@ import pytest
 import torch
 from torch import nn
 
-from datamodules.view import View
 from zoo.cli.compose import choices, compose_config
-from zoo.models.make_network import VIEW_KEYS, make_network
+from zoo.models.make_network import make_network, view_of
 from zoo.report.network_section import network_layers
 
 
 @pytest.mark.parametrize("model", choices("model"))
 def test_the_parameters_of_the_layers_add_up(model: str) -> None:
     config = compose_config([f"model={model}"])
-    view = View(config["data"]["crop"], **{key: config["model"][key] for key in VIEW_KEYS})
+    view = view_of(config["model"], config["data"]["crop"])
     network = make_network(config["model"], view)
     layers = network_layers(network, view.shape)
 
@@ -24,7 +23,7 @@ def test_the_parameters_of_the_layers_add_up(model: str) -> None:
 
 def test_the_published_table_of_pilotnet() -> None:
     config = compose_config(["model=nvidia"])
-    view = View(config["data"]["crop"], **{key: config["model"][key] for key in VIEW_KEYS})
+    view = view_of(config["model"], config["data"]["crop"])
     layers = network_layers(make_network(config["model"], view), view.shape)
     counts = [layer.parameters for layer in layers if layer.parameters]
     assert counts == [1_824, 21_636, 43_248, 27_712, 36_928, 115_300, 5_050, 510, 11]
