@@ -1,12 +1,13 @@
 """Trials of combinations on frames, from coarse to fine.
 
-1. Every colour and crop, on every other frame of the centre camera. If the scale is not known, it
+1. Every colour and crop, on every third frame of the centre camera. If the scale is not known, it
    is tried as -1..1 and as 0..255 only.
 2. The best of these and the best of each colour, with every scale, on all frames of all cameras.
 3. The best of these with each way of resizing, which changes the outputs least.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,6 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from datamodules.cores import usable_cores
 from datamodules.view import View
 from zoo.input_search.combinations import (
     SCALES,
@@ -26,9 +28,9 @@ from zoo.input_search.combinations import (
 from zoo.input_search.trial_frames import TrialFrames
 from zoo.training.open_loop import side_response
 
-COARSE_STEP = 2
+COARSE_STEP = 3
 COARSE_SCALES = (SCALES[0], SCALES[-1])
-FINALISTS = 8
+FINALISTS = 6
 SCALED = 3  # combinations that are tried with every scale
 BATCH = 64
 Network = Callable[[View, Scale], nn.Module]
@@ -134,20 +136,37 @@ def try_inputs(
     if known.scale is None:
         possible = [one for one in possible if one.scale in COARSE_SCALES]
     some = frames.every(COARSE_STEP).center_only()
-    coarse = []
-    for number, one in enumerate(possible):
-        coarse.append(try_one(network, one, some))
-        show(0.5 * (number + 1) / len(possible))
+    coarse = _try_all(network, possible, some, lambda share: show(0.4 * share))
     chosen = _finalists(coarse, known)
-    finalists = []
-    for number, one in enumerate(chosen):
-        finalists.append(try_one(network, one, frames))
-        show(0.5 + 0.4 * (number + 1) / len(chosen))
+    finalists = _try_all(network, chosen, frames, lambda share: show(0.4 + 0.5 * share))
     best = max(finalists, key=lambda one: one.score).combination
-    finalists += [try_one(network, one, frames) for one in with_each_resize(best, known)[1:]]
+    finalists += _try_all(network, with_each_resize(best, known)[1:], frames)
     show(1.0)
     finalists.sort(key=lambda one: -one.score)
     return Trials(tuple(finalists), tuple(coarse))
+
+
+def _try_all(
+    network: Network,
+    chosen: Sequence[Combination],
+    frames: TrialFrames,
+    show: Callable[[float], None] = lambda share: None,
+) -> list[Trial]:
+    """Return the trial of each combination; each core tries another one.
+
+    This is faster than to share each batch among the cores, most of all on a busy machine.
+    """
+    trials = []
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with ThreadPoolExecutor(min(threads, usable_cores())) as pool:
+            for one in pool.map(lambda one: try_one(network, one, frames), chosen):
+                trials.append(one)
+                show(len(trials) / len(chosen))
+    finally:
+        torch.set_num_threads(threads)
+    return trials
 
 
 @torch.inference_mode()
