@@ -50,13 +50,13 @@ def make_network(model: dict, view: View) -> nn.Module:
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
     try:
-        with _LimitedParameters():
+        with LimitedParameters():
             return network_class((channels, height, width), **settings)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(str(error)) from None
 
 
-class _LimitedParameters(TorchFunctionMode):
+class LimitedParameters(TorchFunctionMode):
     """A context that refuses a network of more than `MOST_PARAMETERS` before it takes memory."""
 
     def __init__(self) -> None:

@@ -1,0 +1,183 @@
+"""Read the weights of Keras' layers from HDF5, of the layouts of Keras 1, 2 and 3.
+
+The layouts are defined in Keras' `saving/legacy_h5_format.py` (Keras 1, 2; 3's `.h5`) and
+`saving/saving_lib.py` (`.weights.h5` in a `.keras` file). Only plain datasets are read: links to
+other files, external and virtual datasets are refused.
+"""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from datamodules.errors import InputError
+from zoo.checkpoints.keras_architecture import LayerConfig
+
+MOST_ARRAYS = 10_000
+# Keras does not compress; damaged or hostile files claim far more than they contain.
+FREE_BYTES, MOST_RATIO = 64_000_000, 8
+CONTAINERS = ("layers", "_layer_checkpoint_dependencies")  # of Keras 3, and of 2.12 to 2.15
+Named = tuple[str, np.ndarray]
+
+
+class WeightsFile:
+    """The arrays of an opened HDF5 file.
+
+    Args:
+        file: opened `h5py.File`.
+        source: file's name, for messages.
+        size: file's bytes; arrays may take `MOST_RATIO` times as many.
+    """
+
+    def __init__(self, file: Any, source: object, size: int) -> None:
+        self.file, self.source = file, source
+        self._left = FREE_BYTES + MOST_RATIO * size
+        self._count = 0
+        self.group = _child(file, "model_weights", source) if "model_weights" in file else file
+        self.is_legacy = "layer_names" in self.group.attrs or "layer_names0" in self.group.attrs
+        self.is_keras_3 = any(one in file for one in CONTAINERS)
+
+    def attribute(self, name: str, default: str = "") -> str:
+        """Return a text that stands with the weights or with the file."""
+        return text(self.group.attrs.get(name, self.file.attrs.get(name, default)))
+
+    def named_arrays(self) -> list[tuple[str, list[Named]]]:
+        """Return each group of the legacy layout with its arrays, in order."""
+        return [
+            (
+                name,
+                [(weight, self._array(group, weight)) for weight in names(group, "weight_names")],
+            )
+            for name in names(self.group, "layer_names")
+            for group in [_child(self.group, name, self.source)]
+        ]
+
+    def arrays_of(self, model: LayerConfig) -> dict[int, list[np.ndarray]]:
+        """Return the arrays of each plain layer of a model, by the `id` of its config.
+
+        Raises:
+            InputError: a layer's weights are not in the file, or cannot be told from others'.
+        """
+        if not self.is_legacy:
+            return dict(self._keras_3(model, self.file))
+        groups = dict(self.named_arrays())
+        found = {}
+        for one in model.children:
+            found.update(self._legacy(one, groups))
+        if not set(groups) & {leaf.name for leaf in model.leaves()} - {""} and not found:
+            found = self._in_order(model, groups)
+        return found
+
+    def _legacy(self, layer: LayerConfig, groups: dict) -> dict[int, list[np.ndarray]]:
+        arrays = groups.get(layer.name)
+        if not layer.children:
+            return {} if arrays is None else {id(layer): [array for _, array in arrays]}
+        if not arrays:  # Keras 1 writes a nested model's layers beside the others
+            return {k: v for one in layer.children for k, v in self._legacy(one, groups).items()}
+        # Keras 2 and 3 write them in one group: first all that are trained, then the others.
+        leaves = list(layer.leaves())
+        found: dict[int, list[np.ndarray]] = {id(leaf): [] for leaf in leaves}
+        for name, array in arrays:
+            owners = [leaf for leaf in leaves if leaf.name in name.split("/")[:-1]]
+            if len(owners) != 1:
+                raise InputError(
+                    f"{self.source}: {name} belongs to no layer, or to several layers, of "
+                    f"{layer.kind} {layer.name}; give the layers unique names and save it again"
+                )
+            found[id(owners[0])].append(array)
+        return found
+
+    def _in_order(self, model: LayerConfig, groups: dict) -> dict[int, list[np.ndarray]]:
+        """Return arrays by the order of layers, as Keras loads weights with other layer names."""
+        leaves = list(model.leaves())
+        offset = 1 if leaves[0].kind == "InputLayer" and len(groups) == len(leaves) - 1 else 0
+        if len(groups) != len(leaves) - offset:
+            raise InputError(
+                f"{self.source}: holds weights of {', '.join(groups)!s:.200}, the architecture has "
+                f"{', '.join(leaf.name for leaf in leaves)!s:.200}; name the weights of this model"
+            )
+        pairs = zip(leaves[offset:], groups.values(), strict=True)
+        return {id(leaf): [array for _, array in arrays] for leaf, arrays in pairs}
+
+    def _keras_3(self, model: LayerConfig, group: Any) -> Iterator[tuple[int, list[np.ndarray]]]:
+        container = next((one for one in CONTAINERS if one in group), None)
+        if container is None:
+            return
+        inner = _child(group, container, self.source)
+        counts: dict[str, int] = {}
+        for layer in model.children:
+            key = snake_case(layer.kind)
+            number = counts.get(key, 0)
+            counts[key] = number + 1
+            key = f"{key}_{number}" if number else key
+            if key not in inner:
+                continue
+            own = _child(inner, key, self.source)
+            if layer.children:
+                yield from self._keras_3(layer, own)
+            elif "vars" in own:
+                values = _child(own, "vars", self.source)
+                order = sorted((one for one in values if one.isdigit()), key=int)
+                yield id(layer), [self._array(values, one) for one in order]
+
+    def _array(self, group: Any, name: str) -> np.ndarray:
+        """Return a dataset as float32.
+
+        Raises:
+            InputError: it is no plain dataset of floats, or too large.
+        """
+        for part in name.strip("/").split("/"):
+            group = _child(group, part, self.source)
+        where = f"{self.source}: {name!s:.100}"
+        if not hasattr(group, "dtype") or group.dtype.kind != "f":
+            raise InputError(f"{where} does not hold floats; save the model again")
+        if group.external or group.is_virtual:
+            raise InputError(f"{where} keeps its values in another file; save the model again")
+        self._left -= int(np.prod(group.shape, dtype=object)) * max(group.dtype.itemsize, 4)
+        self._count += 1
+        if self._left < 0 or self._count > MOST_ARRAYS:
+            raise InputError(f"{where}: claims more values than the file can hold; copy it again")
+        return np.asarray(group[()]).astype(np.float32, casting="same_kind")
+
+
+def _child(group: Any, name: str, source: object) -> Any:
+    """Return a group's member that lies in the same file; raise InputError for a link."""
+    import h5py
+
+    if not isinstance(group, h5py.Group) or name in ("", ".", ".."):
+        raise InputError(f"{source}: {name!s:.100} is not in a group; save the model again")
+    link = group.get(name, getlink=True)
+    if link is None:
+        raise InputError(f"{source}: lacks {name!s:.100}; copy it again, or save the model again")
+    if not isinstance(link, h5py.HardLink):
+        raise InputError(f"{source}: {name!s:.100} is a link, which is not followed")
+    return group[name]
+
+
+def names(group: Any, attribute: str) -> list[str]:
+    """Return the list of names in an attribute; Keras splits a long one into numbered parts."""
+    if attribute in group.attrs:
+        return [text(name) for name in group.attrs[attribute]]
+    found: list[str] = []
+    part = 0
+    while f"{attribute}{part}" in group.attrs:
+        found += [text(name) for name in group.attrs[f"{attribute}{part}"]]
+        part += 1
+    return found
+
+
+def text(value: bytes | str) -> str:
+    """Return a text of HDF5, which h5py returns as bytes or str."""
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def snake_case(name: str) -> str:
+    """Return a class's name as Keras 3 writes it in a file.
+
+    >>> [snake_case(name) for name in ("Conv2D", "PReLU", "SeparableConv2D", "BatchNormalization")]
+    ['conv2d', 'p_re_lu', 'separable_conv2d', 'batch_normalization']
+    """
+    name = re.sub(r"\W+", "", name)
+    name = re.sub("(.)([A-Z][a-z]+)", r"\1_\2", name)
+    return re.sub("([a-z])([A-Z])", r"\1_\2", name).lower()

@@ -1,0 +1,237 @@
+"""Read a Keras model, architecture and weights, from `.h5`, `.json` with `.h5`, or `.keras`.
+
+Nothing in a file is run or unpickled, sizes are bounded, and nothing is extracted to disk. A
+Lambda's code stays the text that it is in the file.
+"""
+
+import io
+import re
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.regular_file import open_binary
+from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
+from zoo.checkpoints.keras_arrays import FREE_BYTES, MOST_RATIO, WeightsFile
+from zoo.runs.bounded_files import MOST_JSON_BYTES, check_text, parse_json, read_json
+
+MOST_BYTES = 4_000_000_000
+H5_SUFFIXES = (".h5", ".hdf5")
+SUFFIXES = (*H5_SUFFIXES, ".keras", ".json")
+CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
+
+
+@dataclass(frozen=True)
+class KerasLayer:
+    """A layer of a file.
+
+    Attributes:
+        name: its name in the file.
+        kind: its class; empty if the file has no architecture.
+        config: its config.
+        arrays: its weights in Keras' order, float32.
+        constants: numbers that an operator of a functional model was called with.
+    """
+
+    name: str
+    kind: str
+    config: dict
+    arrays: list[np.ndarray]
+    constants: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class KerasModel:
+    """A model's layers in the order of the data, nested models' layers in their place.
+
+    Attributes:
+        path: file with the weights.
+        version: Keras' major version; 1 if the file does not name it, as in Keras itself.
+        backend: `tensorflow`, `theano` ...; empty before Keras 1.2, which did not save it.
+        layers: layers; without an architecture those with weights.
+        has_architecture: whether the layers' classes and configs are known.
+    """
+
+    path: Path
+    version: int
+    backend: str
+    layers: list[KerasLayer]
+    has_architecture: bool
+
+
+def read_keras(
+    path: str | Path, weights: str | Path | None = None, find_json: bool = True
+) -> KerasModel:
+    """Return a model that Keras 1, 2 or 3 saved.
+
+    Args:
+        path: `.h5`, `.keras` or `.json` file.
+        weights: `.h5` file for a `.json`; None to find it in the same folder.
+        find_json: whether a `.h5` file of weights alone gets the `.json` with its name, or
+            `model.json`, in the same folder.
+
+    Raises:
+        InputError: h5py is not installed; a file is missing, damaged, too large, or not of Keras;
+            or the model is not a chain of layers.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".json":
+        found = Path(weights) if weights is not None else _weights_of(path)
+        return _read_h5(found, _json_model(path))
+    if weights is not None:
+        raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
+    if path.suffix.lower() == ".keras":
+        return _read_zip(path)
+    return _read_h5(path, None, find_json)
+
+
+def _read_h5(path: Path, json_model: dict | None, find_json: bool = False) -> KerasModel:
+    with _naming_damage(path, "HDF5"), open_binary(path, MOST_BYTES) as raw, _hdf5(raw) as file:
+        weights = WeightsFile(file, path, _size(raw))
+        if not weights.is_legacy and not weights.is_keras_3:
+            raise InputError(
+                f"{path}: holds no layers of Keras; save the model with model.save('model.h5')"
+            )
+        if json_model is None and "model_config" in file.attrs:
+            json_model = _checked_model(weights.attribute("model_config"), path)
+        if json_model is None and find_json and (beside := _json_of(path)):
+            json_model = _json_model(beside)
+        return _model(path, json_model, weights)
+
+
+def _read_zip(path: Path) -> KerasModel:
+    with _naming_damage(path, ".keras"), open_binary(path, MOST_BYTES) as raw:
+        with zipfile.ZipFile(raw) as archive:
+            config = _checked_model(_member(archive, CONFIG, path).decode(), path)
+            if METADATA in archive.namelist():
+                found = parse_json(_member(archive, METADATA, path).decode())
+                config |= found if isinstance(found, dict) else {}
+            weights = _member(archive, WEIGHTS, path)
+        with _hdf5(io.BytesIO(weights)) as file:
+            return _model(path, config, WeightsFile(file, path, len(weights)))
+
+
+def _model(path: Path, config: dict | None, weights: WeightsFile) -> KerasModel:
+    version = weights.attribute("keras_version") or (config or {}).get("keras_version")
+    backend = weights.attribute("backend") or (config or {}).get("backend")
+    if config is None:
+        if not weights.is_legacy:
+            raise InputError(
+                f"{path}: holds weights without the architecture; name model.json, or save the "
+                "model with model.save('model.h5')"
+            )
+        layers = [
+            KerasLayer(name, "", {}, [array for _, array in arrays])
+            for name, arrays in weights.named_arrays()
+        ]
+    else:
+        root = read_architecture(config, path)
+        arrays = weights.arrays_of(root)
+        layers = [_layer(leaf, arrays) for leaf in root.leaves()]
+    return KerasModel(
+        path,
+        _major(version or ("1" if weights.is_legacy else "3")),
+        backend if isinstance(backend, str) else "",
+        layers,
+        config is not None,
+    )
+
+
+def _layer(leaf: LayerConfig, arrays: dict[int, list[np.ndarray]]) -> KerasLayer:
+    return KerasLayer(leaf.name, leaf.kind, leaf.config, arrays.get(id(leaf), []), leaf.constants)
+
+
+def _major(version: object) -> int:
+    found = re.match(r"\d", str(version))
+    return int(found[0]) if found else 1
+
+
+def _json_model(path: Path) -> dict:
+    found = read_json(path)
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: is no model of Keras; write it with model.to_json()")
+    return found
+
+
+def _checked_model(contents: str, path: Path) -> dict:
+    if len(contents) > MOST_JSON_BYTES:
+        raise InputError(f"{path}: its architecture has {len(contents):,} characters; too many")
+    found = check_text(parse_json(contents))
+    if not isinstance(found, dict):
+        raise ValueError("its architecture is not a model")
+    return found
+
+
+def _weights_of(path: Path) -> Path:
+    """Return the weights file in the folder of a `.json` file."""
+    stem = path.stem
+    usual = [stem, f"{stem}.weights", f"{stem}_weights", f"{stem}-weights", "model", "weights"]
+    for name in usual:
+        for suffix in H5_SUFFIXES:
+            if (beside := path.with_name(name + suffix)).is_file():
+                return beside
+    others = [one for suffix in H5_SUFFIXES for one in sorted(path.parent.glob(f"*{suffix}"))]
+    if len(others) == 1:
+        return others[0]
+    found = f"there are {len(others)}" if others else "there is none"
+    raise InputError(
+        f"{path}: its weights are in a .h5 file, and {found} in the folder that could be meant; "
+        f"set weights=FILE.h5, or name it {stem}.h5"
+    )
+
+
+def _json_of(path: Path) -> Path | None:
+    stems = (path.stem, path.stem.removesuffix(".weights"), path.stem.removesuffix("_weights"))
+    names = (*(f"{stem}.json" for stem in stems), "model.json")
+    return next((one for name in names if (one := path.with_name(name)).is_file()), None)
+
+
+def _member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
+    """Return a member of an archive; its size is checked before and while it is read."""
+    try:
+        info = archive.getinfo(name)
+    except KeyError:
+        raise InputError(f"{path}: lacks {name}; save the model with model.save again") from None
+    most = FREE_BYTES + MOST_RATIO * info.compress_size if name == WEIGHTS else MOST_JSON_BYTES
+    if info.file_size > most:
+        raise InputError(f"{path}: {name} claims {info.file_size:,} bytes; the limit is {most:,}")
+    with archive.open(info) as member:
+        return member.read(most)
+
+
+@contextmanager
+def _hdf5(raw: BinaryIO) -> Iterator[Any]:
+    import h5py
+
+    with h5py.File(raw, "r") as file:
+        yield file
+
+
+def _size(raw: BinaryIO) -> int:
+    return raw.seek(0, io.SEEK_END)
+
+
+@contextmanager
+def _naming_damage(path: Path, kind: str) -> Iterator[None]:
+    """Report any error of reading a damaged file in one line."""
+    try:
+        import h5py  # noqa: F401
+    except ImportError:
+        raise InputError(
+            f"{path}: h5py, which reads it, is not installed; pip install h5py"
+        ) from None
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # h5py, zipfile and json raise any error on damaged bytes
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{path}: is not a complete {kind} file of Keras ({reason}); copy it again"
+        ) from None
