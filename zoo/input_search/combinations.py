@@ -31,6 +31,7 @@ CROPS: tuple[Pair, ...] = (
 # The network computes pixel / scale[0] - scale[1]: x/127.5-1, x/255-0.5, x/255, (x-128)/128, x.
 SCALES: tuple[Scale, ...] = ((127.5, 1.0), (255.0, 0.5), (255.0, 0.0), (128.0, 1.0), (1.0, 0.0))
 USUAL_RESIZE = "area"
+USUAL_CROP = (60, 25)
 
 
 @dataclass(frozen=True)
@@ -57,15 +58,14 @@ class KnownInput:
     """What is known of a network's input from its file or from the user; None is not known.
 
     Attributes:
-        shape: input's `(height, width, channels)`; height and width may be None.
-        colour, crop, size, resize: as in `View`.
+        shape: input's `(height, width, channels)`.
+        colour, crop, resize: as in `View`.
         scale: as in `Combination`.
     """
 
-    shape: tuple[int | None, int | None, int]
+    shape: tuple[int, int, int]
     colour: str | None = None
     crop: Pair | None = None
-    size: Pair | None = None
     resize: str | None = None
     scale: Scale | None = None
 
@@ -82,17 +82,24 @@ def combinations(known: KnownInput) -> list[Combination]:
         for view in _views(known)
     ]
     if not found:
-        height, width, channels = (one or "any" for one in known.shape)
-        given = " ".join(
-            f"{key}={_pair(one) if isinstance(one, tuple) else one}"
-            for key in ("colour", "crop", "size")
-            if (one := getattr(known, key)) is not None
-        )
+        height, width, channels = known.shape
         raise InputError(
-            f"{given or 'the file'}: the network's input is {height} x {width} x {channels}; set "
-            "colour, crop and size to views of that shape"
+            f"colour={known.colour}: the network's input is {height} x {width} x {channels}; set a "
+            f"colour of {channels} channel{'s' * (channels > 1)}"
         )
     return found
+
+
+def likeliest_combination(known: KnownInput) -> Combination:
+    """Return the most usual combination that fits what is known.
+
+    It is a view of the cropped frame as it is, or else one after a crop of (60, 25).
+    """
+
+    def rank(one: Combination) -> tuple[bool, bool]:
+        return one.view.size is not None, one.view.crop != USUAL_CROP
+
+    return min(combinations(known), key=rank)
 
 
 def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]:
@@ -107,30 +114,19 @@ def with_each_resize(found: Combination, known: KnownInput) -> list[Combination]
 
 
 def _views(known: KnownInput) -> Iterator[View]:
-    colours = [known.colour] if known.colour else list(CONVERSIONS)
-    for colour in colours:
-        for crop, size in _crops_and_sizes(known):
+    for colour in [known.colour] if known.colour else CONVERSIONS:
+        for crop in _crops(known):
+            cropped = (FRAME_HEIGHT - sum(crop), FRAME_WIDTH)
+            size = None if known.shape[:2] == cropped else known.shape[:2]
             view = View(crop, colour, size, known.resize or USUAL_RESIZE)
-            if all(
-                want in (None, have) for want, have in zip(known.shape, view.shape, strict=True)
-            ):
+            if view.shape == known.shape:
                 yield view
 
 
-def _crops_and_sizes(known: KnownInput) -> Iterator[tuple[Pair, Pair | None]]:
-    """Yield crops with the size after each; None is a view that is not resized."""
-    height, width, _ = known.shape
-    size = known.size or (None if height is None or width is None else (height, width))
-    whole = (FRAME_HEIGHT, FRAME_WIDTH)
+def _crops(known: KnownInput) -> Sequence[Pair]:
     if known.crop is not None:
-        cropped = (FRAME_HEIGHT - sum(known.crop), FRAME_WIDTH)
-        yield known.crop, None if size == cropped else size
-    elif size in (None, whole):
-        yield (0, 0), None
-    else:
-        for crop in CROPS:
-            cropped = (FRAME_HEIGHT - sum(crop), FRAME_WIDTH)
-            yield crop, None if size == cropped else size
+        return [known.crop]
+    return CROPS[:1] if known.shape[:2] == (FRAME_HEIGHT, FRAME_WIDTH) else CROPS
 
 
 def _pair(pair: Sequence[float]) -> str:

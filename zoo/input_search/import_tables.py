@@ -21,7 +21,7 @@ def architecture_table(name: str, notes: Sequence[LayerNote], width: int) -> Tab
         Cells("", tuple(str(one.position) for one in notes), "right"),
         Cells("name", tuple(one.name for one in notes)),
         Cells("layer", tuple(one.kind for one in notes)),
-        Cells("understood", tuple(one.understood for one in notes)),
+        Cells("understood", tuple(one.understood.removeprefix(one.kind).strip() for one in notes)),
     ]
     figures = [
         Cells("output", tuple(" x ".join(map(str, one.shape)) for one in notes), "right"),
@@ -51,9 +51,10 @@ def input_table(found: Combination, sources: dict[str, str], width: int) -> Tabl
     return fitted_table("what the network sees", names, [], width)[0]
 
 
-def trials_table(trials: Trials, width: int) -> Table:
-    """Return the best trials, the highest score first."""
-    shown = trials.finalists[:SHOWN]
+def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
+    """Return the best trials, the chosen one first, the others from the highest score."""
+    others = [one for one in trials.finalists if one is not judged.best]
+    shown = [judged.best, *others][:SHOWN]
     names = [
         Cells("colour", tuple(one.combination.view.colour for one in shown)),
         Cells("crop", tuple("{},{}".format(*one.combination.view.crop) for one in shown)),
@@ -70,9 +71,9 @@ def trials_table(trials: Trials, width: int) -> Table:
     return fitted_table(title, names, figures, width, first=2)[0]
 
 
-def print_judgement(trials: Trials, judged: Judgement, console: Console) -> None:
+def print_judgement(judged: Judgement, console: Console) -> None:
     """Print whether the best input is convincing, and which others may be right."""
-    best = trials.finalists[0]
+    best = judged.best
     if judged.doubts:
         lines = ["no input is convincing; the best is taken, but", *_bullets(judged.doubts)]
         lines += [

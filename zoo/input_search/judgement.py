@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from datamodules.view import RESIZES
+from zoo.input_search.combinations import SCALES
 from zoo.input_search.trials import Trial, Trials, correlations
 
 NULL_SHARE = 0.99
-# The output explains a quarter of the steering's variance. With a wrong colour, networks that drive
-# reach 0.37 here, and untrained ones 0.30: docs/importing.md.
-LEAST_CORRELATION = 0.5
+LEAST_CORRELATION = 0.5  # the output explains a quarter of the steering's variance
 SURE = 0.95
 RESAMPLES = 200
 BLOCK_ROWS = 10  # neighbouring frames are alike
@@ -26,6 +26,7 @@ class Judgement:
     """A judgement of the best trial.
 
     Attributes:
+        best: trial with the highest score; of those that steer like it, the most usual one.
         doubts: reasons why the best combination is not convincing; empty if it is.
         chance: correlation that steering which is rolled along the recording exceeds in 1 %.
         alike: other finalists that steer the same as the best.
@@ -33,6 +34,7 @@ class Judgement:
         next: best finalist that is certainly different in score; None without one.
     """
 
+    best: Trial
     doubts: tuple[str, ...]
     chance: float
     alike: tuple[Trial, ...]
@@ -42,15 +44,17 @@ class Judgement:
 
 def judge(trials: Trials) -> Judgement:
     """Return the judgement of a search."""
-    best, *others = trials.finalists
     chance = chance_correlation(trials)
-    alike = [one for one in others if _steer_alike(best, one)]
-    different = [one for one in others if one not in alike]
+    first = trials.finalists[0]
+    alike = [one for one in trials.finalists if _steer_alike(first, one)]
+    best = min(alike, key=_rarity)
+    different = [one for one in trials.finalists if one not in alike]
     tied = [one for one in different if not _is_surely_better(best, one)]
     return Judgement(
+        best,
         tuple(_doubts(best, chance)),
         chance,
-        tuple(alike),
+        tuple(one for one in alike if one is not best),
         tuple(tied),
         next((one for one in different if one not in tied), None),
     )
@@ -76,11 +80,18 @@ def _doubts(best: Trial, chance: float) -> list[str]:
     elif best.correlation < LEAST_CORRELATION:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is below "
-            f"{LEAST_CORRELATION:g}, as it is with a wrong colour"
+            f"{LEAST_CORRELATION:g}; it is also so low with a wrong colour or crop"
         )
     if len(best.left) and _low([best.rows(rows).recovery for rows in _resamples(best)]) <= 0:
         doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
     return doubts
+
+
+def _rarity(trial: Trial) -> tuple[int, int]:
+    """Return the places of a trial's resize and scale among the usual ones, 0 for the first."""
+    resizes, scale = list(RESIZES), trial.combination.scale
+    place = SCALES.index(scale) if scale in SCALES else len(SCALES)
+    return resizes.index(trial.combination.view.resize), place
 
 
 def _steer_alike(best: Trial, other: Trial) -> bool:
@@ -89,9 +100,7 @@ def _steer_alike(best: Trial, other: Trial) -> bool:
 
 
 def _is_surely_better(best: Trial, other: Trial) -> bool:
-    differences = [
-        best.rows(rows).score - other.rows(rows).score for rows in _resamples(best)
-    ]
+    differences = [best.rows(rows).score - other.rows(rows).score for rows in _resamples(best)]
     return _low(differences) > 0
 
 

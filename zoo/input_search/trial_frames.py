@@ -32,7 +32,9 @@ class TrialFrames:
     def every(self, step: int) -> "TrialFrames":
         """Return every `step`-th row."""
         rows = slice(None, None, step)
-        return TrialFrames(self.center[rows], self.left[rows], self.right[rows], self.steering[rows])
+        return TrialFrames(
+            self.center[rows], self.left[rows], self.right[rows], self.steering[rows]
+        )
 
     def center_only(self) -> "TrialFrames":
         """Return the frames without the side cameras."""

@@ -36,7 +36,7 @@ BATCH = 64
 Network = Callable[[View, Scale], nn.Module]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A combination's outputs, and how well they agree with the recording.
 
