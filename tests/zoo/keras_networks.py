@@ -1,4 +1,4 @@
-"""Keras 2 files of small networks, and of PilotNets that drivezoo trained."""
+"""Keras 2 files of small networks that steer, and of PilotNets that drivezoo trained."""
 
 import base64
 import json
@@ -10,6 +10,11 @@ import h5py
 import numpy as np
 from torch import nn
 
+from datamodules.image import read_image
+from datamodules.recording import Recording
+from datamodules.view import View
+
+RIDGE = 10.0
 Layer = tuple[str, dict, list[np.ndarray]]  # class, config, arrays
 
 
@@ -86,3 +91,30 @@ def pilotnet_layers(network: nn.Module, before: Sequence[Layer]) -> list[Layer]:
             activation = "elu" if module.out_features > 1 else "linear"
             layers.append(dense_layer(kernel.T, module.bias.detach().numpy(), activation))
     return layers
+
+
+def fit_steering(recording: Recording, view: View, scale: tuple[float, float]) -> Layer:
+    """Return a Dense of a linear regression from views, scaled, to the steering.
+
+    The side cameras' images are samples, too, so that the network steers back to the centre.
+    """
+    offsets = (0.0, 0.25, -0.25)
+    images = [view(read_image(path)) for row in recording.images for path in row]
+    inputs = np.stack(images).reshape(len(images), -1) / scale[0] - scale[1]
+    steering = (recording.steering[:, None] + offsets).ravel()
+    middle = inputs.mean(0)
+    centred = inputs - middle
+    # Ridge regression in its dual form: there are fewer images than pixels.
+    weights = centred.T @ np.linalg.solve(
+        centred @ centred.T + RIDGE * np.eye(len(images)), steering
+    )
+    bias = -middle @ weights
+    return dense_layer(
+        weights.astype(np.float32)[:, None], np.array([bias], np.float32), activation="linear"
+    )
+
+
+def write_steering_h5(path: Path, recording: Recording, view: View, *before: Layer) -> Path:
+    """Write a linear network that steers by a view of -1..1, after other layers."""
+    layers = [*before, ("Flatten", {}, []), fit_steering(recording, view, (127.5, 1.0))]
+    return write_h5(path, layers, view.shape)

@@ -62,7 +62,7 @@ def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
         Cells("scale", tuple("{:g},{:g}".format(*one.combination.scale) for one in shown)),
     ]
     figures = [
-        _figures("score", [one.score for one in shown]),
+        _figures("agreement", [one.score for one in shown]),
         _figures("correlation", [one.correlation for one in shown]),
         _figures("recovery", [one.recovery for one in shown]),
     ]
@@ -88,8 +88,8 @@ def print_judgement(judged: Judgement, console: Console) -> None:
     if judged.next:
         margin = best.score - judged.next.score
         lines.append(
-            f"the next input that is worse for certain: {_difference(best, judged.next)}, score "
-            f"lower by {margin:.2f}"
+            f"the next input that is worse for certain: {_difference(best, judged.next)}, "
+            f"agreement lower by {margin:.3f}"
         )
     if judged.alike:
         alike = "; ".join(_difference(best, one) for one in judged.alike)

@@ -47,7 +47,7 @@ def judge(trials: Trials) -> Judgement:
     chance = chance_correlation(trials)
     first = trials.finalists[0]
     alike = [one for one in trials.finalists if _steer_alike(first, one)]
-    best = min(alike, key=_rarity)
+    best = min((one for one in alike if _crops_alike(first, one)), key=_rarity)
     different = [one for one in trials.finalists if one not in alike]
     tied = [one for one in different if not _is_surely_better(best, one)]
     return Judgement(
@@ -94,9 +94,13 @@ def _rarity(trial: Trial) -> tuple[int, int]:
     return resizes.index(trial.combination.view.resize), place
 
 
-def _steer_alike(best: Trial, other: Trial) -> bool:
-    difference = np.abs(best.center - other.center).mean()
-    return bool(difference < SAME_STEERING)
+def _crops_alike(first: Trial, other: Trial) -> bool:
+    own, views = first.combination.view, other.combination.view
+    return (own.colour, own.crop) == (views.colour, views.crop)
+
+
+def _steer_alike(first: Trial, other: Trial) -> bool:
+    return bool(np.abs(first.outputs - other.outputs).mean() < SAME_STEERING)
 
 
 def _is_surely_better(best: Trial, other: Trial) -> bool:

@@ -28,6 +28,7 @@ from zoo.input_search.combinations import (
 from zoo.input_search.trial_frames import TrialFrames
 from zoo.training.open_loop import side_response
 
+SIDE_OFFSET = 0.25  # steering that solutions of the course add for the left camera: 0.2 to 0.3
 COARSE_STEP = 3
 COARSE_SCALES = (SCALES[0], SCALES[-1])
 FINALISTS = 6
@@ -64,23 +65,21 @@ class Trial:
         return side_response(self.left, self.right)
 
     @cached_property
-    def side_correlation(self) -> float | None:
-        """Return the correlation of the output with the side, left +1 and right -1; or None.
+    def score(self) -> float:
+        """Return the agreement with the steering that each image calls for, see `concordance`.
 
-        It is the recovery response on a scale that does not depend on the network's gain.
+        It is the recorded steering for the centre, and `SIDE_OFFSET` more or less for the side
+        cameras. So the score has the correlation and the recovery response in it.
         """
-        if not len(self.left):
-            return None
-        outputs = np.concatenate([self.left, self.right])
-        sides = np.repeat([1.0, -1.0], [len(self.left), len(self.right)])
-        return float(correlations(outputs[None], sides)[0])
+        called = [self.steering, self.steering + SIDE_OFFSET, self.steering - SIDE_OFFSET]
+        has_sides = len(self.left) > 0
+        wanted = np.concatenate(called) if has_sides else self.steering
+        return concordance(self.outputs, wanted)
 
     @property
-    def score(self) -> float:
-        """Return the mean of both correlations, -1..1; the first one without side images."""
-        if self.side_correlation is None:
-            return self.correlation
-        return (self.correlation + self.side_correlation) / 2
+    def outputs(self) -> np.ndarray:
+        """Return the outputs for all cameras, one after the other, float64."""
+        return np.concatenate([self.center, self.left, self.right])
 
     def rows(self, rows: np.ndarray) -> "Trial":
         """Return the trial of some rows only, such as a bootstrap's."""
@@ -99,6 +98,20 @@ class Trials:
 
     finalists: tuple[Trial, ...]
     coarse: tuple[Trial, ...]
+
+
+def concordance(outputs: np.ndarray, steering: np.ndarray) -> float:
+    """Return Lin's concordance correlation of outputs [N] with steering [N], -1..1.
+
+    Source: Lin, "A concordance correlation coefficient to evaluate reproducibility", 1989. It is
+    Pearson's correlation, reduced where the outputs' mean or spread differs from the steering's: a
+    wrong input often leaves the correlation high, but not these. 0 if an output is not finite.
+    """
+    with np.errstate(all="ignore"):
+        covariance = np.mean((outputs - outputs.mean()) * (steering - steering.mean()))
+        spread = outputs.var() + steering.var() + (outputs.mean() - steering.mean()) ** 2
+        found = 2 * covariance / spread
+    return float(found) if np.isfinite(found) else 0.0
 
 
 def correlations(outputs: np.ndarray, steering: np.ndarray) -> np.ndarray:
