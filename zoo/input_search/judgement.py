@@ -15,6 +15,10 @@ from zoo.input_search.trials import Trial, Trials, correlations
 
 NULL_SHARE = 0.99
 LEAST_CORRELATION = 0.5  # the output explains a quarter of the steering's variance
+# The agreement of a network with that correlation, trained on squared errors: its steering spreads
+# over `correlation` times the recorded one, so its concordance is 2 r^2 / (1 + r^2). Untrained
+# networks can correlate by 0.9 in a simple world, but agree by less than 0.1.
+LEAST_AGREEMENT = 0.4
 SURE = 0.95
 RESAMPLES = 200
 BLOCK_ROWS = 10  # neighbouring frames are alike
@@ -81,6 +85,12 @@ def _doubts(best: Trial, chance: float) -> list[str]:
         doubts.append(
             f"its correlation with the recorded steering, {best.correlation:.2f}, is below "
             f"{LEAST_CORRELATION:g}; it is also so low with a wrong colour or crop"
+        )
+    if best.score < LEAST_AGREEMENT:
+        spread = best.center.std() / best.steering.std()
+        doubts.append(
+            f"its agreement with the steering that the images call for, {best.score:.2f}, is below "
+            f"{LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded one"
         )
     if len(best.left) and _low([best.rows(rows).recovery for rows in _resamples(best)]) <= 0:
         doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
