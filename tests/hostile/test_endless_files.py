@@ -34,7 +34,7 @@ from tests.zoo.commands import only_line, run
 from tests.zoo.drive.scans import SCANS, many_scans
 from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_plain
-from zoo.checkpoints.keras_weights import read_keras_file
+from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.onnx_policy import open_session
 
 Make = Callable[[Path], object]
@@ -98,7 +98,7 @@ def place(make: Make, path: Path) -> Path:
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "checkpoint": ("x.ckpt", load_plain),
-    "weights": ("x.h5", read_keras_file),
+    "weights": ("x.h5", read_keras),
     "ONNX": ("x.onnx", lambda path: open_session(path, 1)),
     "track": ("x.yaml", lambda path: read_track(str(path))),
     "log": ("driving_log.csv", lambda path: read_recordings(str(path.parent))),

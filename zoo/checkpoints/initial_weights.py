@@ -15,7 +15,7 @@ from zoo.checkpoints.checkpoint import (
 )
 
 IMAGENET = "imagenet"
-KERAS_SUFFIXES = (".h5", ".hdf5")
+KERAS_SUFFIXES = (".h5", ".hdf5", ".keras", ".json")
 TORCH_SUFFIXES = (".pth", ".pt")
 
 
@@ -26,7 +26,7 @@ def load_weights(network: nn.Module, source: str) -> str:
         network: network that gets the weights.
         source: `imagenet` (VGG16's, downloaded once); a run's folder or `latest`; or a file:
             drivezoo's `.ckpt`, a state dict in `.pth` or `.pt` (of the whole network, or VGG16's
-            public one), or Keras' `.h5`.
+            public one), or Keras' `.h5`, `.keras` or `.json` with weights beside it.
 
     Raises:
         InputError: the file does not exist, cannot be read, contains code or does not fit.

@@ -4,7 +4,7 @@ The config is JSON from an untrusted file: nothing in it is called, and a wrong 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from datamodules.errors import InputError
 
@@ -26,7 +26,7 @@ class LayerConfig:
     kind: str
     config: dict
     children: tuple["LayerConfig", ...] = ()
-    constants: tuple = field(default=())
+    constants: tuple[float, ...] = ()
 
     def leaves(self) -> Iterator["LayerConfig"]:
         """Yield the plain layers, nested models' layers in their place."""
@@ -36,17 +36,18 @@ class LayerConfig:
             yield from child.leaves()
 
 
-def read_architecture(model: object, source: object) -> LayerConfig:
+def read_architecture(model: object, source: object, as_chain: bool = True) -> LayerConfig:
     """Return a model with its layers in the order of the data.
 
     Args:
         model: parsed config of a whole model.
         source: file, for messages.
+        as_chain: whether to refuse a model that is no chain; else the file's order is kept.
 
     Raises:
         InputError: it is no sequential chain of layers; names the layer that is not.
     """
-    found = _layer(model, source, depth=0)
+    found = _layer(model, source, as_chain, depth=0)
     if not found.children:
         raise InputError(
             f"{source}: its architecture is {found.kind or 'empty'!s:.60}, not a Sequential or "
@@ -57,7 +58,7 @@ def read_architecture(model: object, source: object) -> LayerConfig:
     return found
 
 
-def _layer(entry: object, source: object, depth: int) -> LayerConfig:
+def _layer(entry: object, source: object, as_chain: bool, depth: int) -> LayerConfig:
     if not isinstance(entry, dict) or depth > 16:
         raise InputError(f"{source}: its architecture is damaged; copy or save it again")
     kind, config = entry.get("class_name"), entry.get("config")
@@ -70,11 +71,11 @@ def _layer(entry: object, source: object, depth: int) -> LayerConfig:
     if kind == "Sequential" or kind in GRAPHS:
         if not isinstance(layers, list) or not layers:
             raise InputError(f"{source}: {kind} {name} has no layers; save the model again")
-        children = [_layer(one, source, depth + 1) for one in layers]
-        if kind in GRAPHS:
+        children = [_layer(one, source, as_chain, depth + 1) for one in layers]
+        if kind in GRAPHS and as_chain:
             children = _chain(children, layers, own, source)
         return LayerConfig(name, kind, own, tuple(children))
-    return LayerConfig(name, kind, own, constants=tuple(_constants(entry.get("inbound_nodes"))))
+    return LayerConfig(name, kind, own, constants=_constants(entry.get("inbound_nodes")))
 
 
 def _chain(
@@ -141,16 +142,16 @@ def _sources(node: object, depth: int = 0) -> list[str]:
     return [name for one in inner for name in _sources(one, depth + 1)]
 
 
-def _constants(node: object, depth: int = 0) -> Iterator[float]:
-    """Yield the numbers among a call's arguments; tensors are skipped."""
-    if depth > 16:
-        return
-    if isinstance(node, dict) and "keras_history" not in str(node.get("config", ""))[:2000]:
-        for one in node.values():
-            yield from _constants(one, depth + 1)
-    elif isinstance(node, list):
-        is_tensor = len(node) >= 3 and isinstance(node[0], str) and isinstance(node[1], int)
-        for one in node[3:] if is_tensor else node:
-            yield from _constants(one, depth + 1)
-    elif type(node) in (int, float):
-        yield float(node)
+def _constants(nodes: object) -> tuple[float, ...]:
+    """Return the numbers that follow the tensor in an operator's call; none if it is not first."""
+    node = nodes[0] if isinstance(nodes, list) and len(nodes) == 1 else None
+    while isinstance(node, list) and node and isinstance(node[0], list):
+        node = node[0]
+    values: list = []
+    if isinstance(node, list) and len(node) == 4 and isinstance(node[3], dict):  # Keras 2
+        values = list(node[3].values())
+    elif isinstance(node, dict):
+        arguments, more = node.get("args"), node.get("kwargs")
+        if isinstance(arguments, list) and arguments and isinstance(arguments[0], dict):
+            values = [*arguments[1:], *(more.values() if isinstance(more, dict) else ())]
+    return tuple(float(one) for one in values if type(one) in (int, float))

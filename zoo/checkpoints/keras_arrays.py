@@ -62,11 +62,12 @@ class WeightsFile:
         if not self.is_legacy:
             return dict(self._keras_3(model, self.file))
         groups = dict(self.named_arrays())
+        known = {one.name for layer in model.children for one in (layer, *layer.leaves())}
+        if any(arrays and name not in known for name, arrays in groups.items()):
+            return self._in_order(model, groups)
         found = {}
         for one in model.children:
             found.update(self._legacy(one, groups))
-        if not set(groups) & {leaf.name for leaf in model.leaves()} - {""} and not found:
-            found = self._in_order(model, groups)
         return found
 
     def _legacy(self, layer: LayerConfig, groups: dict) -> dict[int, list[np.ndarray]]:
@@ -130,15 +131,15 @@ class WeightsFile:
         for part in name.strip("/").split("/"):
             group = _child(group, part, self.source)
         where = f"{self.source}: {name!s:.100}"
-        if not hasattr(group, "dtype") or group.dtype.kind != "f":
-            raise InputError(f"{where} does not hold floats; save the model again")
+        if not hasattr(group, "dtype") or group.dtype.kind not in "fiu":
+            raise InputError(f"{where} does not hold numbers; save the model again")
         if group.external or group.is_virtual:
             raise InputError(f"{where} keeps its values in another file; save the model again")
         self._left -= int(np.prod(group.shape, dtype=object)) * max(group.dtype.itemsize, 4)
         self._count += 1
         if self._left < 0 or self._count > MOST_ARRAYS:
             raise InputError(f"{where}: claims more values than the file can hold; copy it again")
-        return np.asarray(group[()]).astype(np.float32, casting="same_kind")
+        return np.asarray(group[()]).astype(np.float32)
 
 
 def _child(group: Any, name: str, source: object) -> Any:

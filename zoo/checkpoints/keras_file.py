@@ -19,7 +19,7 @@ from datamodules.errors import InputError
 from datamodules.regular_file import open_binary
 from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
 from zoo.checkpoints.keras_arrays import FREE_BYTES, MOST_RATIO, WeightsFile
-from zoo.runs.bounded_files import MOST_JSON_BYTES, check_text, parse_json, read_json
+from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
 
 MOST_BYTES = 4_000_000_000
 H5_SUFFIXES = (".h5", ".hdf5")
@@ -66,7 +66,10 @@ class KerasModel:
 
 
 def read_keras(
-    path: str | Path, weights: str | Path | None = None, find_json: bool = True
+    path: str | Path,
+    weights: str | Path | None = None,
+    find_json: bool = True,
+    as_chain: bool = True,
 ) -> KerasModel:
     """Return a model that Keras 1, 2 or 3 saved.
 
@@ -75,6 +78,7 @@ def read_keras(
         weights: `.h5` file for a `.json`; None to find it in the same folder.
         find_json: whether a `.h5` file of weights alone gets the `.json` with its name, or
             `model.json`, in the same folder.
+        as_chain: whether to refuse a model that is no chain of layers.
 
     Raises:
         InputError: h5py is not installed; a file is missing, damaged, too large, or not of Keras;
@@ -83,15 +87,17 @@ def read_keras(
     path = Path(path)
     if path.suffix.lower() == ".json":
         found = Path(weights) if weights is not None else _weights_of(path)
-        return _read_h5(found, _json_model(path))
+        return _read_h5(found, _json_model(path), as_chain=as_chain)
     if weights is not None:
         raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
     if path.suffix.lower() == ".keras":
-        return _read_zip(path)
-    return _read_h5(path, None, find_json)
+        return _read_zip(path, as_chain)
+    return _read_h5(path, None, find_json, as_chain)
 
 
-def _read_h5(path: Path, json_model: dict | None, find_json: bool = False) -> KerasModel:
+def _read_h5(
+    path: Path, json_model: dict | None, find_json: bool = False, as_chain: bool = True
+) -> KerasModel:
     with _naming_damage(path, "HDF5"), open_binary(path, MOST_BYTES) as raw, _hdf5(raw) as file:
         weights = WeightsFile(file, path, _size(raw))
         if not weights.is_legacy and not weights.is_keras_3:
@@ -102,10 +108,10 @@ def _read_h5(path: Path, json_model: dict | None, find_json: bool = False) -> Ke
             json_model = _checked_model(weights.attribute("model_config"), path)
         if json_model is None and find_json and (beside := _json_of(path)):
             json_model = _json_model(beside)
-        return _model(path, json_model, weights)
+        return _model(path, json_model, weights, as_chain)
 
 
-def _read_zip(path: Path) -> KerasModel:
+def _read_zip(path: Path, as_chain: bool) -> KerasModel:
     with _naming_damage(path, ".keras"), open_binary(path, MOST_BYTES) as raw:
         with zipfile.ZipFile(raw) as archive:
             config = _checked_model(_member(archive, CONFIG, path).decode(), path)
@@ -114,10 +120,10 @@ def _read_zip(path: Path) -> KerasModel:
                 config |= found if isinstance(found, dict) else {}
             weights = _member(archive, WEIGHTS, path)
         with _hdf5(io.BytesIO(weights)) as file:
-            return _model(path, config, WeightsFile(file, path, len(weights)))
+            return _model(path, config, WeightsFile(file, path, len(weights)), as_chain)
 
 
-def _model(path: Path, config: dict | None, weights: WeightsFile) -> KerasModel:
+def _model(path: Path, config: dict | None, weights: WeightsFile, as_chain: bool) -> KerasModel:
     version = weights.attribute("keras_version") or (config or {}).get("keras_version")
     backend = weights.attribute("backend") or (config or {}).get("backend")
     if config is None:
@@ -131,7 +137,7 @@ def _model(path: Path, config: dict | None, weights: WeightsFile) -> KerasModel:
             for name, arrays in weights.named_arrays()
         ]
     else:
-        root = read_architecture(config, path)
+        root = read_architecture(config, path, as_chain)
         arrays = weights.arrays_of(root)
         layers = [_layer(leaf, arrays) for leaf in root.leaves()]
     return KerasModel(
@@ -153,19 +159,34 @@ def _major(version: object) -> int:
 
 
 def _json_model(path: Path) -> dict:
-    found = read_json(path)
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: is no model of Keras; write it with model.to_json()")
-    return found
+    try:
+        return _checked_model(read_text(path, MOST_JSON_BYTES), path)
+    except ValueError as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{path}: is no model of Keras ({reason}); write it with model.to_json()"
+        ) from None
 
 
 def _checked_model(contents: str, path: Path) -> dict:
     if len(contents) > MOST_JSON_BYTES:
         raise InputError(f"{path}: its architecture has {len(contents):,} characters; too many")
-    found = check_text(parse_json(contents))
+    found = parse_json(contents)
+    check_text(_without_code(found))
     if not isinstance(found, dict):
         raise ValueError("its architecture is not a model")
     return found
+
+
+def _without_code(node: object, depth: int = 0) -> object:
+    """Return a config without the code of Lambdas, the only text that may contain NUL."""
+    if depth > MOST_LEVELS:
+        raise ValueError(f"nested deeper than {MOST_LEVELS} levels")
+    if isinstance(node, dict):
+        return {
+            k: None if k == "function" else _without_code(v, depth + 1) for k, v in node.items()
+        }
+    return [_without_code(one, depth + 1) for one in node] if isinstance(node, list) else node
 
 
 def _weights_of(path: Path) -> Path:

@@ -5,9 +5,9 @@ described by a word, which is also what a user sets for an unclear one: see `WOR
 """
 
 import base64
-import binascii
 import math
 import re
+from contextlib import suppress
 
 from zoo.checkpoints.marshalled_code import Code, instructions, read_code
 from zoo.models.sequential_layers import ACTIVATIONS, RESIZE_METHODS
@@ -57,15 +57,11 @@ def describe_lambda(config: dict) -> tuple[str | None, str]:
 def _decoded(text: str) -> list[bytes]:
     """Return the bytes that a text may stand for, as Keras 2.1 and later, and 1.0 to 2.0, write."""
     found = []
-    try:
+    with suppress(ValueError):
         found.append(base64.b64decode(re.sub(r"\s", "", text), validate=True))
-    except (binascii.Error, ValueError):
-        pass
     for encoding in ("raw_unicode_escape", "latin-1"):
-        try:
+        with suppress(UnicodeEncodeError):
             found.append(text.encode(encoding))
-        except UnicodeEncodeError:
-            pass
     return found
 
 

@@ -9,14 +9,21 @@ from torch import Tensor
 from datamodules.errors import InputError
 from zoo.checkpoints.keras_file import KerasLayer, KerasModel
 from zoo.checkpoints.keras_lambda import WORDS, describe_lambda, specs_of_word
-from zoo.checkpoints.keras_specs import CLASSES, RECURRENT, Spec, UnknownValueError, specs_of
+from zoo.checkpoints.keras_specs import (
+    CLASSES,
+    RECURRENT,
+    Spec,
+    UnknownValueError,
+    operator_specs,
+    specs_of,
+)
 from zoo.checkpoints.keras_tensors import MisfitError, by, copy_arrays
 from zoo.models.make_network import LimitedParameters
 from zoo.models.sequential import Sequential, build_layers, is_channels_first
 
 Scale = tuple[float, float]
 # A scale before these layers is the same as one at the network's input.
-BEFORE_SCALE = ("Cropping2D", "Resize", "MaxPooling2D", "AveragePooling2D", "Dropout")
+BEFORE_SCALE = ("Cropping2D", "Resize")
 
 
 @dataclass(frozen=True)
@@ -159,8 +166,11 @@ class _Chain:
         label = f"{self.model.path}: {self.label(index)}"
         if layer.kind == "Lambda":
             return self._lambda(layer, label)
+        operator = layer.config.get("function") if layer.kind == "TFOpLambda" else layer.kind
+        found = operator_specs(str(operator), layer.constants)
         try:
-            found = specs_of(layer.kind, layer.config, self.model.version)
+            if found is None:
+                found = specs_of(layer.kind, layer.config, self.model.version)
         except UnknownValueError as error:
             raise InputError(f"{label}: {error}, which cannot be converted") from None
         if found is None and layer.kind in RECURRENT:
@@ -172,16 +182,15 @@ class _Chain:
                 f"{label}: is an unknown layer; replace it in Keras, and save the model again"
             )
         if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
-            return [], f"scale: pixel / {self.scale[0]:g} - {self.scale[1]:g}"
+            return [], self._scale_text()
         return found, _described(found)
 
     def _lambda(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
         word, holds = describe_lambda(layer.config)
         if word is None and self._words:
             word = str(self._words.pop(0))
-        elif word is None and self._given and not self._scaled and self._commutes():
-            self._scaled = True
-            return [], f"taken as scale=[{self.scale[0]:g},{self.scale[1]:g}]; holds {holds}"
+        elif word is None and self._takes_given_scale():
+            return [], f"taken as {self._scale_text()}; holds {holds}"
         if word is None:
             raise InputError(
                 f"{label}: what it computes is not clear (its code holds {holds}, and is never "
@@ -192,25 +201,34 @@ class _Chain:
         if found is None:
             raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
         if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
-            return [], f"scale: pixel / {self.scale[0]:g} - {self.scale[1]:g}"
+            return [], self._scale_text()
         return found, word
+
+    def _takes_given_scale(self) -> bool:
+        """Take an unclear Lambda as the scale that the user set, if it is the first scale."""
+        takes = self._given and not self._scaled and self._is_at_input()
+        self._scaled = self._scaled or takes
+        return takes
+
+    def _is_at_input(self) -> bool:
+        return all(one["layer"] in BEFORE_SCALE for one in self.specs)
+
+    def _scale_text(self) -> str:
+        divisor, less = self.scale or (1.0, 0.0)
+        return f"scale=[{divisor:g},{less:g}]: pixel / {divisor:g} - {less:g}"
 
     def _takes_scale(self, spec: Spec) -> bool:
         """Take a rescaling as the network's scale; return False if its place forbids it."""
         factor, offset = spec.get("scale"), spec.get("offset", 0.0)
         plain = all(type(one) in (int, float) for one in (factor, offset))
-        if self._scaled or not plain or not factor or not self._commutes():
+        if not plain or not factor or not self._is_at_input():
             return False
-        self._scaled = True
         if not self._given:
-            self.scale = (float(f"{1 / factor:.12g}"), float(f"{-offset:.12g}"))
+            divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)
+            divisor, less = divisor / factor, less * factor - offset
+            self.scale = (float(f"{divisor:.12g}"), float(f"{less:.12g}"))
+        self._scaled = True
         return True
-
-    def _commutes(self) -> bool:
-        return all(
-            one["layer"] in BEFORE_SCALE and one.get("padding", "valid") in ("valid",)
-            for one in self.specs
-        )
 
 
 def _described(specs: list[Spec]) -> str:

@@ -26,6 +26,9 @@ CLASSES = {
     "BatchNormalizationV1": "BatchNormalization",
     "BatchNormalizationV2": "BatchNormalization",
 }
+# Orders of axes, of Keras 2 and 1.
+ORDERS = {"channels_first": "channels_first", "th": "channels_first"}
+ORDERS |= {"channels_last": "channels_last", "tf": "channels_last"}
 # Layers that change nothing in driving, and need no place in the network.
 IDENTITIES = (
     "InputLayer", "ActivityRegularization", "Masking", "Identity", "RandomContrast", "RandomFlip",
@@ -38,6 +41,15 @@ _ACTIVATIONS = {
     "hard_swish": "hard_swish",
     "relu6": "relu6",
 }
+
+
+# Operators of functional models, of Keras 2 (config's `function`) and Keras 3 (class).
+OPERATORS = {
+    "math.truediv": "/", "math.divide": "/", "TrueDivide": "/", "Divide": "/",
+    "math.multiply": "*", "Multiply": "*",
+    "math.subtract": "-", "Subtract": "-",
+    "__operators__.add": "+", "math.add": "+", "Add": "+",
+}  # fmt: skip
 
 
 class UnknownValueError(ValueError):
@@ -62,9 +74,8 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     if translate is None:
         return None
     spec = {"layer": kind} | translate(config)
-    order = config.get("data_format", {"th": "channels_first"}.get(str(config.get("dim_ordering"))))
-    if order == "channels_first":
-        spec["data_format"] = order
+    if ORDERS.get(str(config.get("data_format", config.get("dim_ordering")))) == "channels_first":
+        spec["data_format"] = "channels_first"
     more = []
     if kind in WITH_ACTIVATION:
         more = activation_specs(config.get("activation"), version)
@@ -73,6 +84,17 @@ def specs_of(kind: str, config: dict, version: int) -> list[Spec] | None:
     elif kind == "Activation":
         return activation_specs(config.get("activation"), version)
     return [{key: value for key, value in spec.items() if value is not None}, *more]
+
+
+def operator_specs(name: str, constants: tuple[float, ...]) -> list[Spec] | None:
+    """Return the specs of an operator with one number, such as `x / 127.5`; None for any other."""
+    sign = OPERATORS.get(name)
+    if sign is None or len(constants) != 1 or (sign == "/" and not constants[0]):
+        return None
+    (number,) = constants
+    if sign in "*/":
+        return [{"layer": "Rescaling", "scale": number if sign == "*" else 1 / number}]
+    return [{"layer": "Rescaling", "scale": 1.0, "offset": number if sign == "+" else -number}]
 
 
 def activation_specs(value: object, version: int) -> list[Spec]:

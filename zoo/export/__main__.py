@@ -160,6 +160,8 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
             # onnxscript, and takes 4 s instead of 0.1 s.
             warnings.simplefilter("ignore", DeprecationWarning)
             warnings.simplefilter("ignore", torch.jit.TracerWarning)
+            # Of unequal padding; the exported file is compared with the network.
+            warnings.filterwarnings("ignore", message="Constant folding", category=UserWarning)
             torch.onnx.export(
                 network,
                 tuple(inputs.values()),

@@ -42,7 +42,8 @@ class Sequential(nn.Module):
         specs = check_specs(layers if layers is not None else DEFAULT_LAYERS)
         first = is_channels_first(specs)
         channels, height, width = shape
-        self.normalize = Normalize(SCALE if scale is None else scale)
+        self.scale = SCALE if scale is None else tuple(scale)
+        self.normalize = Normalize(self.scale)
         modules, shapes = build_layers(specs, shape if first else (height, width, channels), first)
         self.layers = nn.Sequential(*modules)
         self.outputs = math.prod(shapes[-1])
@@ -98,11 +99,12 @@ def build_layers(
         spec.check_all_read()
         places = math.prod(shape[1:] if first else shape[:-1])
         work += places * sum(one.numel() for one in module.parameters())
-        if min(shape, default=1) < 1 or math.prod(shape) > MOST_VALUES or work > MOST_WORK:
+        empty = min(shape, default=1) < 1
+        if empty or math.prod(shape) > MOST_VALUES or work > MOST_WORK:
             raise ValueError(
                 f"{spec.label}: its output would be {' x '.join(map(str, shape))}, which is "
-                f"{'empty' if min(shape, default=1) < 1 else 'too large'}; set the view (data.crop, "
-                "model.size) of the training, or other layers"
+                f"{'empty' if empty else 'too large'}; set the view of the training (data.crop, "
+                "model.size), or other layers"
             )
         modules.append(module)
         shapes.append(shape)

@@ -62,16 +62,22 @@ class PaddedAvgPool2d(nn.AvgPool2d):
 
 
 class Crop(nn.Module):
-    """A layer that removes rows and columns from the edges."""
+    """A layer that removes rows and columns from the edges.
 
-    def __init__(self, top: int, bottom: int, left: int, right: int) -> None:
+    Args:
+        edges: number of rows or columns at the top, bottom, left and right.
+        size: rows and columns of the output.
+    """
+
+    def __init__(self, edges: tuple[int, int, int, int], size: tuple[int, int]) -> None:
         super().__init__()
-        self.top, self.bottom, self.left, self.right = top, bottom, left, right
+        self.top, self.bottom, self.left, self.right = edges
+        self.rows, self.columns = size
 
     def forward(self, images: Tensor) -> Tensor:
         """Return the images without their edges."""
-        height, width = images.shape[2:]
-        return images[:, :, self.top : height - self.bottom, self.left : width - self.right]
+        images = images[:, :, self.top : self.top + self.rows]
+        return images[:, :, :, self.left : self.left + self.columns]
 
     def extra_repr(self) -> str:
         """Return the settings that a printed network shows."""

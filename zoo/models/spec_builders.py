@@ -254,11 +254,16 @@ def _relu(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     return GeneralReLU(slope, threshold, most), shape
 
 
+def _thresholded(spec: LayerSpec) -> nn.Module:
+    return nn.Threshold(spec.number("theta", 1.0), 0.0)
+
+
 def _crop(spec: LayerSpec, shape: Shape, first: bool) -> Built:
     rows, columns, channels = _image(spec, shape, first)
     top, bottom, left, right = spec.edges("cropping")
     rows, columns = rows - top - bottom, columns - left - right
-    return Crop(top, bottom, left, right), _shape(rows, columns, channels, first)
+    module = Crop((top, bottom, left, right), (rows, columns))
+    return module, _shape(rows, columns, channels, first)
 
 
 def _zero_padding(spec: LayerSpec, shape: Shape, first: bool) -> Built:
@@ -344,6 +349,7 @@ BUILDERS: dict[str, Builder] = {
     "Activation": partial(_elementwise, _activation),
     "ELU": partial(_elementwise, lambda spec: nn.ELU(spec.number("alpha", 1.0))),
     "LeakyReLU": partial(_elementwise, lambda spec: nn.LeakyReLU(spec.number("alpha", 0.3))),
+    "ThresholdedReLU": partial(_elementwise, _thresholded),
     "PReLU": _prelu,
     "ReLU": _relu,
     "Cropping2D": _crop,

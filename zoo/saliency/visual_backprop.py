@@ -14,8 +14,10 @@ from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
+from zoo.models.sequential_layers import Crop
 
-POOLS = (nn.MaxPool2d, nn.AvgPool2d)
+# Layers that move or resize a map, besides convolutions.
+MOVES = (nn.MaxPool2d, nn.AvgPool2d, nn.ZeroPad2d, Crop)
 COPIES, NOISE = 16, 0.1  # SmoothGrad's number of noisy copies, and their deviation in parts of 255
 GREEN = (60, 255, 90)
 
@@ -65,7 +67,7 @@ class Saliency:
         # A copy, since hooks would slow the driving down, and record it from another thread.
         self.network = copy.deepcopy(policy.network).eval()
         self.stages: list[Stage] = []
-        layers = [one for one in self.network.modules() if isinstance(one, (nn.Conv2d, *POOLS))]
+        layers = [one for one in self.network.modules() if isinstance(one, (nn.Conv2d, *MOVES))]
         self.has_maps = any(isinstance(one, nn.Conv2d) for one in layers)
         for layer in layers if self.has_maps else ():
             layer.register_forward_hook(self._note)
@@ -93,6 +95,8 @@ class Saliency:
             gradients = torch.autograd.grad(steering, features)
         where, maps = torch.ones(1, 1, *features[-1].shape[2:]), 0
         for stage, gradient in zip(reversed(stages), reversed(gradients), strict=True):
+            if where.shape[2:] != stage.features.shape[2:]:  # a layer between them resizes
+                where = F.interpolate(where, stage.features.shape[2:], mode="bilinear")
             if isinstance(stage.layer, nn.Conv2d):
                 where = where * feature_map(stage.features.detach(), gradient)
                 # Normalize each product: the scale does not matter, and many maps could overflow.
@@ -135,19 +139,23 @@ def enlarge(where: Tensor, layer: nn.Module, size: tuple[int, int], even: bool =
 
     Args:
         where: map of the output, [1, 1, h, w].
-        layer: convolution or pooling.
+        layer: convolution, pooling, cropping or padding.
         size: height and width of the layer's input.
         even: whether to divide by the number of outputs that see a pixel. Without it, as published,
             a kernel of 5 with a stride of 2 draws a chequerboard and fades at the border.
     """
-    kernel, stride, padding = (
+    if isinstance(layer, Crop):
+        return F.pad(where, (layer.left, layer.right, layer.top, layer.bottom))
+    if isinstance(layer, nn.ZeroPad2d):
+        return F.pad(where, [-count for count in layer.padding])
+    kernel, stride, padding, dilation = (
         (value, value) if isinstance(value, int) else value
-        for value in (layer.kernel_size, layer.stride, layer.padding)
+        for value in (layer.kernel_size, layer.stride, layer.padding, getattr(layer, "dilation", 1))
     )
     ones = torch.ones(1, 1, *kernel)
-    spread = F.conv_transpose2d(where, ones, stride=stride)
+    spread = F.conv_transpose2d(where, ones, stride=stride, dilation=dilation)
     if even:
-        seen_by = F.conv_transpose2d(torch.ones_like(where), ones, stride=stride)
+        seen_by = F.conv_transpose2d(torch.ones_like(where), ones, stride=stride, dilation=dilation)
         spread = spread / seen_by.clamp(min=1)
     # A layer that pads its own input reports a padding of 0. Its padding is the excess, whose odd
     # row is at the end.

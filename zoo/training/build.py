@@ -26,6 +26,7 @@ from zoo.checkpoints.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
 from zoo.training.compilation import compile_step
 from zoo.training.embedded_recording import with_recording
+from zoo.training.layers_of_weights import with_layers
 from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
 
@@ -36,8 +37,8 @@ OWN_KEYS = ("compile",)  # keys of `trainer` that are not arguments of Lightning
 
 
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
-    """Return the config to train with: apply `quick`, and record `data.record`."""
-    return with_recording(with_quick(config), console)
+    """Return the config to train with: set `model.layers`, apply `quick`, record `data.record`."""
+    return with_recording(with_quick(with_layers(config)), console)
 
 
 def with_quick(config: DictConfig) -> DictConfig:

@@ -39,6 +39,7 @@ from zoo.training.conclusion import (
 from zoo.training.distributed import ending_together
 from zoo.training.host_settings import set_up_process
 from zoo.training.interruptions import naming_lost_files, resume_command, stopped_error
+from zoo.training.layers_of_weights import with_layers
 from zoo.training.openmp_threads import spinning_while_quiet
 from zoo.training.plan import make_plan
 from zoo.training.resume_point import ResumePoint, find_resume_point
@@ -77,7 +78,9 @@ def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_confi
     code_fingerprint()  # before training: later edits of the files do not count
     console = Console(soft_wrap=True, quiet=not first)
     score = run_options(config.get("score"))
-    asked, config = config, settle_config(config, console)
+    asked = with_layers(config)
+    keep_config = keep_config or asked is not config  # resuming needs no file of weights
+    config = settle_config(asked, console)
 
     data = build_data(config)
     data.load(console)

@@ -1,0 +1,392 @@
+"""Files of Keras 1, 2 and 3: what is read of them, and what bad ones report."""
+
+import io
+import json
+import pickle
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from datamodules.errors import InputError
+from tests.zoo.bomb import Bomb
+from tests.zoo.checkpoints.keras_files import (
+    INPUT,
+    Layer,
+    keras_3_weights,
+    lambda_config,
+    model_config,
+    random_weights,
+    write_groups,
+    write_h5,
+    write_json,
+    write_keras,
+)
+from zoo.checkpoints.keras_arrays import text
+from zoo.checkpoints.keras_file import read_keras
+
+W = random_weights
+LAYERS: list[Layer] = [
+    ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), []),
+    ("Conv2D", {"filters": 4, "kernel_size": [3, 3], "strides": [2, 2]}, W((3, 3, 3, 4), (4,))),
+    ("Conv2D", {"filters": 5, "kernel_size": [3, 3]}, W((3, 3, 4, 5), (5,), seed=1)),
+    ("BatchNormalization", {}, W(*[(5,)] * 4, seed=2)),
+    ("Flatten", {}, []),
+    ("Dense", {"units": 1}, W((420, 1), (1,), seed=3)),
+]
+WRITERS: dict[str, Callable[[Path], Path]] = {
+    "keras 1": lambda folder: write_h5(folder / "m.h5", LAYERS, 1),
+    "keras 2": lambda folder: write_h5(folder / "m.h5", LAYERS, 2),
+    "keras 3 in h5": lambda folder: write_h5(folder / "m.h5", LAYERS, 3),
+    "json": lambda folder: write_json(folder / "m.json", LAYERS),
+    "keras": lambda folder: write_keras(folder / "m.keras", LAYERS),
+}
+
+
+def check_layers(path: Path) -> None:
+    model = read_keras(path)
+    layers = [layer for layer in model.layers if layer.kind != "InputLayer"]
+    assert [layer.kind for layer in layers] == [kind for kind, *_ in LAYERS]
+    for layer, (_, _, weights) in zip(layers, LAYERS, strict=True):
+        assert len(layer.arrays) == len(weights)
+        for ours, theirs in zip(layer.arrays, weights, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_layout_gives_the_same_layers(name: str, tmp_path: Path) -> None:
+    check_layers(WRITERS[name](tmp_path))
+
+
+def test_the_version_and_the_backend_are_read(tmp_path: Path) -> None:
+    model = read_keras(write_h5(tmp_path / "m.h5", LAYERS, 1, backend="theano"))
+    assert (model.version, model.backend) == (1, "theano")
+    assert read_keras(write_keras(tmp_path / "m.keras", LAYERS)).version == 3
+
+
+@pytest.mark.parametrize("name", ["m.h5", "model.h5", "m_weights.h5", "anything.h5"])
+def test_weights_are_found_in_the_folder_of_the_json(name: str, tmp_path: Path) -> None:
+    path = write_json(tmp_path / "m.json", LAYERS)
+    (tmp_path / "m.h5").rename(tmp_path / name)
+    check_layers(path)
+
+
+def test_weights_are_named_if_there_are_several(tmp_path: Path) -> None:
+    path = write_json(tmp_path / "m.json", LAYERS)
+    (tmp_path / "m.h5").rename(tmp_path / "a.h5")
+    (tmp_path / "b.h5").write_bytes(b"")
+    with pytest.raises(InputError, match=r"m\.json: .*there are 2.*set weights=FILE"):
+        read_keras(path)
+    assert read_keras(path, tmp_path / "a.h5").has_architecture
+
+
+def test_weights_alone_find_their_json(tmp_path: Path) -> None:
+    write_json(tmp_path / "model.json", LAYERS)
+    check_layers(tmp_path / "model.h5")
+    (tmp_path / "model.json").unlink()
+    assert not read_keras(tmp_path / "model.h5").has_architecture
+
+
+def test_keras_3s_weights_stand_beside_a_json(tmp_path: Path) -> None:
+    (tmp_path / "m.json").write_text(json.dumps(model_config(LAYERS, version=3)))
+    (tmp_path / "m.weights.h5").write_bytes(keras_3_weights(LAYERS))
+    check_layers(tmp_path / "m.json")
+    check_layers(tmp_path / "m.weights.h5")
+    (tmp_path / "m.json").unlink()
+    with pytest.raises(InputError, match=r"without the architecture.*model\.save"):
+        read_keras(tmp_path / "m.weights.h5")
+
+
+def test_weights_match_their_layers_by_name(tmp_path: Path) -> None:
+    """The file's order of groups is another than the architecture's."""
+    path = write_h5(tmp_path / "m.h5", LAYERS)
+    with h5py.File(path, "a") as file:
+        group = file["model_weights"]
+        group.attrs["layer_names"] = group.attrs["layer_names"][::-1].copy()
+    check_layers(path)
+
+
+def test_layers_of_other_names_match_in_order(tmp_path: Path) -> None:
+    """A json of one session, and weights of another, whose names count on."""
+    path = write_json(tmp_path / "m.json", LAYERS)
+    text = path.read_text()
+    for old, new in (("conv2d_2", "conv2d_9"), ("conv2d_1", "conv2d_8"), ("dense_1", "dense_4")):
+        text = text.replace(f'"{old}"', f'"{new}"')
+    path.write_text(text)
+    check_layers(path)
+
+
+def nested(folder: Path, in_one_group: bool) -> Path:
+    """Write a model whose convolutions are a model of their own."""
+    names = [f"{kind.lower()}_1" for kind, *_ in LAYERS]
+    names[2] = "conv2d_2"
+    config = model_config(LAYERS)
+    entries = config["config"]["layers"]
+    inner = {"class_name": "Sequential", "config": {"name": "inner", "layers": entries[1:4]}}
+    config["config"]["layers"] = [entries[0], inner, *entries[4:]]
+    path = write_h5(folder / "m.h5", LAYERS, config=config)
+    if in_one_group:
+        with h5py.File(path, "a") as file:
+            group = file["model_weights"]
+            own = group.create_group("inner")
+            found = [
+                (text(one), group[name][text(one)][()])
+                for name in names[1:4]
+                for one in group[name].attrs["weight_names"]
+            ]
+            found.sort(key=lambda pair: "moving" in pair[0])  # trained ones first, as in Keras
+            own.attrs["weight_names"] = [one.encode() for one, _ in found]
+            for one, array in found:
+                own.create_dataset(one, data=array)
+            for name in names[1:4]:
+                del group[name]
+            group.attrs["layer_names"] = [names[0].encode(), b"inner", *map(str.encode, names[4:])]
+    return path
+
+
+@pytest.mark.parametrize("in_one_group", [True, False], ids=["Keras 2", "Keras 1"])
+def test_a_nested_model_is_flattened(in_one_group: bool, tmp_path: Path) -> None:
+    check_layers(nested(tmp_path, in_one_group))
+
+
+def functional(layers: list[Layer], version: int = 2) -> dict:
+    """Return the config of a functional model whose layers are not in the order of the data."""
+    config = model_config(layers, version=version)
+    entries = config["config"]["layers"]
+    if version == 2:
+        del entries[0]["config"]["batch_input_shape"]
+        start = {"name": "input_1", "batch_input_shape": [None, *INPUT]}
+        entries.insert(0, {"class_name": "InputLayer", "config": start})
+    names = [entry["config"]["name"] for entry in entries]
+    for number, entry in enumerate(entries):
+        entry["name"] = names[number]
+        before = names[number - 1]
+        history = {"class_name": "__keras_tensor__", "config": {"keras_history": [before, 0, 0]}}
+        old, new = [[[before, 0, 0, {}]]], [{"args": [history], "kwargs": {}}]
+        entry["inbound_nodes"] = [] if number == 0 else old if version == 2 else new
+    config["class_name"] = "Model" if version == 2 else "Functional"
+    ends = ([names[0], 0, 0], [names[-1], 0, 0])
+    config["config"]["input_layers"] = [ends[0]] if version == 2 else ends[0]
+    config["config"]["output_layers"] = [ends[1]] if version == 2 else ends[1]
+    entries.reverse()
+    return config
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_functional_chain_is_followed(version: int, tmp_path: Path) -> None:
+    check_layers(write_h5(tmp_path / "m.h5", LAYERS, version, config=functional(LAYERS, version)))
+
+
+def change_second_input(config: dict) -> None:
+    dense = config["config"]["layers"][0]
+    dense["inbound_nodes"][0].append(["input_1", 0, 0, {}])
+
+
+def change_outputs(config: dict) -> None:
+    config["config"]["output_layers"].append(["flatten_1", 0, 0])
+
+
+def change_inputs(config: dict) -> None:
+    config["config"]["input_layers"].append(["speed", 0, 0])
+
+
+def change_branch(config: dict) -> None:
+    dense = config["config"]["layers"][0]
+    dense["inbound_nodes"] = [[["conv2d_1", 0, 0, {}]]]
+
+
+def change_shared(config: dict) -> None:
+    dense = config["config"]["layers"][0]
+    dense["inbound_nodes"] *= 2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (change_second_input, "Dense dense_1 has 2 inputs .flatten_1, input_1"),
+        (change_outputs, "2 outputs .dense_1, flatten_1"),
+        (change_inputs, "2 inputs .input_1, speed"),
+        (change_branch, "both take the output of conv2d_1"),
+        (change_shared, "dense_1 is used more than once"),
+    ],
+)
+def test_a_model_that_is_no_chain_is_refused(
+    change: Callable[[dict], None], words: str, tmp_path: Path
+) -> None:
+    config = functional(LAYERS)
+    change(config)
+    with pytest.raises(InputError, match=rf"m\.h5: .*{words}"):
+        read_keras(write_h5(tmp_path / "m.h5", LAYERS, config=config))
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".keras", ".json"])
+@pytest.mark.parametrize(
+    "content", [b"", b"no model", b"\x89HDF\r\n\x1a\n" + b"\0" * 300, b"PK\3\4"]
+)
+def test_a_file_of_another_kind_is_one_line(suffix: str, content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / f"m{suffix}"
+    path.write_bytes(content)
+    if suffix == ".json":
+        (tmp_path / "m.h5").write_bytes(content)
+    with pytest.raises(InputError, match=r"m\.(h5|keras|json): ") as caught:
+        read_keras(path)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
+def test_a_truncated_file_is_one_line(name: str, share: float, tmp_path: Path) -> None:
+    path = WRITERS[name](tmp_path)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(InputError, match=r"m\.(h5|keras|json): ") as caught:
+        read_keras(path)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["keras 2", "keras"])
+def test_a_damaged_file_never_raises_another_error(name: str, tmp_path: Path) -> None:
+    path = WRITERS[name](tmp_path)
+    data, rng = path.read_bytes(), np.random.default_rng(0)
+    for _ in range(60):
+        damaged = bytearray(data)
+        for place in rng.integers(0, len(data), 5):
+            damaged[place] = rng.integers(0, 256)
+        path.write_bytes(bytes(damaged))
+        check_one_line(path)
+
+
+def check_one_line(path: Path) -> None:
+    """Read a file, which may succeed or raise an InputError of one line with the file's name."""
+    with pytest.raises(InputError) as caught:
+        raise_after_reading(path)
+    assert len(str(caught.value).splitlines()) == 1
+    assert f"{path.name}: " in str(caught.value)
+
+
+def raise_after_reading(path: Path) -> None:
+    read_keras(path)
+    raise InputError(f"{path}: was read")
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        {},
+        {"class_name": "Sequential"},
+        {"class_name": "Sequential", "config": 3},
+        {"class_name": "Sequential", "config": []},
+        {"class_name": "Sequential", "config": [3]},
+        {"class_name": "Sequential", "config": [{"class_name": 3}]},
+        {"class_name": "Sequential", "config": [{"class_name": "Dense", "config": 7}] * 5000},
+        {"class_name": "Dense", "config": {"name": "dense_1"}},
+        {"class_name": "Model", "config": {"layers": [{"class_name": "Dense"}], "input_layers": 3}},
+    ],
+)
+def test_a_damaged_architecture_is_one_line(config: dict, tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "m.h5", LAYERS)
+    with h5py.File(path, "a") as file:
+        file.attrs["model_config"] = json.dumps(config)
+    check_one_line(path)
+
+
+def test_links_and_other_files_are_not_read(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_bytes(b"\0" * 4000)
+    for kind in ("external", "link", "soft"):
+        path = write_h5(tmp_path / f"{kind}.h5", LAYERS)
+        with h5py.File(path, "a") as file:
+            group = file["model_weights/dense_1/dense_1"]
+            del group["bias:0"]
+            if kind == "external":
+                group.create_dataset(
+                    "bias:0", (1,), "f4", external=[(str(tmp_path / "secret"), 0, 4)]
+                )
+            elif kind == "link":
+                group["bias:0"] = h5py.ExternalLink(str(path), "/model_weights/dense_1")
+            else:
+                group["bias:0"] = h5py.SoftLink("/model_weights/conv2d_1/conv2d_1/bias:0")
+        with pytest.raises(InputError, match=r"another file|is a link"):
+            read_keras(path)
+
+
+def test_arrays_that_claim_more_than_the_file_holds_are_refused(tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "m.h5", LAYERS)
+    with h5py.File(path, "a") as file:
+        group = file["model_weights/dense_1/dense_1"]
+        del group["kernel:0"]
+        group.create_dataset("kernel:0", (10**6, 10**6), "f4", chunks=(1000, 1000))
+    with pytest.raises(InputError, match=r"kernel:0: claims more values"):
+        read_keras(path)
+
+
+def test_a_member_that_claims_more_than_the_archive_holds_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.keras"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("config.json", json.dumps(model_config(LAYERS, version=3)))
+        archive.writestr("model.weights.h5", b"\0" * 200_000_000)
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(InputError, match=r"model\.weights\.h5 claims 200,000,000 bytes"):
+        read_keras(path)
+
+
+def test_a_long_config_in_an_archive_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.keras"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("config.json", b" " * 20_000_000)
+        archive.writestr("model.weights.h5", keras_3_weights(LAYERS))
+    with pytest.raises(InputError, match=r"config\.json claims"):
+        read_keras(path)
+
+
+@pytest.mark.parametrize("missing", ["config.json", "model.weights.h5"])
+def test_an_archive_lacks_a_member(missing: str, tmp_path: Path) -> None:
+    whole = write_keras(tmp_path / "whole.keras", LAYERS)
+    with zipfile.ZipFile(whole) as source, zipfile.ZipFile(tmp_path / "m.keras", "w") as archive:
+        for name in source.namelist():
+            if name != missing:
+                archive.writestr(name, source.read(name))
+    with pytest.raises(InputError, match=f"lacks {missing}"):
+        read_keras(tmp_path / "m.keras")
+
+
+def test_an_archive_leaves_nothing_on_the_disk(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_keras(tmp_path / "m.keras", LAYERS)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("../outside.txt", "x")
+    check_layers(path)
+    assert [one.name for one in tmp_path.iterdir()] == ["m.keras"]
+
+
+def test_pickled_code_in_a_file_is_never_run(tmp_path: Path) -> None:
+    """Keras 1 and 2 pickle nothing but Lambdas; a hostile file may hold a pickle anywhere."""
+    bomb = pickle.dumps(Bomb(tmp_path / "ran"))
+    layers = [*LAYERS]
+    layers[0] = ("Lambda", {"function": [bomb.decode("latin-1"), None, None]}, [])
+    path = write_h5(tmp_path / "m.h5", layers)
+    with h5py.File(path, "a") as file:
+        file.attrs["training_config"] = np.void(bomb)
+        file.create_dataset("optimizer_weights", data=np.void(bomb))
+    check_layers(path)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_without_h5py_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_keras(tmp_path / "m.keras", LAYERS)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InputError, match="pip install h5py"):
+        read_keras(path)
+
+
+def test_a_group_without_arrays_is_no_error(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        write_groups(file, LAYERS[:1], 2, "tensorflow")
+    (tmp_path / "m.h5").write_bytes(buffer.getvalue())
+    assert read_keras(tmp_path / "m.h5").layers[0].arrays == []

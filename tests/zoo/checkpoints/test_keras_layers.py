@@ -1,0 +1,395 @@
+"""Whole Keras models converted: scales, Lambdas, orders of axes, and what is refused."""
+
+import base64
+import marshal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from datamodules.errors import InputError
+from tests.zoo.checkpoints.keras_files import (
+    INPUT,
+    Layer,
+    lambda_config,
+    random_weights,
+    write_h5,
+    write_json,
+    write_keras,
+)
+from tests.zoo.models import keras_reference
+from zoo.checkpoints.keras_file import read_keras
+from zoo.checkpoints.keras_lambda import describe_lambda, specs_of_word
+from zoo.checkpoints.keras_layers import ConvertedKeras, convert
+from zoo.models.sequential import Sequential
+
+W = random_weights
+SCALE = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])
+CONV: Layer = (
+    "Conv2D",
+    {"filters": 4, "kernel_size": [3, 3], "strides": [2, 2], "activation": "elu"},
+    W((3, 3, 3, 4), (4,)),
+)
+REST: list[Layer] = [
+    CONV,
+    ("Flatten", {}, []),
+    ("Dropout", {"rate": 0.5}, []),
+    ("Dense", {"units": 1}, W((504, 1), (1,), seed=3)),
+]
+IMAGES = np.random.default_rng(0).integers(0, 256, (3, *INPUT), dtype=np.uint8)
+tf = K = None  # names in Lambdas, which are never called
+
+
+def predict(found: ConvertedKeras, images: np.ndarray = IMAGES) -> np.ndarray:
+    rows, columns, channels = found.input_shape
+    network = Sequential((channels, rows, columns), found.layers, found.scale)
+    network.load_state_dict(found.state)
+    with torch.inference_mode():
+        return network.eval()(torch.from_numpy(images).permute(0, 3, 1, 2)).numpy()
+
+
+def expected(layers: list[Layer], divisor: float = 127.5, less: float = 1.0) -> np.ndarray:
+    return keras_reference.predict(IMAGES / divisor - less, layers)
+
+
+def read(folder: Path, layers: list[Layer], **more: object):
+    return read_keras(write_h5(folder / "m.h5", layers, **more))
+
+
+@pytest.mark.parametrize("name", ["h5", "json", "keras"])
+def test_a_model_predicts_what_it_did(name: str, tmp_path: Path) -> None:
+    write = {"h5": write_h5, "json": write_json, "keras": write_keras}[name]
+    found = convert(read_keras(write(tmp_path / f"m.{name}", [SCALE, *REST])))
+    assert found.input_shape == INPUT
+    assert found.scale == (127.5, 1.0)
+    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+
+
+def test_the_notes_tell_what_was_understood(tmp_path: Path) -> None:
+    notes = convert(read(tmp_path, [SCALE, *REST])).notes
+    assert [(one.position, one.name, one.kind) for one in notes][:2] == [
+        (1, "lambda_1", "Lambda"),
+        (2, "conv2d_1", "Conv2D"),
+    ]
+    assert "127.5" in notes[0].understood
+    assert [one.shape for one in notes] == [INPUT, (9, 14, 4), (504,), (504,), (1,)]
+    assert [one.parameters for one in notes] == [0, 112, 0, 0, 505]
+
+
+def keras_1(layers: list[Layer], th: bool) -> list[Layer]:
+    """Return layers with the classes, settings and kernels of Keras 1."""
+    found: list[Layer] = []
+    for kind, config, weights in layers:
+        weights, own = list(weights), dict(config)
+        if kind == "Conv2D":
+            rows, columns = config["kernel_size"]
+            kind = "Convolution2D"
+            own = {
+                "nb_filter": config["filters"],
+                "nb_row": rows,
+                "nb_col": columns,
+                "subsample": config["strides"],
+                "border_mode": "valid",
+                "bias": True,
+                "activation": config["activation"],
+                "dim_ordering": "th" if th else "tf",
+            }
+            weights[0] = weights[0].transpose(3, 2, 0, 1) if th else weights[0]
+        elif kind == "Dense":
+            own = {"output_dim": config["units"], "bias": True, "activation": "linear"}
+        elif kind == "Dropout":
+            own = {"p": config["rate"]}
+        found.append((kind, own, weights))
+    return found
+
+
+def test_keras_1_channels_last(tmp_path: Path) -> None:
+    found = convert(read(tmp_path, keras_1([SCALE, *REST], th=False), version=1))
+    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+
+
+@pytest.mark.parametrize("backend", ["theano", "tensorflow"])
+def test_keras_1_channels_first(backend: str, tmp_path: Path) -> None:
+    layers = [SCALE, *keras_1(REST, th=True)]
+    if backend == "theano":
+        layers[1][2][0] = layers[1][2][0][:, :, ::-1, ::-1]
+    dense = layers[4][2][0]  # rows in the order channels, rows, columns
+    layers[4][2][0] = dense.reshape(9, 14, 4).transpose(2, 0, 1).reshape(504, 1)
+    shape = (INPUT[2], *INPUT[:2])
+    found = convert(read(tmp_path, layers, version=1, shape=shape, backend=backend))
+    assert found.input_shape == INPUT
+    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+
+
+def test_a_flatten_of_channels_first_puts_the_channels_last(tmp_path: Path) -> None:
+    layers = [(k, c | {"data_format": "channels_first"}, w) for k, c, w in [SCALE, *REST]]
+    shape = (INPUT[2], *INPUT[:2])
+    found = convert(read(tmp_path, layers, shape=shape))
+    np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+
+
+LAMBDAS = {
+    "x / 127.5 - 1": (lambda x: x / 127.5 - 1, (127.5, 1.0)),
+    "-1 + x / 127.5": (lambda x: -1.0 + x / 127.5, (127.5, 1.0)),
+    "x / 255 - 0.5": (lambda x: (x / 255.0) - 0.5, (255.0, 0.5)),
+    "x / 255": (lambda x: x / 255, (255.0, 0.0)),
+    "(x - 128) / 128": (lambda x: (x - 128) / 128, (128.0, 1.0)),
+    "x / 128 - 1": (lambda x: x / 128.0 - 1.0, (128.0, 1.0)),
+    "2 * x / 255 - 1": (lambda x: 2 * x / 255 - 1, (127.5, 1.0)),
+    "x": (lambda x: x, None),
+}
+
+
+@pytest.mark.parametrize("style", ["base64", "escape", "keras3"])
+@pytest.mark.parametrize("name", LAMBDAS)
+def test_a_scale_is_read_from_a_lambdas_code(name: str, style: str, tmp_path: Path) -> None:
+    function, scale = LAMBDAS[name]
+    found = convert(read(tmp_path, [("Lambda", lambda_config(function, style), []), *REST]))
+    assert found.scale == scale
+    if scale:
+        np.testing.assert_allclose(predict(found), expected(REST, *scale), atol=1e-4)
+
+
+# Code of other Pythons, as they marshal `lambda x: x / 127.5 - 1.0`.
+PYTHON_27 = (
+    b"c\x01\x00\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00C\x00\x00\x00s\x0c\x00\x00\x00|\x00\x00d"
+    b"\x01\x00\x15d\x02\x00\x18S(\x03\x00\x00\x00Ng\x00\x00\x00\x00\x00\xe0_@g\x00\x00\x00\x00\x00"
+    b"\x00\xf0?(\x00\x00\x00\x00(\x01\x00\x00\x00t\x01\x00\x00\x00x(\x00\x00\x00\x00(\x00\x00\x00"
+    b"\x00s\x01\x00\x00\x00at\x08\x00\x00\x00<lambda>\x01\x00\x00\x00s\x00\x00\x00\x00"
+)
+PYTHON_35 = (
+    b"\xe3\x01\x00\x00\x00\x00\x00\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00C\x00\x00\x00s\x0c\x00"
+    b"\x00\x00|\x00\x00d\x01\x00\x1bd\x02\x00\x18S)\x03Ng\x00\x00\x00\x00\x00\xe0_@g\x00\x00\x00"
+    b"\x00\x00\x00\xf0?\xa9\x00)\x01\xda\x01xr\x01\x00\x00\x00r\x01\x00\x00\x00z\x01a\xda\x08"
+    b"<lambda>\x01\x00\x00\x00s\x00\x00\x00\x00"
+)
+PYTHON_38 = (
+    b"\xe3\x01\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00C\x00"
+    b"\x00\x00s\x0c\x00\x00\x00|\x00d\x01\x1b\x00d\x02\x18\x00S\x00)\x03Ng\x00\x00\x00\x00\x00"
+    b"\xe0_@g\x00\x00\x00\x00\x00\x00\xf0?\xa9\x00)\x01\xda\x01xr\x01\x00\x00\x00r\x01\x00\x00\x00"
+    b"z\x01a\xda\x08<lambda>\x01\x00\x00\x00s\x00\x00\x00\x00"
+)
+
+
+@pytest.mark.parametrize("code", [PYTHON_27, PYTHON_35, PYTHON_38], ids=["2.7", "3.5", "3.8"])
+def test_code_of_other_pythons_is_read(code: bytes) -> None:
+    for text in (base64.encodebytes(code).decode(), code.decode("raw_unicode_escape")):
+        assert describe_lambda({"function": [text, None, None]})[0] == "scale:127.5:1"
+
+
+@pytest.mark.parametrize(
+    ("function", "word"),
+    [
+        (lambda x: tf.atan(x), "atan"),
+        (lambda x: tf.multiply(tf.atan(x), 2), "atan:2"),
+        (lambda x: tf.image.resize_images(x, (66, 200)), "resize:66:200:linear_tf1"),
+        (lambda x: tf.image.resize(x, (66, 200)), "resize:66:200:linear"),
+        (lambda x: tf.image.rgb_to_grayscale(x), "gray"),
+        (lambda x: K.tanh(x), "tanh"),
+        (lambda x: x * x, None),
+        (lambda x: x[:, 60:], None),
+        (lambda x: 1 / x, None),
+        (lambda x: tf.image.resize(x, (66, 200)) / 255.0, None),
+        (lambda x: [y / 255.0 for y in x], None),
+    ],
+)
+def test_other_lambdas_get_a_word_or_are_asked_for(function, word: str | None) -> None:
+    assert describe_lambda(lambda_config(function))[0] == word
+    assert word is None or specs_of_word(word)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [{}, {"function": 3}, {"function": []}, {"function": [None]}, {"function": "my_scale"},
+     {"function": ["", None, None]}, {"function": ["gARLAS4=", None, None]},
+     {"function": {"class_name": "__lambda__", "config": {"code": 3}}},
+     {"function": {"config": 7}}, {"function": ["4wEAAAA", None, None]},
+     {"function": [base64.b64encode(b"\xa9\xff" * 1000).decode(), None, None]},
+     {"function": [base64.b64encode(b"(\xff\xff\xff\x7f" * 10).decode(), None, None]},
+     {"function": [base64.b64encode(b")\x01" * 5000).decode(), None, None]}],
+)  # fmt: skip
+def test_code_that_is_none_is_unclear(config: dict) -> None:
+    assert describe_lambda(config)[0] is None
+
+
+def test_no_lambda_is_run_or_unmarshalled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def attack(x):
+        (tmp_path / "ran").touch()
+        return x / 127.5 - 1.0
+
+    config = lambda_config(attack)
+    monkeypatch.setattr(marshal, "loads", lambda _: pytest.fail("unmarshalled"))
+    with pytest.raises(InputError, match=r"lambda_1 .*touch"):
+        convert(read(tmp_path, [("Lambda", config, []), *REST]))
+    assert not (tmp_path / "ran").exists()
+
+
+UNCLEAR: Layer = ("Lambda", lambda_config(lambda x: x * x), [])
+
+
+def test_an_unclear_lambda_is_asked_for_by_key(tmp_path: Path) -> None:
+    model = read(tmp_path, [UNCLEAR, *REST])
+    with pytest.raises(InputError) as caught:
+        convert(model)
+    message = str(caught.value)
+    assert f"{model.path}: layer 1 of 5, lambda_1 (Lambda)" in message
+    assert "set scale=[divisor,subtracted]" in message
+    assert "lambdas=[WORD]" in message
+    found = convert(model, scale=[255, 0.5])
+    assert found.scale == (255, 0.5)
+    np.testing.assert_allclose(predict(found), expected(REST, 255, 0.5), atol=1e-4)
+    assert convert(model, lambdas=["scale:255:0.5"]).scale == (255, 0.5)
+    assert convert(model, lambdas=["identity"]).scale is None
+
+
+def test_words_are_used_in_order(tmp_path: Path) -> None:
+    layers = [SCALE, CONV, UNCLEAR, *REST[1:], UNCLEAR]
+    with pytest.raises(InputError, match=r"layer 3 of 7, lambda_2"):
+        convert(read(tmp_path, layers), scale=[1, 0])
+    found = convert(read(tmp_path, layers), lambdas=["tanh", "atan:2"])
+    wanted = 2 * np.arctan(keras_reference.predict(np.tanh(expected([CONV])), REST[1:]))
+    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["eval"], "lambdas=eval: is none of"),
+        (["resize:66"], "is none of"),
+        (["scale:0:1"], "is none of"),
+        (["scale:nan:1"], "is none of"),
+        (["crop:1.5:2"], "is none of"),
+        (["identity", "identity"], "more words than the file has unclear Lambdas"),
+    ],
+)
+def test_a_wrong_word_is_named(words: list, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=reason):
+        convert(read(tmp_path, [UNCLEAR, *REST]), lambdas=words)
+
+
+def test_a_scale_after_a_crop_is_the_networks(tmp_path: Path) -> None:
+    crop: Layer = ("Cropping2D", {"cropping": [[2, 1], [1, 0]]}, [])
+    dense: Layer = ("Dense", {"units": 1}, W((448, 1), (1,)))
+    found = convert(read(tmp_path, [crop, SCALE, CONV, REST[1], dense]))
+    assert found.scale == (127.5, 1)
+    wanted = expected([crop, CONV, REST[1], dense])
+    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+
+
+def test_a_scale_after_a_padding_stays_there(tmp_path: Path) -> None:
+    """A padding of 0 before the scale is black, not gray."""
+    pad: Layer = ("ZeroPadding2D", {"padding": [[1, 1], [1, 1]]}, [])
+    rescaling: Layer = ("Rescaling", {"scale": 1 / 127.5, "offset": -1}, [])
+    dense: Layer = ("Dense", {"units": 1}, W((600, 1), (1,)))
+    found = convert(read(tmp_path, [pad, SCALE, CONV, REST[1], dense]), scale=[1, 0])
+    wanted = expected([pad, rescaling, CONV, REST[1], dense], 1, 0)
+    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
+
+
+def test_two_scales_are_one(tmp_path: Path) -> None:
+    layers = [("Lambda", lambda_config(lambda x: x / 255.0), []),
+              ("Lambda", lambda_config(lambda x: x - 0.5), [])]  # fmt: skip
+    assert convert(read(tmp_path, [*layers, *REST])).scale == (255, 0.5)
+
+
+def test_without_a_scale_it_is_unknown(tmp_path: Path) -> None:
+    found = convert(read(tmp_path, REST))
+    assert found.scale is None
+    assert convert(read(tmp_path, REST), scale=[255, 0]).scale == (255, 0)
+    assert convert(read(tmp_path, [SCALE, *REST]), scale=[255, 0]).scale == (255, 0)
+
+
+def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:
+    for shape in (None, (None, None, 3)):
+        model = read(tmp_path, [SCALE, *REST], shape=shape)
+        with pytest.raises(InputError, match=r"size=\[66,200\]"):
+            convert(model)
+        found = convert(model, size=INPUT[:2])
+        np.testing.assert_allclose(predict(found), expected(REST), atol=1e-5)
+        with pytest.raises(InputError, match=r"layer 5 of 5, dense_1 .*: its kernel is 504 x 1"):
+            convert(model, size=[30, 30])
+
+
+def test_two_outputs_are_asked_for(tmp_path: Path) -> None:
+    layers = [SCALE, *REST[:3], ("Dense", {"units": 2}, W((504, 2), (2,)))]
+    model = read(tmp_path, layers)
+    with pytest.raises(InputError, match=r"outputs=\[steering,throttle\]"):
+        convert(model)
+    wanted = expected(layers[1:])
+    both = convert(model, outputs=["throttle", "steering"])
+    assert both.outputs == 2
+    np.testing.assert_allclose(predict(both), wanted[:, ::-1], atol=1e-5)
+    one = convert(model, outputs=["ignored", "steering"])
+    np.testing.assert_allclose(predict(one), wanted[:, 1:], atol=1e-5)
+    for wrong in (["steering"], ["steering", "steering"], ["steering", "brake"]):
+        with pytest.raises(InputError, match="outputs="):
+            convert(model, outputs=wrong)
+
+
+def test_a_network_of_another_task_is_refused(tmp_path: Path) -> None:
+    dense: Layer = ("Dense", {"units": 10, "activation": "softmax"}, W((504, 10), (10,)))
+    with pytest.raises(InputError, match=r"has 10 outputs, .*another task"):
+        convert(read(tmp_path, [SCALE, *REST[:3], dense]))
+
+
+@pytest.mark.parametrize(
+    ("layer", "words"),
+    [
+        (("LSTM", {"units": 4}, []), r"layer 2 of 6, lstm_1 \(LSTM\): needs several frames"),
+        (("ConvLSTM2D", {}, []), "needs several frames"),
+        (("Highway", {}, []), r"layer 2 of 6, highway_1 \(Highway\): is an unknown layer"),
+        (("TFOpLambda", {"function": "os.system"}, []), "unknown layer"),
+        (("Activation", {"activation": "my_own"}, []), "its activation is my_own"),
+        (("BatchNormalization", {"mode": 1}, W(*[(3,)] * 4)), "mode is 1"),
+        (("Conv2D", {"filters": -1, "kernel_size": [3, 3]}, CONV[2]), "layer 2 of 6.*filters=-1"),
+        (("Conv2D", {"filters": "4", "kernel_size": [3, 3]}, CONV[2]), "filters='4'"),
+        (("MaxPooling2D", {"pool_size": [60, 60]}, []), "layer 2 of 6.*does not fit the input"),
+        (("Dropout", {"rate": [0.5]}, []), r"rate=\[0.5\]"),
+    ],
+)
+def test_a_layer_that_cannot_be_converted_is_named(layer: Layer, words: str, tmp_path) -> None:
+    with pytest.raises(InputError, match=rf"m\.h5: .*{words}") as caught:
+        convert(read(tmp_path, [SCALE, layer, *REST]))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("weights", "words"),
+    [
+        ([], "has 0 arrays of weights in the file, and needs 2"),
+        (W((3, 3, 3, 5), (5,)), r"its kernel is 3 x 3 x 3 x 5 in the file, 3 x 3 x 3 x 4"),
+        (W((3, 3, 3, 4), (5,)), r"its bias is 5 in the file, 4 "),
+        ([CONV[2][0] * np.nan, CONV[2][1]], "NaN"),
+    ],
+)
+def test_weights_that_do_not_fit_are_named(weights: list, words: str, tmp_path: Path) -> None:
+    layer = (CONV[0], CONV[1], weights)
+    with pytest.raises(InputError, match=rf"layer 2 of 5, conv2d_1 \(Conv2D\): .*{words}"):
+        convert(read(tmp_path, [SCALE, layer, *REST[1:]]))
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [((20, 30, 6), "6 channels"), ((100,), "not an image"), ((2, 20, 30, 3), "not an image"),
+     ((0, 30, 3), "not 1 to 4096"), ((20, 1e9, 3), "not 1 to 4096"), (("a", 30, 3), "not 1 to")],
+)  # fmt: skip
+def test_an_input_that_is_no_image_is_refused(shape: tuple, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words):
+        convert(read(tmp_path, [SCALE, *REST], shape=shape))
+
+
+def test_weights_without_their_architecture_are_refused(tmp_path: Path) -> None:
+    write_json(tmp_path / "other.json", [SCALE, *REST])
+    (tmp_path / "other.json").unlink()
+    with pytest.raises(InputError, match=r"without the architecture; name the model's \.json"):
+        convert(read_keras(tmp_path / "other.h5"))
+
+
+def test_an_activation_that_is_a_layer(tmp_path: Path) -> None:
+    activation = {"class_name": "LeakyReLU", "config": {"alpha": 0.1}}
+    conv = (CONV[0], CONV[1] | {"activation": activation}, CONV[2])
+    plain = (CONV[0], CONV[1] | {"activation": "linear"}, CONV[2])
+    found = convert(read(tmp_path, [SCALE, conv, *REST[1:]]))
+    wanted = expected([plain, ("LeakyReLU", {"alpha": 0.1}, []), *REST[1:]])
+    np.testing.assert_allclose(predict(found), wanted, atol=1e-5)
