@@ -1,57 +1,18 @@
 """Keras 2 files of small networks that steer, and of PilotNets that drivezoo trained."""
 
-import base64
-import json
-import marshal
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 from torch import nn
 
 from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import View
+from tests.zoo.checkpoints.keras_files import Layer, lambda_config, write_h5
 
 RIDGE = 10.0
-Layer = tuple[str, dict, list[np.ndarray]]  # class, config, arrays
-
-
-def write_h5(path: Path, layers: Sequence[Layer], shape: Sequence[int | None]) -> Path:
-    """Write a `.h5` file as Keras 2's `model.save`.
-
-    Args:
-        path: file to write.
-        layers: class, config and arrays of each layer.
-        shape: shape of an image, with the channels last.
-    """
-    with h5py.File(path, "w") as file:
-        group = file.create_group("model_weights")
-        for place in (file, group):
-            place.attrs["keras_version"], place.attrs["backend"] = b"2.0.6", b"tensorflow"
-        configs, names = [], []
-        for number, (kind, config, arrays) in enumerate(layers, start=1):
-            name = f"{kind.lower()}_{number}"
-            first = {"batch_input_shape": [None, *shape]} if number == 1 else {}
-            configs.append({"class_name": kind, "config": {"name": name, **first, **config}})
-            names.append(name)
-            own = group.create_group(name)
-            ends = ("kernel:0", "bias:0")
-            weights = [f"{name}/{end}" for end in ends[: len(arrays)]]
-            own.attrs["weight_names"] = np.array(weights, "S")
-            for weight, array in zip(weights, arrays, strict=True):
-                own.create_dataset(weight, data=array)
-        group.attrs["layer_names"] = np.array(names, "S")
-        model = {"class_name": "Sequential", "config": configs}
-        file.attrs["model_config"] = json.dumps(model).encode()
-    return path
-
-
-def lambda_layer(function: Callable) -> Layer:
-    """Return a Lambda with a function's code, as Keras 2 saves it."""
-    code = base64.b64encode(marshal.dumps(function.__code__)).decode()
-    return "Lambda", {"function": [code, None, None], "function_type": "lambda"}, []
+SCALED: Layer = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])
 
 
 def conv_layer(kernel: np.ndarray, bias: np.ndarray, stride: int, activation: str) -> Layer:
@@ -117,4 +78,4 @@ def fit_steering(recording: Recording, view: View, scale: tuple[float, float]) -
 def write_steering_h5(path: Path, recording: Recording, view: View, *before: Layer) -> Path:
     """Write a linear network that steers by a view of -1..1, after other layers."""
     layers = [*before, ("Flatten", {}, []), fit_steering(recording, view, (127.5, 1.0))]
-    return write_h5(path, layers, view.shape)
+    return write_h5(path, layers, shape=view.shape)

@@ -12,21 +12,15 @@ from datamodules.image import read_image
 from datamodules.recording import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
+from tests.zoo.checkpoints.keras_files import lambda_config, write_h5
 from tests.zoo.commands import only_line, run
-from tests.zoo.keras_networks import (
-    dense_layer,
-    lambda_layer,
-    pilotnet_layers,
-    write_h5,
-    write_steering_h5,
-)
+from tests.zoo.keras_networks import SCALED, dense_layer, pilotnet_layers, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.models.pilotnet import PilotNet
 
 VIEW = View((60, 25), "yuv_old", (12, 40))
-SCALED = lambda_layer(lambda x: x / 127.5 - 1.0)
 
 
 def import_file(cwd: Path, *arguments: str):
@@ -134,7 +128,7 @@ def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
 def test_a_pilotnet_of_keras_steers_as_ours(tmp_path: Path) -> None:
     torch.manual_seed(0)
     network = PilotNet((3, 66, 200)).eval()
-    write_h5(tmp_path / "nvidia.h5", pilotnet_layers(network, [SCALED]), (66, 200, 3))
+    write_h5(tmp_path / "nvidia.h5", pilotnet_layers(network, [SCALED]), shape=(66, 200, 3))
     assert import_file(tmp_path, "nvidia.h5").returncode == 0
     images = torch.randint(0, 256, (4, 3, 66, 200), dtype=torch.uint8)
     with torch.no_grad():
@@ -146,7 +140,7 @@ def test_a_network_that_never_learned_is_not_convincing(lake: Written, tmp_path:
     rng = np.random.default_rng(0)
     weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
     dense = dense_layer(weights, np.zeros(1, np.float32))
-    write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], (12, 40, 3))
+    write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
     result = import_file(tmp_path, "random.h5", f"recording={lake.folder}")
     assert result.returncode == 0, result.stderr
     assert "no input is convincing" in result.stdout
@@ -190,7 +184,7 @@ def test_a_wrong_key_is_refused(
 def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> None:
     recording = read_recordings(str(lake.folder))
     write_steering_h5(tmp_path / "none.h5", recording, VIEW)
-    unclear = lambda_layer(lambda x: (x - x.mean()) / 127.5)
+    unclear = ("Lambda", lambda_config(lambda x: (x - x.mean()) / 127.5), [])
     write_steering_h5(tmp_path / "unclear.h5", recording, VIEW, unclear)
     for name in ("none.h5", "unclear.h5"):
         assert "set scale=[" in only_line(import_file(tmp_path, name))
@@ -212,9 +206,9 @@ def hostile_files(folder: Path, good: Path) -> dict[str, str]:
     (folder / "model.json").write_text("{")
     (folder / "code.h5").write_bytes(b"\x80\x04cos\nsystem\n")
     dense = dense_layer(np.zeros((1440, 10), np.float32), np.zeros(10, np.float32), "softmax")
-    write_h5(folder / "classifier.h5", [("Flatten", {}, []), dense], (12, 40, 3))
-    write_h5(folder / "unknown.h5", [("Attention", {}, []), dense], (12, 40, 3))
-    write_h5(folder / "two.h5", [("Flatten", {}, []), dense], (12, 40, 3))
+    write_h5(folder / "classifier.h5", [("Flatten", {}, []), dense], shape=(12, 40, 3))
+    write_h5(folder / "unknown.h5", [("Attention", {}, []), dense], shape=(12, 40, 3))
+    write_h5(folder / "two.h5", [("Flatten", {}, []), dense], shape=(12, 40, 3))
     with h5py.File(folder / "two.h5", "a") as file:
         layers = [
             {"name": one, "class_name": "InputLayer", "inbound_nodes": [],

@@ -46,7 +46,7 @@ def test_a_network_that_steers_as_recorded_is_convincing() -> None:
     [
         ({"gain": 0.0, "noise": 1.0}, "by chance"),
         ({"gain": 1.0, "noise": 0.62}, "correlation"),
-        ({"gain": 0.05}, "spreads over 0.05 times"),
+        ({"gain": 0.05, "side": 0.01}, "spreads over 0.05 times"),
         ({"side": -0.25}, "recovery response"),
     ],
 )
