@@ -1,8 +1,8 @@
 """Keras models over all layers, for `benchmarks/keras_parity.py`, run by a Python with Keras.
 
-`python keras_models.py FOLDER` reads frames of several sizes from FOLDER/frames.npz. It writes each
-model with random weights as `.h5`, as `.json` with weights, and as `.keras`, and the model's
-outputs in FOLDER/expected.npz. Keras 3 and, if `tf-keras` is installed, Keras 2 are used.
+`python keras_models.py FOLDER [MODEL ...]` reads frames of several sizes from FOLDER/frames.npz. It
+writes each model with random weights as `.h5`, as `.json` with weights, and as `.keras`, and the
+models' outputs in FOLDER/expected.npz. Keras 3 and, if `tf-keras` is installed, Keras 2 are used.
 """
 
 import json
@@ -15,8 +15,9 @@ import numpy as np
 
 ROWS, COLUMNS = 34, 46
 ACTIVATIONS = (
-    "relu elu tanh sigmoid linear softplus softsign selu hard_sigmoid swish exponential relu6 gelu"
-).split()
+    "relu", "elu", "tanh", "sigmoid", "linear", "softplus", "softsign", "selu", "hard_sigmoid",
+    "swish", "exponential", "relu6", "gelu",
+)  # fmt: skip
 
 
 def conv(k: object, *arguments: object, **more: object) -> object:
@@ -60,7 +61,7 @@ def variants(k: object) -> dict[str, Callable[[], list]]:
         "gray_input": lambda: [scale(), conv(k, 4, 3), *head(k)],
         "batchnorm_first": lambda: [lay.BatchNormalization(), conv(k, 4, 3), *head(k)],
         "batchnorm_axis": lambda: [
-            lay.BatchNormalization(axis=1, epsilon=1e-2), lay.BatchNormalization(axis=2),
+            scale(), lay.BatchNormalization(axis=1, epsilon=1e-2), lay.BatchNormalization(axis=2),
             conv(k, 3, 3), *head(k),
         ],
         "batchnorm_flags": lambda: [
@@ -130,6 +131,11 @@ def variants(k: object) -> dict[str, Callable[[], list]]:
         "scale_only_255": lambda: [lay.Lambda(lambda x: x / 255.0), conv(k, 3, 3), *head(k)],
         "scale_128": lambda: [lay.Lambda(lambda x: (x - 128) / 128), conv(k, 3, 3), *head(k)],
         "rescaling": lambda: [lay.Rescaling(1 / 127.5, offset=-1), conv(k, 3, 3), *head(k)],
+        "normalization": lambda: [
+            lay.Normalization(mean=[100.0, 120.0, 90.0], variance=[900.0, 800.0, 1000.0]),
+            conv(k, 3, 3), *head(k),
+        ],
+        "normalization_weights": lambda: [lay.Normalization(), conv(k, 3, 3), *head(k)],
         "resizing": lambda: [lay.Resizing(20, 30), scale(), conv(k, 3, 3), *head(k)],
         "two_outputs": lambda: [scale(), conv(k, 3, 3, strides=3), lay.Flatten(), lay.Dense(2)],
         "softmax_layer": lambda: [
@@ -222,10 +228,15 @@ def randomize(model: object, rng: np.random.Generator) -> None:
         else:
             values = rng.normal(size=shape) * 0.2
         layer.assign(values.astype("float32"))
+    for layer in model.layers:
+        if hasattr(layer, "finalize_state"):  # Normalization computes with copies of its weights
+            layer.finalize_state()
 
 
-def write_models(k: object, label: str, folder: Path, frames: dict, expected: dict) -> None:
-    """Write every model of a version of Keras, and keep its outputs."""
+def write_models(
+    k: object, label: str, folder: Path, frames: dict, expected: dict, only: list[str]
+) -> None:
+    """Write the models of a version of Keras, all or `only` some, and keep their outputs."""
     rng = np.random.default_rng(0)
     makers: dict[str, Callable[[], object]] = dict(course(k))
     for name, layers in variants(k).items():
@@ -239,6 +250,8 @@ def write_models(k: object, label: str, folder: Path, frames: dict, expected: di
              k.layers.Conv2D(3, 3), k.layers.ThresholdedReLU(0.2), *head(k)]
         )  # fmt: skip
     for name, make in makers.items():
+        if only and name not in only:
+            continue
         key = f"{label}_{name}"
         try:
             k.backend.clear_session()
@@ -257,7 +270,7 @@ def write_models(k: object, label: str, folder: Path, frames: dict, expected: di
             print(f"{key}: not built: {traceback.format_exc().splitlines()[-1]:.150}", flush=True)
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, only: list[str]) -> None:
     frames = dict(np.load(folder / "frames.npz"))
     expected: dict[str, np.ndarray] = {}
     versions = {}
@@ -267,10 +280,10 @@ def main(folder: Path) -> None:
         except ImportError:
             continue
         versions[label] = k.__version__
-        write_models(k, label, folder, frames, expected)
+        write_models(k, label, folder, frames, expected, only)
     np.savez(folder / "expected.npz", **expected)
     (folder / "versions.json").write_text(json.dumps(versions))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2:])

@@ -2,9 +2,10 @@
 
 The Python that `KERAS_PYTHON` names needs Keras 3 or, for Keras 2, `tf-keras`: for example that of
 a virtual environment after `pip install tensorflow-cpu tf-keras`. It builds models over all layers
-(`keras_models.py`), each saved as `.h5`, as `.json` with weights, and as `.keras`. Every file is
-converted here, and its output on random and rendered frames is compared with Keras' own. The
-largest difference that is allowed is 0.00001, relative to outputs above 1.
+(`keras_models.py`; arguments are the names of some), each saved as `.h5`, as `.json` with weights,
+and as `.keras`. Every file is converted here, and its output on random and rendered frames is
+compared with Keras' own. The largest difference that is allowed is 0.00001, relative to outputs
+above 1.
 """
 
 import json
@@ -73,13 +74,12 @@ def main() -> int:
         table.add_column(column, justify="left" if column == "model" else "right")
     wrong: list[str] = []
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(os.environ.get("KEEP", place))
-        folder.mkdir(exist_ok=True)
+        folder = Path(place)
         frames = write_frames(folder / "frames.npz")
         program = Path(__file__).with_name("keras_models.py")
         console.print("building models with Keras ...")
         subprocess.run(
-            [python, str(program), str(folder)],
+            [python, str(program), str(folder), *sys.argv[1:]],
             env=kept | {"TF_CPP_MIN_LOG_LEVEL": "3"},
             stderr=subprocess.DEVNULL,
             check=True,

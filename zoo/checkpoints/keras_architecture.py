@@ -4,7 +4,7 @@ The config is JSON from an untrusted file: nothing in it is called, and a wrong 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from datamodules.errors import InputError
 
@@ -74,6 +74,9 @@ def _layer(entry: object, source: object, as_chain: bool, depth: int) -> LayerCo
         children = [_layer(one, source, as_chain, depth + 1) for one in layers]
         if kind in GRAPHS and as_chain:
             children = _chain(children, layers, own, source)
+        if shape := own.get("build_input_shape"):  # of a model that was built by its first call
+            start = {"batch_input_shape": shape} | children[0].config
+            children[0] = replace(children[0], config=start)
         return LayerConfig(name, kind, own, tuple(children))
     return LayerConfig(name, kind, own, constants=_constants(entry.get("inbound_nodes")))
 

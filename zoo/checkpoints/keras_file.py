@@ -9,7 +9,6 @@ import re
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -19,50 +18,14 @@ from datamodules.errors import InputError
 from datamodules.regular_file import open_binary
 from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
 from zoo.checkpoints.keras_arrays import FREE_BYTES, MOST_RATIO, WeightsFile
+from zoo.checkpoints.keras_model import KerasLayer
+from zoo.checkpoints.keras_model import KerasModel as KerasModel
 from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
 
 MOST_BYTES = 4_000_000_000
 H5_SUFFIXES = (".h5", ".hdf5")
 SUFFIXES = (*H5_SUFFIXES, ".keras", ".json")
 CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
-
-
-@dataclass(frozen=True)
-class KerasLayer:
-    """A layer of a file.
-
-    Attributes:
-        name: its name in the file.
-        kind: its class; empty if the file has no architecture.
-        config: its config.
-        arrays: its weights in Keras' order, float32.
-        constants: numbers that an operator of a functional model was called with.
-    """
-
-    name: str
-    kind: str
-    config: dict
-    arrays: list[np.ndarray]
-    constants: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class KerasModel:
-    """A model's layers in the order of the data, nested models' layers in their place.
-
-    Attributes:
-        path: file with the weights.
-        version: Keras' major version; 1 if the file does not name it, as in Keras itself.
-        backend: `tensorflow`, `theano` ...; empty before Keras 1.2, which did not save it.
-        layers: layers; without an architecture those with weights.
-        has_architecture: whether the layers' classes and configs are known.
-    """
-
-    path: Path
-    version: int
-    backend: str
-    layers: list[KerasLayer]
-    has_architecture: bool
 
 
 def read_keras(

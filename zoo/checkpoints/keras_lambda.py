@@ -10,7 +10,8 @@ import re
 from contextlib import suppress
 
 from zoo.checkpoints.marshalled_code import Code, instructions, read_code
-from zoo.models.sequential_layers import ACTIVATIONS, RESIZE_METHODS
+from zoo.models.image_layers import RESIZE_METHODS
+from zoo.models.value_layers import ACTIVATIONS
 
 WORDS = (
     "identity, scale:DIVISOR:SUBTRACTED, atan, atan:FACTOR, resize:ROWS:COLUMNS, "
@@ -23,7 +24,14 @@ BINARY_OP = {0: "+", 10: "-", 5: "*", 11: "/", 13: "+", 23: "-", 18: "*", 24: "/
 # Python's numbers of operations, which 3.13 changed: argument, constant, BINARY_OP, return.
 NUMBERS = ((124, 100, 122, 83), (85, 83, 45, 36))
 SKIPPED = ((0, 151), (0, 149))  # CACHE and RESUME
-NEGATIVE = 11
+NEGATIVE, RETURN = 11, 83
+# Python's numbers of calls before 3.13, and of operations that only bring x, names and constants.
+CALLS = (131, 161, 171)
+PLAIN = (0, 2, 100, 102, 103, 106, 116, 124, 151, 160, 166)
+MODULES = (
+    "tf", "tensorflow", "K", "keras", "backend", "math", "image", "nn", "activations", "ktf", "np",
+    "compat", "v1", "python", "ops",
+)  # fmt: skip
 # Constants in their order, where the operations are of an unknown Python version.
 KNOWN = {(127.5, 1.0): (127.5, 1.0), (255.0, 0.5): (255.0, 0.5), (255.0,): (255.0, 0.0)}
 
@@ -75,7 +83,7 @@ def _word(code: Code) -> str | None:
     if code.free or any(isinstance(one, Code) for one in code.constants):
         return None
     if code.names:
-        return _word_of_names({str(one) for one in code.names}, numbers)
+        return _word_of_names(code, numbers)
     line = _straight_line(code) or KNOWN_LINES.get(tuple(numbers))
     if line is None:
         return None
@@ -88,24 +96,48 @@ def _word(code: Code) -> str | None:
 KNOWN_LINES = {key: (1 / divisor, -less) for key, (divisor, less) in KNOWN.items()}
 
 
-def _word_of_names(names: set[str], numbers: list[float]) -> str | None:
-    """Return the word for code that calls a function."""
-    modules = {"tf", "tensorflow", "K", "keras", "backend", "math", "image", "nn", "activations"}
-    modules |= {"ktf", "compat", "v1", "python", "ops", "cast", "float32", "mul", "multiply"}
-    called = names - modules
-    if called <= {"atan", "arctan"} and called and len(numbers) < 2:
-        return f"atan:{_short(numbers[0])}" if numbers else "atan"
-    if called == {"rgb_to_grayscale"} and not numbers:
+def _word_of_names(code: Code, numbers: list[float]) -> str | None:
+    """Return the word for code that does nothing but call a function on x."""
+    names = [str(one) for one in code.names]
+    called = [one for one in names if one not in MODULES]
+    calls, products = _calls(code)
+    if any(isinstance(one, str) for one in _flat(code.constants)) or calls is None:
+        return None
+    if called and called[-1] in ("atan", "arctan") and len(numbers) < 2:
+        by_function = calls == 2 and not products and called[0] in ("mul", "multiply")
+        by_sign = calls == 1 and products and len(called) == 1
+        if len(numbers) == 1 and (by_sign or by_function):
+            return f"atan:{_short(numbers[0])}"
+        return "atan" if not numbers and calls == len(called) == 1 and not products else None
+    if calls != 1 or products or len(called) != 1:
+        return None
+    if called == ["rgb_to_grayscale"] and not numbers:
         return "gray"
     sizes = [one for one in numbers if one == int(one) and 1 < one <= 4096]
-    if len(sizes) == len(numbers) == 2:
-        if called == {"resize_images"}:
-            return f"resize:{sizes[0]:g}:{sizes[1]:g}:linear_tf1"
-        if called == {"resize"}:
-            return f"resize:{sizes[0]:g}:{sizes[1]:g}:linear"
-    if len(called) == 1 and not numbers:
-        return _known_name(next(iter(called)))
-    return None
+    if len(sizes) == len(numbers) == 2 and "image" in names:
+        is_old = called[0] in ("resize_images", "resize_bilinear") or "v1" in names
+        if is_old or called[0] == "resize":
+            return f"resize:{sizes[0]:g}:{sizes[1]:g}:{'linear_tf1' if is_old else 'linear'}"
+    return _known_name(called[0]) if not numbers else None
+
+
+def _calls(code: Code) -> tuple[int | None, bool]:
+    """Return the number of calls, and whether the result is a product of the last one.
+
+    None stands for code with any other operation.
+    """
+    for wide in (False, True):
+        found = [one for one in instructions(code, wide) if one[0] not in PLAIN]
+        calls = [one for one in found if one[0] in CALLS]
+        rest = [one for one in found if one[0] not in CALLS]
+        if not found or found[-1][0] != RETURN or len(rest) > 2:
+            continue
+        if len(rest) == 1:
+            return len(calls), False
+        is_product = rest[0][0] == 20 or (rest[0][0] == 122 and rest[0][1] == 5)
+        if is_product and found[-2] == rest[0]:
+            return len(calls), True
+    return None, False
 
 
 def _straight_line(code: Code) -> tuple[float, float] | None:
@@ -162,14 +194,13 @@ def _combined(
     raise ValueError("not a straight line")
 
 
+def _flat(constants: tuple) -> list:
+    inner = (_flat(one) if isinstance(one, tuple) else [one] for one in constants)
+    return [one for many in inner for one in many]
+
+
 def _numbers(constants: tuple) -> list[float]:
-    found: list[float] = []
-    for one in constants:
-        if isinstance(one, tuple):
-            found += _numbers(one)
-        elif type(one) in (int, float):
-            found.append(float(one))
-    return found
+    return [float(one) for one in _flat(constants) if type(one) in (int, float)]
 
 
 def _short(number: float) -> str:

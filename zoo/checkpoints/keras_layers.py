@@ -1,29 +1,23 @@
 """Convert a Keras model to specs and weights of `zoo.models.sequential.Sequential`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from datamodules.errors import InputError
-from zoo.checkpoints.keras_file import KerasLayer, KerasModel
-from zoo.checkpoints.keras_lambda import WORDS, describe_lambda, specs_of_word
+from zoo.checkpoints.keras_chain import Chain, Scale
+from zoo.checkpoints.keras_model import KerasModel
 from zoo.checkpoints.keras_specs import (
     CLASSES,
-    RECURRENT,
     Spec,
-    UnknownValueError,
-    operator_specs,
-    specs_of,
 )
 from zoo.checkpoints.keras_tensors import MisfitError, by, copy_arrays
 from zoo.models.make_network import LimitedParameters
 from zoo.models.sequential import Sequential, build_layers, is_channels_first
 
-Scale = tuple[float, float]
-# A scale before these layers is the same as one at the network's input.
-BEFORE_SCALE = ("Cropping2D", "Resize")
+SIDES = set(range(1, 4097))  # of an image, in pixels
 
 
 @dataclass(frozen=True)
@@ -93,7 +87,7 @@ def convert(
         raise InputError(
             f"{model.path}: holds weights without the architecture; name the model's .json file"
         )
-    chain = _Chain(model, scale, lambdas)
+    chain = Chain(model, scale, lambdas)
     specs, owners = chain.specs, chain.owners
     labels = [chain.label(owner) for owner in owners]
     first = is_channels_first(specs)
@@ -106,7 +100,9 @@ def convert(
     for owner in sorted(set(owners)):
         own = [modules[index] for index, one in enumerate(owners) if one == owner]
         try:
-            copy_arrays(model.layers[owner], torch.nn.Sequential(*own), model, first)
+            layer = model.layers[owner]
+            layer = replace(layer, arrays=[]) if layer.kind == "Normalization" else layer
+            copy_arrays(layer, torch.nn.Sequential(*own), model, first)
         except MisfitError as error:
             raise InputError(
                 f"{model.path}: {chain.label(owner)}: {error}{_remedy(error, shape, first)}"
@@ -124,125 +120,8 @@ def convert(
     )
 
 
-class _Chain:
-    """The specs of a model's layers.
-
-    Attributes:
-        specs: specs of all layers.
-        owners: index of the layer in the model of each spec.
-        scale: scale at the network's input; None if it is not known.
-        understood: text on each layer of the model.
-    """
-
-    def __init__(
-        self, model: KerasModel, scale: Sequence[float] | None, lambdas: Sequence[str] | None
-    ) -> None:
-        self.model = model
-        self.scale = (float(scale[0]), float(scale[1])) if scale is not None else None
-        self._given = self.scale is not None
-        self._words = list(lambdas or [])
-        self._scaled = False  # whether a layer of the file was taken as the scale
-        self.specs: list[Spec] = []
-        self.owners: list[int] = []
-        self.understood: list[str] = []
-        for index, layer in enumerate(model.layers):
-            found, understood = self._layer(index, layer)
-            self.specs += found
-            self.owners += [index] * len(found)
-            self.understood.append(understood)
-        if self._words:
-            raise InputError(
-                f"{model.path}: lambdas={','.join(map(str, lambdas or []))!s:.100} has more words "
-                "than the file has unclear Lambdas; leave out the last"
-            )
-
-    def label(self, index: int) -> str:
-        """Return a layer's position, name and class, for messages."""
-        layer = self.model.layers[index]
-        total = len(self.model.layers)
-        return f"layer {index + 1} of {total}, {layer.name!s:.60} ({layer.kind!s:.60})"
-
-    def _layer(self, index: int, layer: KerasLayer) -> tuple[list[Spec], str]:
-        label = f"{self.model.path}: {self.label(index)}"
-        if layer.kind == "Lambda":
-            return self._lambda(layer, label)
-        operator = layer.config.get("function") if layer.kind == "TFOpLambda" else layer.kind
-        found = operator_specs(str(operator), layer.constants)
-        try:
-            if found is None:
-                found = specs_of(layer.kind, layer.config, self.model.version)
-        except UnknownValueError as error:
-            raise InputError(f"{label}: {error}, which cannot be converted") from None
-        if found is None and layer.kind in RECURRENT:
-            raise InputError(
-                f"{label}: needs several frames in a row; only networks of one image are converted"
-            )
-        if found is None:
-            raise InputError(
-                f"{label}: is an unknown layer; replace it in Keras, and save the model again"
-            )
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
-            return [], self._scale_text()
-        return found, _described(found)
-
-    def _lambda(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
-        word, holds = describe_lambda(layer.config)
-        if word is None and self._words:
-            word = str(self._words.pop(0))
-        elif word is None and self._takes_given_scale():
-            return [], f"taken as {self._scale_text()}; holds {holds}"
-        if word is None:
-            raise InputError(
-                f"{label}: what it computes is not clear (its code holds {holds}, and is never "
-                "run); set scale=[divisor,subtracted] if it computes pixel / divisor - subtracted, "
-                f"or lambdas=[WORD] with one of {WORDS}"
-            )
-        found = specs_of_word(word)
-        if found is None:
-            raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
-            return [], self._scale_text()
-        return found, word
-
-    def _takes_given_scale(self) -> bool:
-        """Take an unclear Lambda as the scale that the user set, if it is the first scale."""
-        takes = self._given and not self._scaled and self._is_at_input()
-        self._scaled = self._scaled or takes
-        return takes
-
-    def _is_at_input(self) -> bool:
-        return all(one["layer"] in BEFORE_SCALE for one in self.specs)
-
-    def _scale_text(self) -> str:
-        divisor, less = self.scale or (1.0, 0.0)
-        return f"scale=[{divisor:g},{less:g}]: pixel / {divisor:g} - {less:g}"
-
-    def _takes_scale(self, spec: Spec) -> bool:
-        """Take a rescaling as the network's scale; return False if its place forbids it."""
-        factor, offset = spec.get("scale"), spec.get("offset", 0.0)
-        plain = all(type(one) in (int, float) for one in (factor, offset))
-        if not plain or not factor or not self._is_at_input():
-            return False
-        if not self._given:
-            divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)
-            divisor, less = divisor / factor, less * factor - offset
-            self.scale = (float(f"{divisor:.12g}"), float(f"{less:.12g}"))
-        self._scaled = True
-        return True
-
-
-def _described(specs: list[Spec]) -> str:
-    if not specs:
-        return "no effect in driving"
-    parts = []
-    for spec in specs:
-        values = [f"{key}={value}" for key, value in spec.items() if key != "layer"]
-        parts.append(" ".join([spec["layer"], *values]))
-    return ", ".join(parts).replace(", ", ",")
-
-
 def _notes(
-    model: KerasModel, chain: _Chain, shapes: list[tuple[int, ...]], shape: tuple[int, ...]
+    model: KerasModel, chain: Chain, shapes: list[tuple[int, ...]], shape: tuple[int, ...]
 ) -> list[LayerNote]:
     notes = []
     for index, (layer, understood) in enumerate(zip(model.layers, chain.understood, strict=True)):
@@ -283,7 +162,7 @@ def _input_shape(
             f"{model.path}: its input has {channels} channels; only images of 1 or 3 are converted"
         )
     rows, columns = sides
-    if any(type(one) is not int or not 1 <= one <= 4096 for one in sides):
+    if type(rows) is not int or type(columns) is not int or not {rows, columns} <= SIDES:
         raise InputError(f"{model.path}: its input of {rows} x {columns} is not 1 to 4096 pixels")
     return (channels, rows, columns) if first else (rows, columns, channels)
 

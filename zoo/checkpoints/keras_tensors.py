@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from zoo.checkpoints.keras_file import KerasLayer, KerasModel
-from zoo.models.sequential_layers import BatchNorm, PReLU
+from zoo.checkpoints.keras_model import KerasLayer, KerasModel
+from zoo.models.value_layers import BatchNorm, PReLU
 
 CONVOLUTIONS = ("Conv2D", "Conv1D")  # whose kernels Theano mirrors
 
@@ -59,14 +59,16 @@ def copy_arrays(layer: KerasLayer, module: nn.Module, model: KerasModel, first: 
             place.copy_(torch.from_numpy(np.ascontiguousarray(found)))
 
 
-def _tensors(part: nn.Module) -> list[tuple[str, Tensor]]:
+def _tensors(part: nn.Conv2d | nn.Linear | BatchNorm | PReLU) -> list[tuple[str, Tensor]]:
     """Return a module's tensors in the order of Keras, with Keras' names."""
     if isinstance(part, PReLU):
         return [("alpha", part.alpha)]
     if isinstance(part, BatchNorm):
-        trained = [("gamma", part.weight), ("beta", part.bias)]
-        kept = [one for one in trained if one[1].requires_grad]
-        return [*kept, ("mean", part.running_mean), ("variance", part.running_var)]
+        found: dict[str, Tensor] = {"gamma": part.weight, "beta": part.bias}
+        found = {name: one for name, one in found.items() if one.requires_grad}
+        buffers = dict(part.named_buffers())
+        found |= {"mean": buffers["running_mean"], "variance": buffers["running_var"]}
+        return list(found.items())
     is_depthwise = isinstance(part, nn.Conv2d) and part.groups == part.in_channels > 1
     name = "depthwise kernel" if is_depthwise else "kernel"
     return [(name, part.weight), *([("bias", part.bias)] if part.bias is not None else [])]

@@ -8,8 +8,9 @@ import torch
 from torch import nn
 
 from datamodules.errors import InputError
-from zoo.checkpoints.keras_file import KerasLayer, KerasModel, read_keras
+from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.keras_layers import convert
+from zoo.checkpoints.keras_model import KerasLayer, KerasModel
 from zoo.checkpoints.keras_specs import ORDERS
 from zoo.checkpoints.keras_tensors import by
 from zoo.models.sequential import Sequential

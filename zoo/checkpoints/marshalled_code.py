@@ -7,6 +7,7 @@ to 3.14 (CPython's `Python/marshal.c`) and returns numbers, texts and tuples.
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 MOST_BYTES = 100_000
 MOST_OBJECTS = 10_000
@@ -42,7 +43,7 @@ def read_code(data: bytes) -> Code | None:
     for layout in reversed(LAYOUTS):
         try:
             reader = _Reader(data, layout)
-            found = reader.object(0)
+            found = reader.read(0)
         except (ValueError, IndexError, TypeError, struct.error, OverflowError):
             continue
         if isinstance(found, Code) and reader.at == len(data):
@@ -57,7 +58,7 @@ class _Reader:
         self.shared: list = []  # objects that later ones refer to
         self.interned: list = []  # of Python 2
 
-    def object(self, depth: int) -> object:
+    def read(self, depth: int) -> Any:
         """Return the next object; raise ValueError if it is of an unknown kind."""
         self.count += 1
         if depth > MOST_LEVELS or self.count > MOST_OBJECTS:
@@ -71,7 +72,7 @@ class _Reader:
         self.shared[place] = self._value(kind, depth)
         return self.shared[place]
 
-    def _value(self, kind: str, depth: int) -> object:
+    def _value(self, kind: str, depth: int) -> Any:
         if kind in SINGLE:
             return SINGLE[kind]
         if kind == "i":
@@ -103,7 +104,7 @@ class _Reader:
             length = self._take(1)[0] if kind == ")" else self._long()
             if not 0 <= length <= MOST_OBJECTS:
                 raise ValueError("too long")
-            return tuple(self.object(depth + 1) for _ in range(length))
+            return tuple(self.read(depth + 1) for _ in range(length))
         if kind == "c":
             return self._code(depth)
         raise ValueError(f"unknown kind {kind!r}")
@@ -112,14 +113,14 @@ class _Reader:
         whole, objects = LAYOUTS[self.layout]
         for _ in range(whole):
             self._long()
-        found = [self.object(depth + 1) for _ in range(3)]
+        found = [self.read(depth + 1) for _ in range(3)]
         instructions, constants, names = found
-        variables = [self.object(depth + 1) for _ in range(3 if objects == 8 else 2)]
+        variables = [self.read(depth + 1) for _ in range(3 if objects == 8 else 2)]
         for _ in range(2 if objects == 8 else 3):  # file, name, qualified name
-            self.object(depth + 1)
+            self.read(depth + 1)
         self._long()  # first line
         for _ in range(1 if objects == 8 else 2):
-            self.object(depth + 1)
+            self.read(depth + 1)
         if not isinstance(instructions, bytes) or not isinstance(constants, tuple):
             raise ValueError("no code")
         if not isinstance(names, tuple):

@@ -14,7 +14,7 @@ from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
-from zoo.models.sequential_layers import Crop
+from zoo.models.image_layers import Crop
 
 # Layers that move or resize a map, besides convolutions.
 MOVES = (nn.MaxPool2d, nn.AvgPool2d, nn.ZeroPad2d, Crop)

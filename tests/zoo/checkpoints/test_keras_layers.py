@@ -187,6 +187,17 @@ def test_code_of_other_pythons_is_read(code: bytes) -> None:
         (lambda x: tf.image.resize(x, (66, 200)), "resize:66:200:linear"),
         (lambda x: tf.image.rgb_to_grayscale(x), "gray"),
         (lambda x: K.tanh(x), "tanh"),
+        (lambda x: 2 * tf.atan(x), "atan:2"),
+        (lambda x: tf.compat.v1.image.resize(x, (66, 200)), "resize:66:200:linear_tf1"),
+        (lambda x: tf.atan(x / 2), None),
+        (lambda x: tf.atan(x) / 2, None),
+        (lambda x: tf.atan(tf.multiply(x, 2)), None),
+        (lambda x: -tf.atan(x), None),
+        (lambda x: tf.tanh(tf.tanh(x)), None),
+        (lambda x: tf.tanh(x) + x, None),
+        (lambda x: tf.tanh(x + x), None),
+        (lambda x: K.resize_images(x, 2, 2), None),
+        (lambda x: tf.image.resize(x, (66, 200), method="nearest"), None),
         (lambda x: x * x, None),
         (lambda x: x[:, 60:], None),
         (lambda x: 1 / x, None),
@@ -298,6 +309,40 @@ def test_without_a_scale_it_is_unknown(tmp_path: Path) -> None:
     assert found.scale is None
     assert convert(read(tmp_path, REST), scale=[255, 0]).scale == (255, 0)
     assert convert(read(tmp_path, [SCALE, *REST]), scale=[255, 0]).scale == (255, 0)
+
+
+def test_a_batch_normalization_of_pixels_needs_no_scale(tmp_path: Path) -> None:
+    for mean, scale in ((110, (1.0, 0.0)), (0.1, None)):
+        means = [*W((3,), (3,)), np.full(3, mean, np.float32), *W((3,))]
+        layers: list[Layer] = [("BatchNormalization", {}, means), *REST]
+        found = convert(read(tmp_path, layers))
+        assert found.scale == scale
+    np.testing.assert_allclose(
+        predict(convert(read(tmp_path, layers), scale=[255, 0])),
+        expected(layers, 255, 0),
+        atol=1e-4,
+    )
+
+
+def test_theanos_same_padding_is_its_own(tmp_path: Path) -> None:
+    """Theano pads half a window in front, TensorFlow a pixel less where the stride is 2."""
+    same = CONV[1] | {"padding": "same", "activation": "linear"}
+    kernel = np.zeros((3, 3, 3, 4), np.float32)
+    kernel[1, 1] = 1  # each output is the pixel in the middle of its window
+    outs = {}
+    for backend in ("theano", "tensorflow"):
+        layers = [SCALE, ("Conv2D", same, [kernel, np.zeros(4, np.float32)]),
+                  ("GlobalMaxPooling2D", {}, []), ("Dense", {"units": 1}, W((4, 1), (1,)))]  # fmt: skip
+        found = convert(read(tmp_path, layers, backend=backend))
+        rows, columns, channels = found.input_shape
+        network = Sequential((channels, rows, columns), found.layers, found.scale)
+        network.load_state_dict(found.state)
+        outs[backend] = network.layers[0](
+            torch.arange(600.0).reshape(1, 1, 20, 30).expand(1, 3, 20, 30)
+        )
+    assert outs["theano"].shape == outs["tensorflow"].shape == (1, 4, 10, 15)
+    assert outs["theano"][0, 0, 0, :3].tolist() == [0, 6, 12]
+    assert outs["tensorflow"][0, 0, 0, :3].tolist() == [93, 99, 105]
 
 
 def test_an_input_without_a_size_is_asked_for(tmp_path: Path) -> None:

@@ -1,0 +1,170 @@
+"""Find what each layer of a Keras model does, and the scale of its pixels."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from datamodules.errors import InputError
+from zoo.checkpoints.keras_lambda import WORDS, describe_lambda, specs_of_word
+from zoo.checkpoints.keras_model import KerasLayer, KerasModel
+from zoo.checkpoints.keras_specs import (
+    RECURRENT,
+    Spec,
+    UnknownValueError,
+    operator_specs,
+    specs_of,
+)
+
+Scale = tuple[float, float]
+
+
+# A scale before these layers is the same as one at the network's input.
+LEAST_PIXELS = 5  # mean of pixels 0..255 that is none of scaled pixels
+BEFORE_SCALE = ("Cropping2D", "Resize")
+
+
+class Chain:
+    """The specs of a model's layers.
+
+    Attributes:
+        specs: specs of all layers.
+        owners: index of the layer in the model of each spec.
+        scale: scale at the network's input; None if it is not known.
+        understood: text on each layer of the model.
+    """
+
+    def __init__(
+        self, model: KerasModel, scale: Sequence[float] | None, lambdas: Sequence[str] | None
+    ) -> None:
+        self.model = model
+        self.scale = (float(scale[0]), float(scale[1])) if scale is not None else None
+        self._given = self.scale is not None
+        self._words = list(lambdas or [])
+        self._scaled = False  # whether a layer of the file was taken as the scale
+        self.specs: list[Spec] = []
+        self.owners: list[int] = []
+        self.understood: list[str] = []
+        for index, layer in enumerate(model.layers):
+            found, understood = self._layer(index, layer)
+            self.specs += found
+            self.owners += [index] * len(found)
+            self.understood.append(understood)
+        if self.scale is None and self._normalizes_pixels():
+            self.scale = (1.0, 0.0)
+        if self._words:
+            raise InputError(
+                f"{model.path}: lambdas={','.join(map(str, lambdas or []))!s:.100} has more words "
+                "than the file has unclear Lambdas; leave out the last"
+            )
+
+    def _normalizes_pixels(self) -> bool:
+        """Return whether the first layer is a batch normalization with the means of 0..255."""
+        layer = self.model.layers[self.owners[0]] if self.owners else None
+        if layer is None or self.specs[0]["layer"] != "BatchNormalization" or not layer.arrays:
+            return False
+        mean = layer.arrays[-2] if len(layer.arrays) > 1 else layer.arrays[0]
+        return bool(mean.size and mean.min() > LEAST_PIXELS and mean.max() < 255)
+
+    def label(self, index: int) -> str:
+        """Return a layer's position, name and class, for messages."""
+        layer = self.model.layers[index]
+        total = len(self.model.layers)
+        return f"layer {index + 1} of {total}, {layer.name!s:.60} ({layer.kind!s:.60})"
+
+    def _layer(self, index: int, layer: KerasLayer) -> tuple[list[Spec], str]:
+        label = f"{self.model.path}: {self.label(index)}"
+        if layer.kind == "Lambda":
+            return self._lambda(layer, label)
+        if layer.kind == "Normalization":
+            return _normalization(layer, label)
+        operator = layer.config.get("function") if layer.kind == "TFOpLambda" else layer.kind
+        found = operator_specs(str(operator), layer.constants)
+        try:
+            if found is None:
+                found = specs_of(layer.kind, layer.config, self.model.version)
+        except UnknownValueError as error:
+            raise InputError(f"{label}: {error}, which cannot be converted") from None
+        if found is None and layer.kind in RECURRENT:
+            raise InputError(
+                f"{label}: needs several frames in a row; only networks of one image are converted"
+            )
+        if found is None:
+            raise InputError(
+                f"{label}: is an unknown layer; replace it in Keras, and save the model again"
+            )
+        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
+            return [], self._scale_text()
+        if self.model.backend == "theano" and found and found[0]["layer"] == "Conv2D":
+            same = found[0].get("padding") == "same"
+            found[0] |= {"padding": "same_theano"} if same else {}
+        return found, _described(found)
+
+    def _lambda(self, layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
+        word, holds = describe_lambda(layer.config)
+        if word is None and self._words:
+            word = str(self._words.pop(0))
+        elif word is None and self._takes_given_scale():
+            return [], f"taken as {self._scale_text()}; holds {holds}"
+        if word is None:
+            raise InputError(
+                f"{label}: what it computes is not clear (its code holds {holds}, and is never "
+                "run); set scale=[divisor,subtracted] if it computes pixel / divisor - subtracted, "
+                f"or lambdas=[WORD] with one of {WORDS}"
+            )
+        found = specs_of_word(word)
+        if found is None:
+            raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
+        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
+            return [], self._scale_text()
+        return found, word
+
+    def _takes_given_scale(self) -> bool:
+        """Take an unclear Lambda as the scale that the user set, if it is the first scale."""
+        takes = self._given and not self._scaled and self._is_at_input()
+        self._scaled = self._scaled or takes
+        return takes
+
+    def _is_at_input(self) -> bool:
+        return all(one["layer"] in BEFORE_SCALE for one in self.specs)
+
+    def _scale_text(self) -> str:
+        divisor, less = self.scale or (1.0, 0.0)
+        return f"scale=[{divisor:g},{less:g}]: pixel / {divisor:g} - {less:g}"
+
+    def _takes_scale(self, spec: Spec) -> bool:
+        """Take a rescaling as the network's scale; return False if its place forbids it."""
+        factor, offset = spec.get("scale"), spec.get("offset", 0.0)
+        plain = all(type(one) in (int, float) for one in (factor, offset))
+        if not plain or not factor or not self._is_at_input():
+            return False
+        if not self._given:
+            divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)
+            divisor, less = divisor / factor, less * factor - offset
+            self.scale = (float(f"{divisor:.12g}"), float(f"{less:.12g}"))
+        self._scaled = True
+        return True
+
+
+def _normalization(layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
+    """Return the spec of a layer that subtracts a mean and divides by a deviation."""
+    constants = [layer.config.get("mean"), layer.config.get("variance")]
+    arrays = layer.arrays[:2] if len(layer.arrays) > 1 else constants
+    try:
+        mean, variance = (np.asarray(one, np.float64).reshape(-1) for one in arrays)
+    except (TypeError, ValueError):
+        raise InputError(f"{label}: has no mean and variance; save the model again") from None
+    if layer.config.get("invert") or len(mean) != len(variance):
+        raise InputError(f"{label}: has settings that cannot be converted")
+    factor = 1 / np.maximum(np.sqrt(np.maximum(variance, 0)), 1e-7)
+    spec = {"layer": "Rescaling", "scale": factor.tolist(), "offset": (-mean * factor).tolist()}
+    return [spec], _described([spec])
+
+
+def _described(specs: list[Spec]) -> str:
+    if not specs:
+        return "no effect in driving"
+    parts = []
+    for spec in specs:
+        values = [f"{key}={value}" for key, value in spec.items() if key != "layer"]
+        parts.append(" ".join([spec["layer"], *values]))
+    return ", ".join(parts).replace(", ", ",")
