@@ -26,7 +26,7 @@ class ImportOptions:
     lambdas: str | None
     outputs: str | None
     weights: str | None
-    frames: Annotated[int, Field(ge=LEAST_ROWS, le=5000)]
+    frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)]
     out: str | None
 
     def whole_pair(self, key: str) -> tuple[int, int] | None:

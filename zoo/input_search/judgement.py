@@ -53,10 +53,12 @@ def judge(trials: Trials) -> Judgement:
     alike = [one for one in trials.finalists if _steer_alike(first, one)]
     best = min((one for one in alike if _crops_alike(first, one)), key=_rarity)
     different = [one for one in trials.finalists if one not in alike]
-    tied = [one for one in different if not _is_surely_better(best, one)]
+    samples = _resamples(best)
+    scores = _scores(best, samples)
+    tied = [one for one in different if _low(scores - _scores(one, samples)) <= 0]
     return Judgement(
         best,
-        tuple(_doubts(best, chance)),
+        tuple(_doubts(best, chance, samples)),
         chance,
         tuple(one for one in alike if one is not best),
         tuple(tied),
@@ -74,7 +76,7 @@ def chance_correlation(trials: Trials) -> float:
     return float(np.quantile(highest, NULL_SHARE))
 
 
-def _doubts(best: Trial, chance: float) -> list[str]:
+def _doubts(best: Trial, chance: float, samples: list[np.ndarray]) -> list[str]:
     doubts = []
     if best.correlation <= chance:
         doubts.append(
@@ -92,7 +94,7 @@ def _doubts(best: Trial, chance: float) -> list[str]:
             f"its agreement with the steering that the images call for, {best.score:.2f}, is below "
             f"{LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded one"
         )
-    if len(best.left) and _low([best.rows(rows).recovery for rows in _resamples(best)]) <= 0:
+    if len(best.left) and _low(np.array([best.rows(rows).recovery for rows in samples])) <= 0:
         doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
     return doubts
 
@@ -113,12 +115,11 @@ def _steer_alike(first: Trial, other: Trial) -> bool:
     return bool(np.abs(first.outputs - other.outputs).mean() < SAME_STEERING)
 
 
-def _is_surely_better(best: Trial, other: Trial) -> bool:
-    differences = [best.rows(rows).score - other.rows(rows).score for rows in _resamples(best)]
-    return _low(differences) > 0
+def _scores(trial: Trial, samples: list[np.ndarray]) -> np.ndarray:
+    return np.array([trial.rows(rows).score for rows in samples])
 
 
-def _low(values: list[float]) -> float:
+def _low(values: np.ndarray) -> float:
     """Return the lower end of the interval that holds 95 % of the values."""
     return float(np.quantile(values, (1 - SURE) / 2))
 

@@ -78,12 +78,20 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
 
 
 def network_maker(converted: ConvertedKeras) -> Callable[[View, Scale], nn.Module]:
-    """Return a function of a view and a scale that returns the converted network for them."""
+    """Return a function of a view and a scale that returns the converted network for them.
+
+    There is one network for each scale, and all have the same tensors: views differ in the images,
+    not in their shape.
+    """
+    networks: dict[Scale, nn.Module] = {}
 
     def make(view: View, scale: Scale) -> nn.Module:
-        network = make_network(_model_settings(converted, Combination(view, scale)), view)
-        network.load_state_dict(converted.state)
-        return network.eval()
+        if scale not in networks:
+            settings = _model_settings(converted, Combination(view, scale))
+            network = make_network(settings, view).eval()
+            network.load_state_dict(converted.state, assign=True)
+            networks[scale] = network
+        return networks[scale]
 
     return make
 
