@@ -3,7 +3,8 @@
 1. Every colour and crop, on every third frame of the centre camera. If the scale is not known, it
    is tried as -1..1 and as 0..255 only.
 2. The best of these and the best of each colour, with every scale, on all frames of all cameras.
-3. The best of these with each way of resizing, which changes the outputs least.
+3. The neighbouring crops of the best of these, as long as one of them is better.
+4. The best with each way of resizing, which changes the outputs least.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -33,6 +34,7 @@ COARSE_STEP = 3
 COARSE_SCALES = (SCALES[0], SCALES[-1])
 FINALISTS = 6
 SCALED = 3  # combinations that are tried with every scale
+NEAR_ROWS = 5  # difference of neighbouring crops, at the top and at the bottom
 BATCH = 64
 Network = Callable[[View, Scale], nn.Module]
 
@@ -152,11 +154,32 @@ def try_inputs(
     coarse = _try_all(network, possible, some, lambda share: show(0.4 * share))
     chosen = _finalists(coarse, known)
     finalists = _try_all(network, chosen, frames, lambda share: show(0.4 + 0.5 * share))
-    best = max(finalists, key=lambda one: one.score).combination
+    while more := _neighbours(finalists, combinations(known)):
+        finalists += _try_all(network, more, frames)
+    best = max(finalists, key=_score).combination
     finalists += _try_all(network, with_each_resize(best, known)[1:], frames)
     show(1.0)
-    finalists.sort(key=lambda one: -one.score)
-    return Trials(tuple(finalists), tuple(coarse))
+    return Trials(tuple(sorted(finalists, key=_score, reverse=True)), tuple(coarse))
+
+
+def _neighbours(finalists: list[Trial], possible: list[Combination]) -> list[Combination]:
+    """Return the combinations near the best finalist that are not tried yet."""
+    best = max(finalists, key=_score).combination
+    tried = {one.combination for one in finalists}
+    return [
+        one
+        for one in possible
+        if one not in tried
+        and (one.view.colour, one.scale) == (best.view.colour, best.scale)
+        and all(
+            abs(rows - own) <= NEAR_ROWS
+            for rows, own in zip(one.view.crop, best.view.crop, strict=True)
+        )
+    ]
+
+
+def _score(trial: Trial) -> float:
+    return trial.score
 
 
 def _try_all(
@@ -204,7 +227,7 @@ def _steering(module: nn.Module, view: View, frames: np.ndarray) -> np.ndarray:
 
 def _finalists(coarse: Iterable[Trial], known: KnownInput) -> list[Combination]:
     """Return the best combinations, with each scale if it is not known, and each colour's best."""
-    ranked = [one.combination for one in sorted(coarse, key=lambda one: -one.score)]
+    ranked = [one.combination for one in sorted(coarse, key=_score, reverse=True)]
     colours = {one.view.colour: one for one in reversed(ranked)}
     best = ranked[:FINALISTS]
     if known.scale is None:
