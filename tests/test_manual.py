@@ -18,8 +18,11 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from datamodules.recording import read_recordings
+from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo import commands
+from tests.zoo.keras_networks import SCALED, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.compose import choices, conf_folder
 from zoo.cli.console_script import commands as drivezoo_commands
@@ -247,6 +250,10 @@ def test_a_marked_command_runs(
         "IMAGE": recorded.image(3),
     }
     words = list(command.words)
+    if "model.h5" in words:
+        recording = read_recordings(str(recorded.folder))
+        view = View((60, 25), "yuv_old", (12, 40))
+        write_steering_h5(tmp_path / "model.h5", recording, view, SCALED)
     for name, place in places.items():
         words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
     assert words[:2] == ["python", "-m"], "only these can be run"

@@ -68,8 +68,17 @@ def own_config(
 
 
 def own_roots(config: DictConfig) -> list[str]:
-    """Return the recording folders of a config."""
+    """Return the recording folders of a config.
+
+    Raises:
+        InputError: the config names none, as that of an imported network.
+    """
     root = config.data.root
+    if root is None:
+        raise InputError(
+            "data.root=null: the checkpoint names no recording, and corrections are added to one; "
+            "add data.root=FOLDER"
+        )
     return [root] if isinstance(root, str) else list(root)
 
 

@@ -9,6 +9,7 @@ from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.replay_score import ReplayOptions
 from zoo.export.__main__ import ExportOptions
 from zoo.film import FilmOptions
+from zoo.input_search.import_options import ImportOptions
 from zoo.rerun import RerunOptions
 from zoo.results import ResultsOptions
 from zoo.saliency.__main__ import SaliencyOptions
@@ -20,6 +21,7 @@ KINDS = {
     "evaluate": EvaluateOptions,
     "export": ExportOptions,
     "film": FilmOptions,
+    "import": ImportOptions,
     "replay": ReplayOptions,
     "rerun": RerunOptions,
     "results": ResultsOptions,

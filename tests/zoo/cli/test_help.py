@@ -21,6 +21,7 @@ NAMED = {
     "zoo.evaluate": ("laps=1.0", "perturb=null"),
     "zoo.export": ("out=", "frames="),
     "zoo.film": ("out=null", "fps=null", "plays as fast as it was driven"),
+    "zoo.import": ("recording=null", "crop=null", "out=null"),
     "zoo.leaderboard": ("FOLDER", "leaderboard.html"),
     "zoo.models": ("multiply-adds",),
     "zoo.preview": ("data.root=FOLDER", "fed_batch.png"),

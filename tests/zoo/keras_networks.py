@@ -1,0 +1,81 @@
+"""Keras 2 files of small networks that steer, and of PilotNets that drivezoo trained."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from torch import nn
+
+from datamodules.image import read_image
+from datamodules.recording import Recording
+from datamodules.view import View
+from tests.zoo.checkpoints.keras_files import Layer, lambda_config, write_h5
+
+RIDGE = 10.0
+SCALED: Layer = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])
+
+
+def conv_layer(kernel: np.ndarray, bias: np.ndarray, stride: int, activation: str) -> Layer:
+    """Return a Conv2D with a kernel [rows, columns, in, out]."""
+    config = {
+        "filters": kernel.shape[3],
+        "kernel_size": list(kernel.shape[:2]),
+        "strides": [stride, stride],
+        "padding": "valid",
+        "data_format": "channels_last",
+        "activation": activation,
+        "use_bias": True,
+    }
+    return "Conv2D", config, [kernel, bias]
+
+
+def dense_layer(kernel: np.ndarray, bias: np.ndarray, activation: str = "linear") -> Layer:
+    """Return a Dense with a kernel [in, out]."""
+    config = {"units": kernel.shape[1], "activation": activation, "use_bias": True}
+    return "Dense", config, [kernel, bias]
+
+
+def pilotnet_layers(network: nn.Module, before: Sequence[Layer]) -> list[Layer]:
+    """Return the layers of a `PilotNet`, after those that are given, such as a Lambda."""
+    layers, channels = list(before), None
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            kernel = module.weight.detach().numpy().transpose(2, 3, 1, 0)
+            layers.append(conv_layer(kernel, module.bias.detach().numpy(), module.stride[0], "elu"))
+            channels = module.out_channels
+        elif isinstance(module, nn.Linear):
+            kernel = module.weight.detach().numpy()
+            if channels:  # torch flattens (channels, pixels), Keras (pixels, channels)
+                layers.append(("Flatten", {}, []))
+                kernel = kernel.reshape(len(kernel), channels, -1).transpose(0, 2, 1)
+                kernel, channels = kernel.reshape(len(kernel), -1), None
+            activation = "elu" if module.out_features > 1 else "linear"
+            layers.append(dense_layer(kernel.T, module.bias.detach().numpy(), activation))
+    return layers
+
+
+def fit_steering(recording: Recording, view: View, scale: tuple[float, float]) -> Layer:
+    """Return a Dense of a linear regression from views, scaled, to the steering.
+
+    The side cameras' images are samples, too, so that the network steers back to the centre.
+    """
+    offsets = (0.0, 0.25, -0.25)
+    images = [view(read_image(path)) for row in recording.images for path in row]
+    inputs = np.stack(images).reshape(len(images), -1) / scale[0] - scale[1]
+    steering = (recording.steering[:, None] + offsets).ravel()
+    middle = inputs.mean(0)
+    centred = inputs - middle
+    # Ridge regression in its dual form: there are fewer images than pixels.
+    weights = centred.T @ np.linalg.solve(
+        centred @ centred.T + RIDGE * np.eye(len(images)), steering
+    )
+    bias = -middle @ weights
+    return dense_layer(
+        weights.astype(np.float32)[:, None], np.array([bias], np.float32), activation="linear"
+    )
+
+
+def write_steering_h5(path: Path, recording: Recording, view: View, *before: Layer) -> Path:
+    """Write a linear network that steers by a view of -1..1, after other layers."""
+    layers = [*before, ("Flatten", {}, []), fit_steering(recording, view, (127.5, 1.0))]
+    return write_h5(path, layers, shape=view.shape)

@@ -1,0 +1,241 @@
+"""`drivezoo import`: from a Keras file to a checkpoint that every command takes."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from datamodules.image import read_image
+from datamodules.recording import read_recordings
+from datamodules.view import View
+from tests.recordings import Written, write_recording
+from tests.zoo.checkpoints.keras_files import lambda_config, write_h5
+from tests.zoo.commands import only_line, run
+from tests.zoo.keras_networks import SCALED, dense_layer, pilotnet_layers, write_steering_h5
+from tests.zoo.written_checkpoints import write_constant
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.policy import load_policy
+from zoo.models.pilotnet import PilotNet
+
+VIEW = View((60, 25), "yuv_old", (12, 40))
+
+
+def import_file(cwd: Path, *arguments: str):
+    return run(cwd, *arguments, module="zoo.import")
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    return write_recording(tmp_path_factory.mktemp("lake") / "my lake", rows=200, seed=3)
+
+
+@pytest.fixture(scope="module")
+def keras_file(lake: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    recording = read_recordings(str(lake.folder))
+    return write_steering_h5(tmp_path_factory.mktemp("keras") / "old.h5", recording, VIEW, SCALED)
+
+
+@pytest.fixture(scope="module")
+def imported(keras_file: Path, lake: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Import a file with the command and a recording; return the checkpoint."""
+    cwd = tmp_path_factory.mktemp("imported")
+    result = import_file(cwd, str(keras_file), f"recording={lake.folder}")
+    assert result.returncode == 0, result.stderr
+    (cwd / "stdout.txt").write_text(result.stdout)
+    return cwd / "old.ckpt"
+
+
+def test_the_input_is_found_and_stands_in_the_checkpoint(imported: Path, lake: Written) -> None:
+    checkpoint = load_checkpoint(imported)
+    recording = read_recordings(str(lake.folder))
+    assert checkpoint.view == VIEW
+    assert checkpoint.config["model"]["scale"] == [127.5, 1.0]
+    assert checkpoint.config["data"]["crop"] == [60, 25]
+    assert checkpoint.config["data"]["root"] == str(lake.folder)
+    assert checkpoint.data == {"fingerprint": recording.fingerprint(), "rows": 200}
+
+
+def test_layers_trials_and_sources_are_printed(imported: Path) -> None:
+    printed = (imported.parent / "stdout.txt").read_text()
+    for text in ("Flatten", "Dense", "12 x 40 x 3", "1,441", "yuv_old", "agreement", "convincing"):
+        assert text in printed
+    assert "the file" in printed
+    assert "trying on the recording" in printed
+    assert "wrote: old.ckpt\nnext: python -m zoo.evaluate old.ckpt" in printed
+
+
+def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> None:
+    policy = load_policy(imported)
+    rows = range(0, 200, 10)
+    steering = [policy(read_image(lake.image(row)), 20.0)[0] for row in rows]
+    np.testing.assert_allclose(steering, lake.steering[rows], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("zoo.evaluate", ["laps=0.01", "workers=1"]),
+        ("zoo.replay", ["RECORDING"]),
+        ("zoo.saliency", ["RECORDING"]),
+        ("zoo.drive", ["sim=lake", "laps=0.005", "port=0"]),
+        ("zoo.doctor", ["RECORDING", "port=4599"]),
+    ],
+)
+def test_every_command_takes_the_checkpoint(
+    module: str, arguments: list[str], imported: Path, lake: Written, tmp_path: Path
+) -> None:
+    arguments = [str(lake.folder) if one == "RECORDING" else one for one in arguments]
+    result = run(tmp_path, str(imported), *arguments, module=module)
+    assert result.returncode == 0, result.stderr
+
+
+def test_the_export_drives_the_same(imported: Path, lake: Written, tmp_path: Path) -> None:
+    result = run(tmp_path, str(imported), f"frames={lake.folder}", module="zoo.export")
+    assert result.returncode == 0, result.stderr
+    assert "yuv_old" in result.stdout
+    frame = read_image(lake.image(7))
+    ours, theirs = (load_policy(one)(frame, 9.0)[0] for one in (imported, tmp_path / "model.onnx"))
+    assert ours == pytest.approx(theirs, abs=1e-5)
+
+
+def test_without_a_recording_guesses_are_named(keras_file: Path, tmp_path: Path) -> None:
+    result = import_file(tmp_path, str(keras_file), "out=guessed.ckpt")
+    assert result.returncode == 0, result.stderr
+    assert "colour=rgb and crop=[60,25] are guesses" in result.stdout
+    assert "recording=FOLDER" in result.stdout
+    checkpoint = load_checkpoint(tmp_path / "guessed.ckpt")
+    assert checkpoint.data == {"fingerprint": None, "rows": 0}
+    assert checkpoint.config["data"]["root"] is None
+    doctor = run(tmp_path, "guessed.ckpt", "port=4599", module="zoo.doctor")
+    assert "not known" in doctor.stdout
+    correct = run(tmp_path, "guessed.ckpt", module="zoo.correct")
+    assert "add data.root=FOLDER" in only_line(correct)
+
+
+def test_keys_are_taken_as_given(keras_file: Path, tmp_path: Path) -> None:
+    keys = ["colour=bgr", "crop=[50,20]", "resize=linear", "scale=[255,0.5]"]
+    result = import_file(tmp_path, str(keras_file), *keys)
+    assert result.returncode == 0, result.stderr
+    assert "guess" not in result.stdout
+    checkpoint = load_checkpoint(tmp_path / "old.ckpt")
+    assert checkpoint.view == View((50, 20), "bgr", (12, 40), "linear")
+    assert checkpoint.config["model"]["scale"] == [255.0, 0.5]
+
+
+def test_a_pilotnet_of_keras_steers_as_ours(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network = PilotNet((3, 66, 200)).eval()
+    write_h5(tmp_path / "nvidia.h5", pilotnet_layers(network, [SCALED]), shape=(66, 200, 3))
+    assert import_file(tmp_path, "nvidia.h5").returncode == 0
+    images = torch.randint(0, 256, (4, 3, 66, 200), dtype=torch.uint8)
+    with torch.no_grad():
+        imported = load_checkpoint(tmp_path / "nvidia.ckpt").network(images)
+        torch.testing.assert_close(imported, network(images), atol=1e-5, rtol=1e-5)
+
+
+def test_a_network_that_never_learned_is_not_convincing(lake: Written, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    weights = rng.normal(size=(12 * 40 * 3, 1)).astype(np.float32) / 1000
+    dense = dense_layer(weights, np.zeros(1, np.float32))
+    write_h5(tmp_path / "random.h5", [SCALED, ("Flatten", {}, []), dense], shape=(12, 40, 3))
+    result = import_file(tmp_path, "random.h5", f"recording={lake.folder}")
+    assert result.returncode == 0, result.stderr
+    assert "no input is convincing" in result.stdout
+    assert (tmp_path / "random.ckpt").is_file()
+
+
+def test_an_import_replaces_its_own_file_only(keras_file: Path, tmp_path: Path) -> None:
+    assert import_file(tmp_path, str(keras_file)).returncode == 0
+    assert import_file(tmp_path, str(keras_file)).returncode == 0
+    trained = write_constant(tmp_path / "trained.ckpt", 0.1)
+    before = trained.read_bytes()
+    result = import_file(tmp_path, str(keras_file), "out=trained.ckpt")
+    assert "out=trained.ckpt: exists" in only_line(result)
+    assert trained.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("keys", "place", "remedy"),
+    [
+        (["crop=60"], "crop=60", "[60,25]"),
+        (["crop=[100,80]"], "data.crop=[100, 80]", "crop less"),
+        (["size=[66,200]"], "size=[66,200]", "12 x 40"),
+        (["scale=[0,1]"], "scale=[0,1]", "[127.5,1]"),
+        (["colour=gray"], "colour=gray", "3 channels"),
+        (["recording=nowhere"], "nowhere", "no such folder"),
+        (["out=old.h5"], "out=old.h5", ".ckpt"),
+        (["out=nowhere/old.ckpt"], "out=nowhere/old.ckpt", "no folder"),
+        (["lambdas=[atan]"], "lambdas=atan", "leave out"),
+        (["weights=w.h5"], "weights=w.h5", ".json"),
+    ],
+)
+def test_a_wrong_key_is_refused(
+    keys: list[str], place: str, remedy: str, keras_file: Path, tmp_path: Path
+) -> None:
+    line = only_line(import_file(tmp_path, str(keras_file), *keys))
+    assert place in line
+    assert remedy in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> None:
+    recording = read_recordings(str(lake.folder))
+    write_steering_h5(tmp_path / "none.h5", recording, VIEW)
+    unclear = ("Lambda", lambda_config(lambda x: (x - x.mean()) / 127.5), [])
+    write_steering_h5(tmp_path / "unclear.h5", recording, VIEW, unclear)
+    for name in ("none.h5", "unclear.h5"):
+        assert "set scale=[" in only_line(import_file(tmp_path, name))
+        assert import_file(tmp_path, name, "scale=[127.5,1]").returncode == 0
+        keys = [f"recording={lake.folder}", "colour=yuv_old", "crop=[60,25]"]
+        result = import_file(tmp_path, name, *keys, "frames=60")
+        assert result.returncode == 0, result.stderr
+        checkpoint = load_checkpoint(tmp_path / name.replace(".h5", ".ckpt"))
+        assert checkpoint.config["model"]["scale"][1] == 1.0
+
+
+def hostile_files(folder: Path, good: Path) -> dict[str, str]:
+    """Write hostile files; return a word that the message about each contains."""
+    whole = good.read_bytes()
+    (folder / "truncated.h5").write_bytes(whole[: len(whole) // 2])
+    (folder / "empty.h5").touch()
+    (folder / "text.h5").write_text("no model")
+    (folder / "text.keras").write_text("no zip")
+    (folder / "model.json").write_text("{")
+    (folder / "code.h5").write_bytes(b"\x80\x04cos\nsystem\n")
+    dense = dense_layer(np.zeros((1440, 10), np.float32), np.zeros(10, np.float32), "softmax")
+    write_h5(folder / "classifier.h5", [("Flatten", {}, []), dense], shape=(12, 40, 3))
+    write_h5(folder / "unknown.h5", [("Attention", {}, []), dense], shape=(12, 40, 3))
+    write_h5(folder / "two.h5", [("Flatten", {}, []), dense], shape=(12, 40, 3))
+    with h5py.File(folder / "two.h5", "a") as file:
+        layers = [
+            {"name": one, "class_name": "InputLayer", "inbound_nodes": [],
+             "config": {"name": one, "batch_input_shape": [None, 12, 40, 3]}}
+            for one in ("camera", "speed")
+        ]  # fmt: skip
+        config = {"layers": layers, "input_layers": [["camera", 0, 0], ["speed", 0, 0]]}
+        config["output_layers"] = [["camera", 0, 0]]
+        model = {"class_name": "Model", "config": config}
+        file.attrs["model_config"] = json.dumps(model).encode()
+    return {
+        "truncated.h5": "copy it again",
+        "empty.h5": "empty",
+        "text.h5": "HDF5",
+        "text.keras": "keras",
+        "model.json": "model.json",
+        "code.h5": "HDF5",
+        "classifier.h5": "10 outputs",
+        "unknown.h5": "layer 1 of 2, attention_1",
+        "two.h5": "inputs",
+        "missing.h5": "missing.h5",
+    }
+
+
+def test_hostile_files_get_one_line_each(keras_file: Path, tmp_path: Path) -> None:
+    for name, word in hostile_files(tmp_path, keras_file).items():
+        line = only_line(import_file(tmp_path, name, "scale=[1,0]"))
+        assert name in line
+        assert word in line, line
+    assert not list(tmp_path.glob("*.ckpt"))

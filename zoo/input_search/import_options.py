@@ -1,0 +1,75 @@
+"""Options of `drivezoo import`."""
+
+import re
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from datamodules.errors import UsageError
+from zoo.input_search.trial_frames import LEAST_ROWS
+
+Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]
+Resize = Literal["area", "linear", "area_first", "linear_first"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """Options of an import; `conf/import.yaml` has their meanings and defaults."""
+
+    recording: str | None
+    colour: Colour | None
+    crop: str | None
+    size: str | None
+    resize: Resize | None
+    scale: str | None
+    lambdas: str | None
+    outputs: str | None
+    weights: str | None
+    frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)]
+    out: str | None
+
+    def whole_pair(self, key: str) -> tuple[int, int] | None:
+        """Return `crop` or `size` as two whole numbers.
+
+        Raises:
+            UsageError: it is no such pair.
+        """
+        text = getattr(self, key)
+        words = read_list(text)
+        if words is None:
+            return None
+        if len(words) != 2 or not all(re.fullmatch(r"\d{1,4}", one) for one in words):
+            example = "[60,25]" if key == "crop" else "[66,200]"
+            raise UsageError(f"{key}={text}: must be two whole numbers, as in {key}={example}")
+        return int(words[0]), int(words[1])
+
+    def scale_pair(self) -> tuple[float, float] | None:
+        """Return `scale` as divisor and subtracted number.
+
+        Raises:
+            UsageError: it is no such pair.
+        """
+        words = read_list(self.scale)
+        if words is None:
+            return None
+        number = r"-?\d{1,6}(\.\d{1,9})?"
+        good = len(words) == 2 and all(re.fullmatch(number, one) for one in words)
+        if not good or float(words[0]) == 0:
+            raise UsageError(
+                f"scale={self.scale}: must be two numbers, the divisor first and not 0, as in "
+                "scale=[127.5,1]"
+            )
+        return float(words[0]), float(words[1])
+
+
+def read_list(text: str | None) -> list[str] | None:
+    """Return the words of a list, with or without brackets; None for None.
+
+    >>> read_list("[60, 25]"), read_list("atan:2"), read_list("[]")
+    (['60', '25'], ['atan:2'], [])
+    """
+    if text is None:
+        return None
+    inner = text.strip().removeprefix("[").removesuffix("]")
+    return [one for one in (word.strip(" '\"") for word in inner.split(",")) if one]

@@ -1,0 +1,133 @@
+"""Judgement of a search: whether its best combination is convincing, and which others may be right.
+
+Correlations of outputs that have nothing to do with the steering are measured by rolling the
+recorded steering along the recording, which keeps how it changes with time. For each shift, the
+highest correlation of all combinations counts, since the search takes the highest, too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from datamodules.view import RESIZES
+from zoo.input_search.combinations import SCALES
+from zoo.input_search.trials import Trial, Trials, correlations
+
+NULL_SHARE = 0.99
+LEAST_CORRELATION = 0.5  # the output explains a quarter of the steering's variance
+# The agreement of a network with that correlation, trained on squared errors: its steering spreads
+# over `correlation` times the recorded one, so its concordance is 2 r^2 / (1 + r^2). Untrained
+# networks can correlate by 0.9 in a simple world, but agree by less than 0.1.
+LEAST_AGREEMENT = 0.4
+SURE = 0.95
+RESAMPLES = 200
+BLOCK_ROWS = 10  # neighbouring frames are alike
+SAME_STEERING = 0.02  # mean difference of two outputs that makes no difference in driving
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A judgement of the best trial.
+
+    Attributes:
+        best: trial with the highest score; of those that steer like it, the most usual one.
+        doubts: reasons why the best combination is not convincing; empty if it is.
+        chance: correlation that steering which is rolled along the recording exceeds in 1 %.
+        alike: other finalists that steer the same as the best.
+        tied: finalists that steer differently, but whose score may be as high as the best's.
+        next: best finalist that is certainly different in score; None without one.
+    """
+
+    best: Trial
+    doubts: tuple[str, ...]
+    chance: float
+    alike: tuple[Trial, ...]
+    tied: tuple[Trial, ...]
+    next: Trial | None
+
+
+def judge(trials: Trials) -> Judgement:
+    """Return the judgement of a search."""
+    chance = chance_correlation(trials)
+    first = trials.finalists[0]
+    alike = [one for one in trials.finalists if _steer_alike(first, one)]
+    best = min((one for one in alike if _crops_alike(first, one)), key=_rarity)
+    different = [one for one in trials.finalists if one not in alike]
+    samples = _resamples(best)
+    scores = _scores(best, samples)
+    tied = [one for one in different if _low(scores - _scores(one, samples)) <= 0]
+    return Judgement(
+        best,
+        tuple(_doubts(best, chance, samples)),
+        chance,
+        tuple(one for one in alike if one is not best),
+        tuple(tied),
+        next((one for one in different if one not in tied), None),
+    )
+
+
+def chance_correlation(trials: Trials) -> float:
+    """Return the correlation that all combinations reach by chance in 1 % of the shifts."""
+    steering = trials.coarse[0].steering
+    outputs = np.stack([one.center for one in trials.coarse])
+    rows = len(steering)
+    shifts = range(rows // 20, rows - rows // 20 + 1)
+    highest = [correlations(outputs, np.roll(steering, shift)).max() for shift in shifts]
+    return float(np.quantile(highest, NULL_SHARE))
+
+
+def _doubts(best: Trial, chance: float, samples: list[np.ndarray]) -> list[str]:
+    doubts = []
+    if best.correlation <= chance:
+        doubts.append(
+            f"its correlation with the recorded steering, {best.correlation:.2f}, is not above "
+            f"{chance:.2f}, which one of {len(best.steering):,} frames can reach by chance"
+        )
+    elif best.correlation < LEAST_CORRELATION:
+        doubts.append(
+            f"its correlation with the recorded steering, {best.correlation:.2f}, is below "
+            f"{LEAST_CORRELATION:g}; it is also so low with a wrong colour or crop"
+        )
+    if best.score < LEAST_AGREEMENT:
+        spread = best.center.std() / best.steering.std()
+        doubts.append(
+            f"its agreement with the steering that the images call for, {best.score:.2f}, is below "
+            f"{LEAST_AGREEMENT:g}; its steering spreads over {spread:.2g} times the recorded one"
+        )
+    if len(best.left) and _low(np.array([best.rows(rows).recovery for rows in samples])) <= 0:
+        doubts.append(f"its recovery response, {best.recovery:+.3f}, is not surely above 0")
+    return doubts
+
+
+def _rarity(trial: Trial) -> tuple[int, int]:
+    """Return the places of a trial's resize and scale among the usual ones, 0 for the first."""
+    resizes, scale = list(RESIZES), trial.combination.scale
+    place = SCALES.index(scale) if scale in SCALES else len(SCALES)
+    return resizes.index(trial.combination.view.resize), place
+
+
+def _crops_alike(first: Trial, other: Trial) -> bool:
+    own, views = first.combination.view, other.combination.view
+    return (own.colour, own.crop) == (views.colour, views.crop)
+
+
+def _steer_alike(first: Trial, other: Trial) -> bool:
+    return bool(np.abs(first.outputs - other.outputs).mean() < SAME_STEERING)
+
+
+def _scores(trial: Trial, samples: list[np.ndarray]) -> np.ndarray:
+    return np.array([trial.rows(rows).score for rows in samples])
+
+
+def _low(values: np.ndarray) -> float:
+    """Return the lower end of the interval that holds 95 % of the values."""
+    return float(np.quantile(values, (1 - SURE) / 2))
+
+
+def _resamples(trial: Trial) -> list[np.ndarray]:
+    """Return the rows of each bootstrap resample, drawn in blocks, int64 [N] each."""
+    rows = len(trial.steering)
+    blocks = np.array_split(np.arange(rows), max(1, round(rows / BLOCK_ROWS)))
+    rng = np.random.default_rng(0)
+    draws = rng.integers(len(blocks), size=(RESAMPLES, len(blocks)))
+    return [np.concatenate([blocks[block] for block in draw]) for draw in draws]

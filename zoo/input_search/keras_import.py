@@ -1,0 +1,226 @@
+"""Import of a Keras network: convert it, find out its input, and write a checkpoint."""
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from rich.console import Console
+from torch import nn
+
+from datamodules.errors import InputError
+from datamodules.recording import Recording, read_recordings
+from datamodules.view import View
+from zoo.checkpoints.checkpoint import PREFIX, make_card, read_checkpoint_file
+from zoo.checkpoints.keras_file import KerasModel, read_keras
+from zoo.checkpoints.keras_layers import ConvertedKeras, convert
+from zoo.cli.closing_lines import print_written
+from zoo.cli.compose import compose_config
+from zoo.cli.console_progress import progress_bar
+from zoo.input_search.combinations import (
+    SCALES,
+    Combination,
+    KnownInput,
+    Scale,
+    likeliest_combination,
+)
+from zoo.input_search.import_options import ImportOptions, read_list
+from zoo.input_search.import_tables import (
+    architecture_table,
+    input_table,
+    print_judgement,
+    trials_table,
+)
+from zoo.input_search.judgement import judge
+from zoo.input_search.trial_frames import read_trial_frames
+from zoo.input_search.trials import Trials, try_inputs
+from zoo.models.make_network import make_network
+from zoo.runs.whole_file import write_whole
+
+IMPORTED = "imported"  # key of a checkpoint that an import wrote; its value is the file's name
+SUFFIX = ".ckpt"
+FILE, KEY, SEARCH, GUESS = "the file", "your key", "trying on the recording", "a guess"
+
+
+class _Known(NamedTuple):
+    """A converted network, and facts about its input."""
+
+    converted: ConvertedKeras
+    input: KnownInput
+
+
+def import_network(file: str, options: ImportOptions, console: Console) -> Path:
+    """Convert a Keras file, print what was understood, and return the written checkpoint's path.
+
+    Raises:
+        InputError: the file or the recording cannot be read or used, something that must be known
+            is not, or the checkpoint cannot be written.
+    """
+    path = Path(file).expanduser()
+    out = _checked_out(path, options.out)
+    model = read_keras(path, Path(options.weights).expanduser() if options.weights else None)
+    recording = read_recordings(options.recording) if options.recording else None
+    known = _known(model, options, searches=recording is not None)
+    console.print(architecture_table(path.name, known.converted.notes, console.width))
+    if recording is None:
+        found = likeliest_combination(known.input)
+        rest = GUESS
+    else:
+        found = _search(known, recording, options.frames, console)
+        rest = SEARCH
+    console.print(input_table(found, _sources(known, options, rest), console.width))
+    for line in _guesses(path, known, found) if recording is None else []:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    _write(out, path, known.converted, found, recording)
+    print_written([out], ["zoo.evaluate", out, "track=lake", "seeds=3"], console)
+    return out
+
+
+def network_maker(converted: ConvertedKeras) -> Callable[[View, Scale], nn.Module]:
+    """Return a function of a view and a scale that returns the converted network for them.
+
+    There is one network for each scale, and all have the same tensors: views differ in the images,
+    not in their shape.
+    """
+    networks: dict[Scale, nn.Module] = {}
+
+    def make(view: View, scale: Scale) -> nn.Module:
+        if scale not in networks:
+            settings = _model_settings(converted, Combination(view, scale))
+            network = make_network(settings, view).eval()
+            network.load_state_dict(converted.state, assign=True)
+            networks[scale] = network
+        return networks[scale]
+
+    return make
+
+
+def _known(model: KerasModel, options: ImportOptions, searches: bool) -> _Known:
+    """Convert the model, and return what its file and the user's keys tell of its input."""
+    scale, size = options.scale_pair(), options.whole_pair("size")
+    lambdas, outputs = read_list(options.lambdas), read_list(options.outputs)
+    try:
+        converted = convert(model, scale, lambdas, outputs, size)
+        scale = converted.scale
+    except InputError:
+        if not searches or scale or lambdas:
+            raise
+        # An unclear Lambda may be the scale, which is then searched.
+        converted = convert(model, SCALES[0], lambdas, outputs, size)
+    if size not in (None, converted.input_shape[:2]):
+        height, width, _ = converted.input_shape
+        raise InputError(
+            f"size={options.size}: the input in {model.path} is {height} x {width}; leave size out"
+        )
+    if scale is None and not searches:
+        raise InputError(
+            f"{model.path}: does not tell how its pixels are scaled; set scale=[127.5,1] for "
+            "x / 127.5 - 1, [255,0.5], [255,0] or [1,0], or recording=FOLDER to find it out"
+        )
+    known = KnownInput(
+        shape=converted.input_shape,
+        colour=options.colour,
+        crop=options.whole_pair("crop"),
+        resize=options.resize,
+        scale=scale,
+    )
+    return _Known(converted, known)
+
+
+def _search(known: _Known, recording: Recording, frames: int, console: Console) -> Combination:
+    """Try inputs on a recording, print the results, and return the best."""
+    with progress_bar("trying colours and crops", console) as show:
+        some = read_trial_frames(recording, frames, lambda share: show(0.1 * share))
+        make = network_maker(known.converted)
+        trials: Trials = try_inputs(make, known.input, some, lambda share: show(0.1 + 0.9 * share))
+        judged = judge(trials)
+    console.print(trials_table(trials, judged, console.width))
+    print_judgement(judged, console)
+    return judged.best.combination
+
+
+def _sources(known: _Known, options: ImportOptions, rest: str) -> dict[str, str]:
+    """Return where each part of the input came from."""
+    sources = {key: KEY if getattr(options, key) else rest for key in ("colour", "crop", "resize")}
+    sources["size"] = KEY if options.size else FILE
+    found = FILE if known.input.scale else rest
+    return sources | {"scale": KEY if options.scale else found}
+
+
+def _guesses(path: Path, known: _Known, found: Combination) -> list[str]:
+    keys = {"colour": found.view.colour, "crop": str(list(found.view.crop)).replace(" ", "")}
+    if known.input.shape[:2] == (160, 320):
+        keys.pop("crop")  # the whole frame
+    guessed = [f"{key}={keys[key]}" for key in keys if getattr(known.input, key) is None]
+    if not guessed:
+        return []
+    return [
+        f"warning: {' and '.join(guessed)} {'is a guess' if len(guessed) == 1 else 'are guesses'}: "
+        "the file does not tell. Set them if you know them, or find them out: "
+        f"python -m zoo.import {path} recording=FOLDER"
+    ]
+
+
+def _model_settings(converted: ConvertedKeras, found: Combination) -> dict:
+    """Return the section `model` of a config."""
+    view = found.view.to_dict()
+    return {
+        "name": "keras",
+        "colour": view["colour"],
+        "size": view["size"],
+        "resize": view["resize"],
+        "weights": None,
+        "_target_": "zoo.models.sequential.Sequential",
+        "layers": converted.layers,
+        "scale": list(found.scale),
+    }
+
+
+def _write(
+    out: Path,
+    path: Path,
+    converted: ConvertedKeras,
+    found: Combination,
+    recording: Recording | None,
+) -> None:
+    config = compose_config(["data=recording", "trainer.max_epochs=0"])
+    config["model"] = _model_settings(converted, found) | {"weights": str(path)}
+    config["data"] |= {
+        "crop": list(found.view.crop),
+        "root": recording.names[0] if recording else None,
+    }
+    data = {
+        "fingerprint": recording.fingerprint() if recording else None,
+        "rows": len(recording) if recording else 0,
+    }
+    state = {f"{PREFIX}{name}": one for name, one in converted.state.items()}
+    contents = io.BytesIO()
+    card = make_card(config, found.view, data)
+    torch.save({"drivezoo": card, "state_dict": state, IMPORTED: path.name}, contents)
+    try:
+        write_whole(out, contents.getbuffer())
+    except OSError as error:
+        raise InputError(f"out={out}: {error.strerror}; name another file") from None
+
+
+def _checked_out(path: Path, name: str | None) -> Path:
+    """Return the path to write; refuse to replace a file that no import wrote."""
+    out = Path(name).expanduser() if name else Path(path.stem + SUFFIX)
+    if out.suffix != SUFFIX:
+        raise InputError(f"out={out}: must end in {SUFFIX}; name such a file")
+    if out.is_dir() or not out.parent.is_dir():
+        reason = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
+        raise InputError(f"out={out}: {reason}; name another file")
+    if out.exists() and not _is_imported(out):
+        raise InputError(
+            f"out={out}: exists, and no import wrote it; name another file with out=FILE{SUFFIX}"
+        )
+    return out
+
+
+def _is_imported(out: Path) -> bool:
+    try:
+        return IMPORTED in read_checkpoint_file(out)
+    except InputError:
+        return False
