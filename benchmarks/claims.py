@@ -22,6 +22,7 @@ from benchmarks.claims_page import CSV, write_page
 from datamodules.errors import InputError
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
+from zoo.drives.drive_record import DriveRow
 
 RUNS = Path("outputs/claims")
 TRACKS = ("udacity_lake", "udacity_jungle")
@@ -38,6 +39,8 @@ RECIPES = {
 COURSE = "hold 9 mph"
 CONTROLS = {"C": ("throttle 0.2", "throttle 0.3", "proportional 9 mph")}
 FIGURES = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "speed_mph")
+STALLED = "stalled_m"  # distance at which the car stands for good; empty if it does not
+STALLED_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -130,13 +133,20 @@ def drive_missing(folder: Path, recipe: str) -> dict[Drive, dict]:
             path.parent.mkdir(exist_ok=True)
             figures = drive_once(folder / "checkpoints" / "best.ckpt", drive)
             write_whole(path, json_text(figures))
-            print(f"{folder}: {drive.name}: autonomy {figures['autonomy']:.1%}", flush=True)
+            print(f"{folder}: {drive.name}: autonomy {figures['autonomy']}", flush=True)
         found[drive] = read_json(path)
     return found
 
 
+class StalledError(Exception):
+    """The end of a drive whose throttle does not move the car; `args[0]` is the distance in m."""
+
+
 def drive_once(checkpoint: Path, drive: Drive) -> dict:
-    """Drive a lap from the track's first point, and return its figures."""
+    """Drive a lap from the track's first point, and return its figures.
+
+    A drive ends where a throttle cannot move the car: putting it back at 0 mph would not help.
+    """
     import torch
 
     from simulator.world import open_world
@@ -154,8 +164,20 @@ def drive_once(checkpoint: Path, drive: Drive) -> dict:
     }
     speed = controls[drive.control.split()[0]]()
     world = open_world(drive.track, frame_rate=drive.frame_rate)
+    moved_s = 0.0
+
+    def check(_: object, row: DriveRow) -> None:
+        nonlocal moved_s
+        if row.speed_mph > 1:
+            moved_s = row.time_s
+        elif row.time_s - moved_s > STALLED_S:
+            raise StalledError(world.travelled)
+
     try:
-        return summarize(drive_closed_loop(load_policy(checkpoint), world, speed, 0, laps=1.0))
+        lap = drive_closed_loop(load_policy(checkpoint), world, speed, 0, laps=1.0, show=check)
+        return summarize(lap) | {STALLED: ""}
+    except StalledError as stalled:
+        return dict.fromkeys(FIGURES, "") | {STALLED: round(stalled.args[0])}
     finally:
         world.pictures.close()
 
@@ -182,10 +204,14 @@ def make_rows(options: ClaimOptions) -> list[dict]:
                             "track": drive.track,
                             "control": drive.control,
                             "frame_rate": drive.frame_rate,
-                            **{key: round(figures[key], 4) for key in FIGURES},
+                            **{key: _rounded(figures[key]) for key in (*FIGURES, STALLED)},
                         }
                     )
     return rows
+
+
+def _rounded(value: float | str) -> float | str:
+    return value if value == "" else round(float(value), 4)
 
 
 def merge(rows: list[dict]) -> list[dict]:

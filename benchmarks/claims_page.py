@@ -14,6 +14,7 @@ from zoo.runs.plots import BLUE, GREY, ORANGE, save_figure
 CSV, PAGE = Path("docs/claims.csv"), Path("docs/claims.md")
 PLOT = Path("docs/claims_frame_rate.png")
 BEGIN, END = "<!-- claims -->", "<!-- end of claims -->"
+PLOT_BEGIN, PLOT_END = "<!-- frame rate -->", "<!-- end of frame rate -->"
 DATA = {"expert": "expert, `udacity_lake`", "real": "real recording"}
 COLOURS = {"expert": BLUE, "real": ORANGE}
 USUAL_RATE = 15.0  # Hz
@@ -39,8 +40,10 @@ def write_page(rows: list[dict]) -> list[Path]:
     curve = [row for row in rows if row["recipe"] == "C" and row["control"] == CONTROL]
     curve = [row for row in curve if row["track"] == "udacity_lake"]
     if len({row["frame_rate"] for row in curve}) < 2:
+        write_between(PAGE, PLOT_BEGIN, PLOT_END, "Not measured yet.")
         return [PAGE]
     save_figure(frame_rate_plot(curve), PLOT)
+    write_between(PAGE, PLOT_BEGIN, PLOT_END, f"![autonomy by frame rate]({PLOT.name})")
     return [PAGE, PLOT]
 
 
@@ -55,17 +58,25 @@ def claims_table(rows: list[dict]) -> str:
     lines = []
     for (recipe, experiment, data, training, weights, track, control), runs in groups.items():
         claim = CLAIMS.get((recipe, track, control)) or CLAIMS.get((recipe, track), "-")
-        clean = sum(float(run["interventions"]) == 0 for run in runs)
-        measured = [
-            str(len(runs)),
-            mean_with_interval([100 * float(run["autonomy"]) for run in runs]),
-            count_with_interval(clean, len(runs)),
-            f"{np.mean([float(run['cte_mean_m']) for run in runs]):.2f}",
-            f"{max(float(run['cte_max_m']) for run in runs):.2f}",
-        ]
         name = f"{recipe}: `{experiment}`" + (f", {weights}" if weights else "")
-        lines.append([name, DATA[data], training, f"`{track}`", control, claim, *measured])
+        setting = [name, DATA[data], training, f"`{track}`", control, claim]
+        lines.append([*setting, str(len(runs)), *_measured(runs)])
     return markdown_table(head, lines, left=6)
+
+
+def _measured(runs: list[dict]) -> list[str]:
+    stalls = [float(run["stalled_m"]) for run in runs if run["stalled_m"]]
+    clean = sum(run["interventions"] != "" and not float(run["interventions"]) for run in runs)
+    count = count_with_interval(clean, len(runs))
+    if stalls:
+        where = f"{min(stalls):.0f} to {max(stalls):.0f} m"
+        return [f"{len(stalls)} of {len(runs)} stall, at {where}", count, "-", "-"]
+    return [
+        mean_with_interval([100 * float(run["autonomy"]) for run in runs]),
+        count,
+        f"{np.mean([float(run['cte_mean_m']) for run in runs]):.2f}",
+        f"{max(float(run['cte_max_m']) for run in runs):.2f}",
+    ]
 
 
 def mean_with_interval(percents: list[float]) -> str:
@@ -90,7 +101,7 @@ def frame_rate_plot(rows: list[dict]) -> Figure:
     for data in dict.fromkeys(row["data"] for row in rows):
         by_rate: dict[float, list[float]] = {}
         for row in rows:
-            if row["data"] == data:
+            if row["data"] == data and row["autonomy"]:
                 by_rate.setdefault(float(row["frame_rate"]), []).append(
                     100 * float(row["autonomy"])
                 )
