@@ -11,11 +11,14 @@ trainings and drives are not repeated, so that an interrupted command resumes.
 """
 
 import csv
+import multiprocessing
 import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import repeat
 from pathlib import Path
 
 from benchmarks.claims_page import CSV, write_page
@@ -53,7 +56,7 @@ class ClaimOptions:
         only: letters of the recipes to run, such as `AC`; null for all.
         seeds: number of training seeds.
         quick: whether to cut each training with `quick=true`; the publications' length if not.
-        threads: number of OpenMP threads of a training.
+        threads: number of OpenMP threads of a training, and of processes that drive.
         runs: whether to train and drive; false writes the page from `docs/claims.csv` alone.
     """
 
@@ -121,21 +124,26 @@ def train(recipe: str, data: str, seed: int, options: ClaimOptions) -> Path:
     return folder
 
 
-def drive_missing(folder: Path, recipe: str) -> dict[Drive, dict]:
+def drive_missing(folder: Path, recipe: str, jobs: int) -> dict[Drive, dict]:
     """Drive a run's checkpoint where no figures are kept; return the figures of all its drives."""
     from zoo.runs.bounded_files import read_json
+
+    paths = {drive: folder / "claims" / f"{drive.name}.json" for drive in drives_of(recipe)}
+    missing = [drive for drive, path in paths.items() if not path.is_file()]
+    checkpoint = folder / "checkpoints" / "best.ckpt"
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        list(pool.map(drive_and_keep, repeat(checkpoint), missing, map(paths.get, missing)))
+    return {drive: read_json(path) for drive, path in paths.items()}
+
+
+def drive_and_keep(checkpoint: Path, drive: Drive, path: Path) -> None:
+    """Drive a lap, and write its figures to a file."""
     from zoo.runs.whole_file import json_text, write_whole
 
-    found = {}
-    for drive in drives_of(recipe):
-        path = folder / "claims" / f"{drive.name}.json"
-        if not path.is_file():
-            path.parent.mkdir(exist_ok=True)
-            figures = drive_once(folder / "checkpoints" / "best.ckpt", drive)
-            write_whole(path, json_text(figures))
-            print(f"{folder}: {drive.name}: autonomy {figures['autonomy']}", flush=True)
-        found[drive] = read_json(path)
-    return found
+    figures = drive_once(checkpoint, drive)
+    path.parent.mkdir(exist_ok=True)
+    write_whole(path, json_text(figures))
+    print(f"{path}: {figures}", flush=True)
 
 
 class StalledError(Exception):
@@ -192,7 +200,7 @@ def make_rows(options: ClaimOptions) -> list[dict]:
         for data in sources:
             for seed in range(1, options.seeds + 1):
                 folder = train(recipe, data, seed, options)
-                for drive, figures in drive_missing(folder, recipe).items():
+                for drive, figures in drive_missing(folder, recipe, options.threads).items():
                     rows.append(
                         {
                             "recipe": recipe,
