@@ -59,8 +59,10 @@ def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
         Cells("colour", tuple(one.combination.view.colour for one in shown)),
         Cells("crop", tuple("{},{}".format(*one.combination.view.crop) for one in shown)),
         Cells("resize", tuple(_resize(one) for one in shown)),
-        Cells("scale", tuple("{:g},{:g}".format(*one.combination.scale) for one in shown)),
     ]
+    scales = tuple("{:g},{:g}".format(*one.combination.scale) for one in shown)
+    if len(set(scales)) > 1:  # else the file or the user tells it
+        names.append(Cells("scale", scales))
     figures = [
         _figures("agreement", [one.score for one in shown]),
         _figures("correlation", [one.correlation for one in shown]),
