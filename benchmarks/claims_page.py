@@ -68,11 +68,14 @@ def _measured(runs: list[dict]) -> list[str]:
     stalls = [float(run["stalled_m"]) for run in runs if run["stalled_m"]]
     clean = sum(run["interventions"] != "" and not float(run["interventions"]) for run in runs)
     count = count_with_interval(clean, len(runs))
+    driven = [100 * float(run["autonomy"]) for run in runs if run["autonomy"]]
     if stalls:
-        where = f"{min(stalls):.0f} to {max(stalls):.0f} m"
-        return [f"{len(stalls)} of {len(runs)} stall, at {where}", count, "-", "-"]
+        places = list(dict.fromkeys(f"{ends(stalls):.0f}" for ends in (min, max)))
+        text = f"{len(stalls)} of {len(runs)} stall, at {' to '.join(places)} m"
+        text += f"; the others {np.mean(driven):.1f} %" if driven else ""
+        return [text, count, "-", "-"]
     return [
-        mean_with_interval([100 * float(run["autonomy"]) for run in runs]),
+        mean_with_interval(driven),
         count,
         f"{np.mean([float(run['cte_mean_m']) for run in runs]):.2f}",
         f"{max(float(run['cte_max_m']) for run in runs):.2f}",

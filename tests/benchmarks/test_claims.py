@@ -56,11 +56,17 @@ def test_a_line_sets_the_claim_against_all_training_seeds(page):
 
 
 def test_a_throttle_that_stalls_is_no_autonomy(page):
-    write_rows([ROW | STALLED])
+    write_rows([ROW | STALLED, ROW | STALLED | {"seed": "2", "stalled_m": "50.0"}])
     claims.main(["runs=false"])
     (line,) = [line for line in page.read_text().splitlines() if line.startswith("| C")]
-    assert "1 of 1 stall, at 43 to 43 m" in line
-    assert "0 of 1" in line
+    assert "| 2 of 2 stall, at 43 to 50 m |" in line
+    assert "0 of 2" in line
+
+
+def test_drives_that_do_not_stall_are_counted_apart(page):
+    write_rows([ROW | STALLED, ROW | {"control": "throttle 0.3", "seed": "2"}])
+    claims.main(["runs=false"])
+    assert "1 of 2 stall, at 43 m; the others 90.0 %" in page.read_text()
 
 
 def test_the_plot_needs_two_frame_rates(page):
