@@ -12,8 +12,6 @@ trainings and drives are not repeated, so that an interrupted command resumes.
 
 import csv
 import multiprocessing
-import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -22,6 +20,7 @@ from itertools import repeat
 from pathlib import Path
 
 from benchmarks.claims_page import CSV, write_page
+from benchmarks.results import train_logged
 from datamodules.errors import InputError
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
@@ -105,21 +104,10 @@ def train(recipe: str, data: str, seed: int, options: ClaimOptions) -> Path:
         return folder
     words = [f"experiment={RECIPES[recipe]}", f"seed={seed}", "score=none"]
     words += [f"data.root={options.real}"] if data == "real" else ["data=udacity_lake"]
-    words += [f"quick={str(options.quick).lower()}", f"hydra.run.dir={folder}"]
+    words += [f"quick={str(options.quick).lower()}"]
     if recipe == "E":
         words += [f"model.weights={options.weights or 'null'}"]
-    if (folder / ".hydra" / "config.yaml").is_file():
-        words = [f"resume={folder}"]
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "log.txt").open("w") as log:
-        done = subprocess.run(
-            [sys.executable, "-m", "zoo", *words],
-            env=os.environ | {"OMP_NUM_THREADS": str(options.threads)},
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            check=False,
-        )
-    if done.returncode:
+    if train_logged(folder, words, options.threads):
         raise InputError(f"{folder}: the training failed; see its log.txt")
     return folder
 

@@ -63,30 +63,34 @@ class ResultOptions:
 def run_all(chosen: list[tuple[Recipe, int]], jobs: int) -> None:
     """Make the missing runs."""
     threads = max(1, usable_cores() // jobs)
-    environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
 
     def run(recipe: Recipe, seed: int) -> None:
         folder = run_folder(recipe, seed)
         if (folder / "metrics.json").is_file():
             return
-        words = [*recipe.overrides, f"seed={seed}", *SCORE, f"hydra.run.dir={folder}"]
-        if (folder / ".hydra" / "config.yaml").is_file():
-            words = [f"resume={folder}"]
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / "log.txt").open("w") as log:
-            code = subprocess.run(
-                [sys.executable, "-m", "zoo", *words],
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=environment,
-                check=False,
-            ).returncode
+        code = train_logged(folder, [*recipe.overrides, f"seed={seed}", *SCORE], threads)
         last = (folder / "log.txt").read_text().strip().splitlines()[-1:]
         result = "finished" if not code else f"failed: {' '.join(last)}"
         print(f"{folder}: {result}", flush=True)
 
     with ThreadPoolExecutor(jobs) as pool:
         list(pool.map(lambda job: run(*job), chosen))
+
+
+def train_logged(folder: Path, words: list[str], threads: int) -> int:
+    """Train in a folder, or resume there, with the output in `log.txt`; return the exit status."""
+    words = [*words, f"hydra.run.dir={folder}"]
+    if (folder / ".hydra" / "config.yaml").is_file():
+        words = [f"resume={folder}"]
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "log.txt").open("w") as log:
+        return subprocess.run(
+            [sys.executable, "-m", "zoo", *words],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=os.environ | {"OMP_NUM_THREADS": str(threads)},
+            check=False,
+        ).returncode
 
 
 def run_folder(recipe: Recipe, seed: int) -> Path:

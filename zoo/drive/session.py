@@ -20,8 +20,8 @@ class Session:
 
     Args:
         number: number of the simulator, in the order of connection from 1.
-        controller: speed controller of this session.
-        steer: steering filter of this session.
+        controller: speed controller of this simulator.
+        steer: steering filter of this simulator.
         margin_m: distance from the centreline in metres above which the car has left the lane; None
             for the edge line.
     """
