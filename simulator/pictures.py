@@ -5,7 +5,7 @@ frames are identical on every machine and in every run. A few large pieces are f
 small ones. Near materials are drawn first, because pixels hidden behind them are skipped.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -35,7 +35,7 @@ from simulator.scenery.shadows import Shadows
 from simulator.scenery.sky import sky_mesh
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
-from simulator.weather import CLEAR, Weather
+from simulator.weather import CLEAR, Weather, lit_by
 from simulator.world_settings import WorldSettings
 
 RENDERERS = ("auto", "software", "opengl", "none")
@@ -81,8 +81,7 @@ class Pictures:
 
     def set_weather(self, weather: Weather, seed: int) -> None:
         """Light the world for a weather; `seed` is for rain and sensor noise."""
-        azimuth = weather.sun_azimuth_deg + self.track.surroundings.sun_turn_deg
-        weather = replace(weather, sun_azimuth_deg=azimuth)
+        weather = lit_by(self.track.surroundings, weather)
         if weather.texture_seed != self.seed_drawn:
             for name, pixels in make_textures(weather.texture_seed).items():
                 _fill_texture(self.textures[name], pixels)

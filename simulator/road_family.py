@@ -42,10 +42,17 @@ SCENERY = {
     "trees": (0.0, 2_000.0),
     "bushes": (0.0, 2_000.0),
     "rocks": (0.0, 500.0),
+    "sun_turn_deg": (0.0, 360.0),
+    "sun_lift_deg": (-37.0, 48.0),
+    "sun": (0.3, 2.0),
+    "brightness": (0.3, 2.0),
 }
 COUNTS = ("trees", "bushes", "rocks")
+FACTORS = ("sun", "brightness")
 KEYS = (*RANGES, *SHARES, "widening", "verges", "surroundings")
 LONGEST_M = 120.0  # length of a bend; one of a large radius turns less than `degrees`
+SHORTEST_M = 10.0  # length of the last segment
+TURNS = ("straight", "left", "right")  # keys of a segment that its length is proportional to
 TURN_BACK_DEG = 60.0  # a road that has turned this far mostly turns back
 
 
@@ -186,7 +193,7 @@ def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[st
 def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> list[dict] | None:
     """Return segments of straights and bends; a loop mostly turns left and is closed at its end."""
     wanted = rng.uniform(*family.ranges["loop" if closed else "length"])
-    along, turned, segments = 0.0, 0.0, [_straight(family, rng)]
+    turned, segments = 0.0, [_straight(family, rng)]
     along = _length(segments[0])
     while along < wanted:
         # A loop turns left steadily, an open road to both sides.
@@ -201,6 +208,8 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         if rng.random() < family.shares["straights"]:
             segments.append(_straight(family, rng))
         along = sum(_length(segment) for segment in segments)
+    if not closed:
+        segments = _cut(segments, wanted)
     low, high = family.ranges["grade"]
     for one in segments:
         one["climb"] = round(rng.uniform(low, high) * _length(one), 2)
@@ -215,6 +224,19 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
     for one in ending:
         one["climb"] = climb * _length(one) / room
     return [*segments, *ending]
+
+
+def _cut(segments: list[dict], wanted: float) -> list[dict]:
+    """Return the segments up to a length in metres; a last one under 10 m is left out."""
+    kept, along = [], 0.0
+    for one in segments:
+        share = min((wanted - along) / _length(one), 1.0)
+        if share < 1 and share * _length(one) < SHORTEST_M:
+            break
+        turned = {key: round(share * one[key], 1) for key in TURNS if key in one}
+        kept.append(one | turned)
+        along += _length(one)
+    return kept
 
 
 def _straight(family: RoadFamily, rng: np.random.Generator) -> dict:
@@ -248,7 +270,8 @@ def _stretches(family: RoadFamily, rng: np.random.Generator, length: float) -> l
 
 def _surroundings(family: RoadFamily, rng: np.random.Generator) -> dict:
     found = {key: rng.uniform(*family.scenery[key]) for key in SCENERY}
-    rounded = {key: round(value, 0 if key in COUNTS else 1) for key, value in found.items()}
+    digits = dict.fromkeys(COUNTS, 0) | dict.fromkeys(FACTORS, 2)
+    rounded = {key: round(value, digits.get(key, 1)) for key, value in found.items()}
     ground = family.grounds[int(rng.integers(len(family.grounds)))]
     return {"seed": int(rng.integers(10_000)), "ground": ground, **rounded}
 

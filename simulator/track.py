@@ -50,6 +50,9 @@ class Surroundings:
     water_level: float = -3.0
     mounds: tuple[tuple[float, float, float, float], ...] = ()  # x, y, radius, height
     sun_turn_deg: float = 0.0  # added to every weather's azimuth of the sun
+    sun_lift_deg: float = 0.0  # added to every weather's elevation of the sun
+    sun: float = 1.0  # factor on every weather's sun
+    brightness: float = 1.0  # factor on every weather's brightness
     kerb_width: float = 1.8
     kerb_height: float = 0.4
     stripes_width: float = 1.6

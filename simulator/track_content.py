@@ -19,7 +19,8 @@ from simulator.yaml_values import (
 PAVINGS = ("asphalt", "cobbles")
 VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
 KEYS = (*CENTRELINE_KEYS, "shoulder", "centre_line", "verge", "stretches", "surroundings")
-LEAST = {"water_level": -1e4, "hill_size": 1.0}  # smallest values; 0 for other surroundings
+# Smallest values; 0 for other surroundings.
+LEAST = {"water_level": -1e4, "hill_size": 1.0, "sun_lift_deg": -90.0}
 MOST_CIRCLES, MOST_RADIUS_M = 100, 2_000  # limits that keep the ground within memory
 
 

@@ -1,7 +1,7 @@
 """Light and weather: conditions that change frames but not the road."""
 
 import difflib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 import yaml
@@ -9,6 +9,18 @@ import yaml
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import parse_yaml
 from simulator.rig import CameraOffset
+from simulator.track import Surroundings
+
+RANGES = {
+    "sun_elevation_deg": (5, 90),
+    "sun": (0, 3),
+    "brightness": (0.05, 4),
+    "fog": (0, 1),
+    "rain": (0, 1),
+    "wet": (0, 1),
+    "noise": (0, 100),
+    "blur": (0, 20),
+}
 
 
 @dataclass(frozen=True)
@@ -44,23 +56,31 @@ class Weather:
     blur: float = 0.0
 
     def __post_init__(self) -> None:
-        ranges = {
-            "sun_elevation_deg": (5, 90),
-            "sun": (0, 3),
-            "brightness": (0.05, 4),
-            "fog": (0, 1),
-            "rain": (0, 1),
-            "wet": (0, 1),
-            "noise": (0, 100),
-            "blur": (0, 20),
-        }
-        for key, (low, high) in ranges.items():
+        for key, (low, high) in RANGES.items():
             value = getattr(self, key)
             if not low <= value <= high:
                 raise SimulatorError(f"weather: {key}={value}: must be in {low:g}..{high:g}")
 
 
 CLEAR = Weather()
+
+
+def lit_by(surroundings: Surroundings, weather: Weather) -> Weather:
+    """Return a weather in the light of a track's surroundings, within the ranges of a weather."""
+
+    def within(key: str, value: float) -> float:
+        low, high = RANGES[key]
+        return min(max(value, low), high)
+
+    return replace(
+        weather,
+        sun_azimuth_deg=weather.sun_azimuth_deg + surroundings.sun_turn_deg,
+        sun_elevation_deg=within(
+            "sun_elevation_deg", weather.sun_elevation_deg + surroundings.sun_lift_deg
+        ),
+        sun=within("sun", weather.sun * surroundings.sun),
+        brightness=within("brightness", weather.brightness * surroundings.brightness),
+    )
 
 
 def random_weather(rng: np.random.Generator) -> Weather:

@@ -35,8 +35,18 @@ def test_roads_keep_to_the_ranges_of_their_family(family):
         grades = family.ranges["grade"]
         assert grades[0] - 0.01 <= road.grade.min() <= road.grade.max() <= grades[1] + 0.01
         assert road.closed == content["closed"]
+        low, high = family.ranges["loop" if road.closed else "length"]
+        assert 0.95 * low <= road.length <= (1.3 if road.closed else 1.0) * high
         # Transitions make an arc's middle as tight as the arc, not tighter than a few per cent.
         assert np.abs(road.curvature).max() <= 1.1 / family.ranges["radius"][0]
+
+
+def test_each_road_has_a_light_of_its_own(family):
+    lights = {
+        (one.sun_turn_deg, one.sun_lift_deg, one.sun, one.brightness)
+        for one in (draw_road(family, seed).surroundings for seed in range(5))
+    }
+    assert len(lights) == 5
 
 
 def test_the_expert_drives_roads_of_each_family(family):
