@@ -3,6 +3,7 @@
 from typing import Any
 
 from zoo.cli.command_config import read_keys, read_options
+from zoo.compare.__main__ import CompareOptions
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drive.drive_settings import DriveSettings, read_settings
 from zoo.evaluate.evaluate_options import EvaluateOptions
@@ -16,6 +17,7 @@ from zoo.saliency.__main__ import SaliencyOptions
 from zoo.sweep.__main__ import SweepOptions
 
 KINDS = {
+    "compare": CompareOptions,
     "correct": CorrectOptions,
     "drive": DriveSettings,
     "evaluate": EvaluateOptions,

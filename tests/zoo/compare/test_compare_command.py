@@ -1,0 +1,170 @@
+"""`python -m zoo.compare A B` on results with known figures."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.zoo.commands import only_line, run
+from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+
+MODULE = "zoo.compare"
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Return the folders of results A and B, B better by 0.2 with three training seeds each."""
+    rng = np.random.default_rng(1)
+    roads = 0.1 * rng.normal(size=len(ROADS))
+    a = result(figures(rng, 0.6, 3, 0.01, roads), "published")
+    b = result(figures(rng, 0.8, 3, 0.01, roads), "bends")
+    return write(tmp_path / "a=[1]", a), write(tmp_path / "b", b)
+
+
+def change(folder: Path, **fields: object) -> None:
+    path = folder / "result.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | fields))
+
+
+def test_it_names_the_better_entry_and_writes_all_figures(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    shown = run(tmp_path, first.name, str(second / "result.json"), module=MODULE)
+
+    assert shown.returncode == 0, shown.stderr
+    assert "verdict: B drives better" in shown.stdout
+    assert "wrote: compare.json" in shown.stdout
+    written = json.loads((tmp_path / "compare.json").read_text())
+    assert list(written["groups"]) == ["like", "sharp", "dynamics", "laps", "all but laps"]
+    overall = written["groups"]["all but laps"]
+    assert overall["roads"] == 28
+    assert overall["autonomy"]["low"] < -0.2 < overall["autonomy"]["high"] < 0
+    assert overall["cte_mean_m"]["low"] > 0
+    assert overall["a_better"]["value"] < 0.05
+    assert overall["verdict"] == "B drives better"
+    assert overall["needed"] == {"seeds": None, "reason": "decided"}
+
+
+def test_exchanged_entries_have_the_opposite_difference(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    assert run(tmp_path, str(first), str(second), "out=ab.json", module=MODULE).returncode == 0
+    assert run(tmp_path, str(second), str(first), "out=ba.json", module=MODULE).returncode == 0
+    ab, ba = (
+        json.loads((tmp_path / name).read_text())["groups"] for name in ("ab.json", "ba.json")
+    )
+    for group, one in ab.items():
+        assert one["autonomy"]["value"] == pytest.approx(-ba[group]["autonomy"]["value"])
+        assert one["a_better"]["value"] == pytest.approx(1 - ba[group]["a_better"]["value"])
+
+
+def test_the_order_of_the_drives_does_not_matter(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    run(tmp_path, str(first), str(second), "out=1.json", module=MODULE)
+    drives = json.loads((second / "result.json").read_text())["drives"]
+    change(second, drives=drives[::-1])
+    run(tmp_path, str(first), str(second), "out=2.json", module=MODULE)
+
+    assert (tmp_path / "1.json").read_text() == (tmp_path / "2.json").read_text()
+
+
+def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
+    """Trainings differ much more than the entries."""
+    offsets = np.array([[-0.2], [0.0], [0.2]])
+    autonomy = 0.6 + offsets + np.zeros(len(ROADS))
+    first = write(tmp_path / "a", result(autonomy + 0.1))
+    second = write(tmp_path / "b", result(autonomy))
+    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+
+    assert "verdict: cannot tell" in shown
+    needed = json.loads((tmp_path / "compare.json").read_text())["groups"]["like"]["needed"]
+    assert needed["reason"] == "seeds"
+    assert needed["seeds"] > 10
+    assert f"about {needed['seeds']} training seeds" in shown
+
+
+def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    autonomy = figures(rng, 0.6, 1, 0.0, 0.1 * rng.normal(size=len(ROADS)))
+    first = write(tmp_path / "a", result(autonomy, "alone"))
+    second = write(tmp_path / "b", result(autonomy, "other"))
+    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+
+    assert "alone and other: one training seed" in shown
+    assert "cannot be estimated from one training seed" in shown
+
+
+def test_a_baseline_needs_no_further_training_seed(tmp_path: Path) -> None:
+    offsets = np.array([[-0.2], [0.0], [0.2]])
+    first = write(tmp_path / "a", result(0.6 + offsets + np.zeros(len(ROADS)), "network"))
+    expert = result(np.full((1, len(ROADS)), 0.7), "expert")
+    expert["checkpoints"][0]["sha256"] = None
+    second = write(tmp_path / "b", expert)
+    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+
+    assert "a baseline without training" in shown
+    assert "cannot be estimated" not in shown
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"suite": "v2"}, ("suite", "v2", "v1")),
+        ({"roads": "fedcba9876543210"}, ("roads", "fedcba9876543210")),
+        ({"version": 7}, ("version", "7")),
+        ({"drives": []}, ("drives", "run the benchmark again")),
+        ({"drives": [{"checkpoint": 0}]}, ("drives.0.group", "is missing")),
+        ({"checkpoints": None}, ("checkpoints", "should be a list")),
+    ],
+)
+def test_results_of_different_roads_or_formats_are_refused(
+    folders: tuple[Path, Path], tmp_path: Path, fields: dict, words: tuple[str, ...]
+) -> None:
+    first, second = folders
+    change(second, **fields)
+    line = only_line(run(tmp_path, str(first), str(second), module=MODULE))
+
+    assert all(word in line for word in (str(second), *words)), line
+    assert not (tmp_path / "compare.json").exists()
+
+
+def test_a_missing_or_repeated_drive_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    first, second = folders
+    drives = json.loads((second / "result.json").read_text())["drives"]
+    kept = [one for one in drives if one["track"] != "alpine:703"]
+    for changed, words in (
+        (drives[1:], ("checkpoint 0", "lakeside:501", "run the benchmark again")),
+        ([*drives, drives[0]], ("checkpoint 0", "lakeside:501", "twice")),
+        (kept, ("alpine:703", str(first))),
+    ):
+        change(second, drives=changed)
+        line = only_line(run(tmp_path, str(first), str(second), module=MODULE))
+        assert all(word in line for word in (str(second), *words)), line
+
+
+def test_a_folder_without_a_result_and_a_wrong_place_are_named(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    line = only_line(run(tmp_path, str(first), str(tmp_path), module=MODULE))
+    assert str(tmp_path / "result.json") in line
+    line = only_line(run(tmp_path, str(first), str(second), f"out={first}", module=MODULE))
+    assert f"out={first}" in line
+    assert "name another file" in line
+
+
+def test_names_of_a_result_cannot_write_to_the_terminal(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    change(first, entry="[red]evil\x1b[2J")
+    shown = run(tmp_path, str(first), str(second), module=MODULE)
+
+    assert shown.returncode == 0, shown.stderr
+    assert "\x1b[2J" not in shown.stdout
+    assert "[red]evil" in shown.stdout

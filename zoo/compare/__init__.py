@@ -1,0 +1,1 @@
+"""Comparison of two results of the benchmark: `python -m zoo.compare`."""

@@ -1,0 +1,118 @@
+"""A comparison as a table and lines for the terminal."""
+
+import math
+from collections.abc import Mapping
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from datamodules.terminal import printable
+from zoo.compare.differences import CANNOT_TELL, OVERALL, Comparison, Needed
+from zoo.compare.paired_drives import Entry
+from zoo.drives.bootstrap import Estimate
+
+CAPTION = (
+    "Below each figure: its 95 % interval (bootstrap over roads and training seeds). Each verdict "
+    "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance."
+)
+NEEDED = {
+    "decided": "enough now",
+    "roads": "more roads",
+    "many": "over 100",
+    "unknown": "unknown",
+}
+ADVICE = {
+    "roads": "no number of training seeds would decide on these roads: they differ too much",
+    "many": "more than 100 training seeds of each entry would be needed to tell",
+    "unknown": (
+        "how many training seeds would be needed cannot be estimated from one training seed; "
+        "benchmark three or more of each entry"
+    ),
+}
+
+
+def print_comparison(
+    a: Entry, b: Entry, comparisons: Mapping[str, Comparison], console: Console
+) -> None:
+    """Print a row for each group, then the verdict, its limits and the training seeds needed."""
+    table = Table(title="A minus B", caption=CAPTION, caption_justify="left", box=SIMPLE_HEAD)
+    table.add_column("group")
+    for heading in (
+        "drives",
+        "autonomy",
+        "mean error, m",
+        "A is better",
+        "verdict",
+        "seeds needed",
+    ):
+        table.add_column(heading, justify="right")
+    for group, one in comparisons.items():
+        table.add_row(
+            Text(printable(group)),
+            str(one.roads),
+            two_lines(one.autonomy, "{:+.1%}"),
+            two_lines(one.cte_mean_m, "{:+.2f}"),
+            two_lines(one.a_better, "{:.0%}"),
+            one.verdict.replace(" drives", ""),
+            str(one.needed.seeds or NEEDED[one.needed.reason]),
+        )
+    for name, entry in (("A", a), ("B", b)):
+        seeds = f"{entry.seeds} training seed{'' if entry.seeds == 1 else 's'}"
+        how = seeds if entry.is_trained else "a baseline without training"
+        _print(f"{name}: {entry.result.entry}, {how} ({entry.path})", console)
+    console.print(table)
+    for line in conclusion(a, b, comparisons):
+        _print(line, console)
+
+
+def conclusion(a: Entry, b: Entry, comparisons: Mapping[str, Comparison]) -> list[str]:
+    """Return the verdict over all groups, what limits it, and the training seeds needed."""
+    name, overall = next(reversed(comparisons.items()))
+    where = f"{overall.roads} roads" + ("" if name == OVERALL else f" of group {name}")
+    figures = f"autonomy {percent(overall.a)} and {percent(overall.b)} on {where}"
+    lines = [f"verdict: {overall.verdict} ({figures})"]
+    if single := [one for one in (a, b) if one.seeds == 1 and one.is_trained]:
+        named = " and ".join(one.result.entry for one in single)
+        lines.append(
+            f"{named}: one training seed: the intervals leave out how trainings differ, so another "
+            "training may drive better or worse"
+        )
+    if a.result.code.get("hash") != b.result.code.get("hash"):
+        lines.append("A and B were driven by different versions of the code; drive both with one")
+    if overall.verdict == CANNOT_TELL:
+        lines.append(advice(overall.needed))
+    return lines
+
+
+def advice(needed: Needed) -> str:
+    """Return a sentence on the training seeds needed.
+
+    >>> advice(Needed(7, "seeds"))
+    'to tell with a probability of 80 %: about 7 training seeds of each entry'
+    """
+    if needed.seeds is None:
+        return ADVICE[needed.reason]
+    return f"to tell with a probability of 80 %: about {needed.seeds} training seeds of each entry"
+
+
+def two_lines(figure: Estimate, form: str) -> str:
+    r"""Return a figure with its interval in a second line.
+
+    >>> two_lines(Estimate(0.1, -0.05, 0.25), "{:+.0%}")
+    '+10%\n-5%..+25%'
+    """
+    value = form.format(figure.value)
+    if math.isnan(figure.low):
+        return f"{value}\n(no interval)"
+    return f"{value}\n{form.format(figure.low)}..{form.format(figure.high)}"
+
+
+def percent(figures: Mapping[str, float]) -> str:
+    """Return the autonomy in percent."""
+    return f"{figures['autonomy']:.1%}"
+
+
+def _print(line: str, console: Console) -> None:
+    console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
