@@ -15,14 +15,10 @@ from zoo.drives.bootstrap import Estimate
 
 CAPTION = (
     "Below each figure: its 95 % interval (bootstrap over roads and training seeds). Each verdict "
-    "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance."
+    "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance. To tell: "
+    "training seeds of each entry that would decide with a probability of 80 %."
 )
-NEEDED = {
-    "decided": "enough now",
-    "roads": "more roads",
-    "many": "over 100",
-    "unknown": "unknown",
-}
+NEEDED = {"decided": "", "roads": "more roads", "many": ">100 seeds", "unknown": "more seeds"}
 ADVICE = {
     "roads": "no number of training seeds would decide on these roads: they differ too much",
     "many": "more than 100 training seeds of each entry would be needed to tell",
@@ -38,25 +34,19 @@ def print_comparison(
 ) -> None:
     """Print a row for each group, then the verdict, its limits and the training seeds needed."""
     table = Table(title="A minus B", caption=CAPTION, caption_justify="left", box=SIMPLE_HEAD)
-    table.add_column("group")
-    for heading in (
-        "drives",
-        "autonomy",
-        "mean error, m",
-        "A is better",
-        "verdict",
-        "seeds needed",
-    ):
-        table.add_column(heading, justify="right")
+    table.show_edge = False
+    table.add_column("group", no_wrap=True)
+    headings = ("drives", "autonomy,\npoints", "mean error,\nm", "A better,\n%")
+    for heading in (*headings, "verdict,\nto tell"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for group, one in comparisons.items():
         table.add_row(
             Text(printable(group)),
             str(one.roads),
-            two_lines(one.autonomy, "{:+.1%}"),
+            two_lines(one.autonomy, "{:+.1f}", 100),
             two_lines(one.cte_mean_m, "{:+.2f}"),
-            two_lines(one.a_better, "{:.0%}"),
-            one.verdict.replace(" drives", ""),
-            str(one.needed.seeds or NEEDED[one.needed.reason]),
+            two_lines(one.a_better, "{:.0f}", 100),
+            f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}",
         )
     for name, entry in (("A", a), ("B", b)):
         seeds = f"{entry.seeds} training seed{'' if entry.seeds == 1 else 's'}"
@@ -97,16 +87,21 @@ def advice(needed: Needed) -> str:
     return f"to tell with a probability of 80 %: about {needed.seeds} training seeds of each entry"
 
 
-def two_lines(figure: Estimate, form: str) -> str:
-    r"""Return a figure with its interval in a second line.
+def needed_text(needed: Needed) -> str:
+    """Return what would decide, in a few words; nothing where it is decided."""
+    return NEEDED[needed.reason] if needed.seeds is None else f"{needed.seeds} seeds"
 
-    >>> two_lines(Estimate(0.1, -0.05, 0.25), "{:+.0%}")
-    '+10%\n-5%..+25%'
+
+def two_lines(figure: Estimate, form: str, factor: float = 1) -> str:
+    r"""Return a figure, multiplied by a factor, with its interval in a second line.
+
+    >>> two_lines(Estimate(0.1, -0.05, 0.25), "{:+.0f}", 100)
+    '+10\n-5..+25'
     """
-    value = form.format(figure.value)
-    if math.isnan(figure.low):
-        return f"{value}\n(no interval)"
-    return f"{value}\n{form.format(figure.low)}..{form.format(figure.high)}"
+    value, low, high = (
+        form.format(factor * one) for one in (figure.value, figure.low, figure.high)
+    )
+    return f"{value}\n{'no interval' if math.isnan(figure.low) else f'{low}..{high}'}"
 
 
 def percent(figures: Mapping[str, float]) -> str:
