@@ -33,8 +33,8 @@ def print_comparison(
     a: Entry, b: Entry, comparisons: Mapping[str, Comparison], console: Console
 ) -> None:
     """Print a row for each group, then the verdict, its limits and the training seeds needed."""
-    table = Table(title="A minus B", caption=CAPTION, caption_justify="left", box=SIMPLE_HEAD)
-    table.show_edge = False
+    table = Table(title="A minus B", caption=CAPTION, box=SIMPLE_HEAD, show_edge=False)
+    table.caption_justify = "left"
     table.add_column("group", no_wrap=True)
     headings = ("drives", "autonomy,\npoints", "mean error,\nm", "A better,\n%")
     for heading in (*headings, "verdict,\nto tell"):

@@ -10,6 +10,10 @@ import numpy as np
 from datamodules.errors import InputError
 from zoo.compare.result_file import BenchmarkResult, DriveRecord, read_result
 
+MOST_DRIVES = 5000  # of a result; a bootstrap of them takes 400 MB
+# Smallest and greatest possible value of each compared figure.
+LIMITS = {"autonomy": (0.0, 1.0), "cte_mean_m": (0.0, 1e6)}
+
 
 class Road(NamedTuple):
     """A drive of the suite: its group, track, and settings as JSON."""
@@ -76,8 +80,19 @@ def read_pair(first: Path, second: Path) -> tuple[Entry, Entry]:
 
 def _read_entry(path: Path) -> Entry:
     result = read_result(path)
+    if len(result.drives) > MOST_DRIVES:
+        raise InputError(
+            f"{path}: drives: has {len(result.drives):,}, more than {MOST_DRIVES:,}; "
+            "benchmark a smaller suite"
+        )
     drives: dict[Road, dict[int, DriveRecord]] = {}
-    for one in result.drives:
+    for number, one in enumerate(result.drives):
+        for figure, (smallest, greatest) in LIMITS.items():
+            if not smallest <= (value := one.figures[figure]) <= greatest:
+                raise InputError(
+                    f"{path}: drives.{number}.figures.{figure}: is {value:g}, should be "
+                    f"{smallest:g}..{greatest:g}; run the benchmark again"
+                )
         road = Road(one.group, one.track, json.dumps(one.settings, sort_keys=True))
         by_seed = drives.setdefault(road, {})
         if one.checkpoint in by_seed:

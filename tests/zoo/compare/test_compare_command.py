@@ -147,6 +147,28 @@ def test_a_missing_or_repeated_drive_is_named(folders: tuple[Path, Path], tmp_pa
         assert all(word in line for word in (str(second), *words)), line
 
 
+@pytest.mark.parametrize(("figure", "value"), [("autonomy", 1.2), ("cte_mean_m", -1.0)])
+def test_an_impossible_figure_is_named(
+    folders: tuple[Path, Path], tmp_path: Path, figure: str, value: float
+) -> None:
+    first, second = folders
+    drives = json.loads((second / "result.json").read_text())["drives"]
+    drives[3]["figures"][figure] = value
+    change(second, drives=drives)
+    line = only_line(run(tmp_path, str(first), str(second), module=MODULE))
+
+    assert f"drives.3.figures.{figure}: is {value:g}" in line
+
+
+def test_more_drives_than_memory_holds_are_refused(
+    folders: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = folders
+    drives = json.loads((second / "result.json").read_text())["drives"]
+    change(second, drives=drives[:1] * 5001)
+    assert "5,001" in only_line(run(tmp_path, str(first), str(second), module=MODULE))
+
+
 def test_a_folder_without_a_result_and_a_wrong_place_are_named(
     folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
