@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from datamodules.terminal import printable
-from zoo.compare.differences import CANNOT_TELL, OVERALL, Comparison, Needed
+from zoo.compare.differences import A_BETTER, CANNOT_TELL, OVERALL, Comparison, Needed, verdict_on
 from zoo.compare.paired_drives import Entry
 from zoo.drives.bootstrap import Estimate
 
@@ -18,9 +18,18 @@ CAPTION = (
     "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance. To tell: "
     "training seeds of each entry that would decide with a probability of 80 %."
 )
-NEEDED = {"decided": "", "roads": "more roads", "many": ">100 seeds", "unknown": "more seeds"}
+NEEDED = {
+    "decided": "",
+    "equal": "equal",
+    "roads": "more roads",
+    "many": ">100 seeds",
+    "unknown": "more seeds",
+}
 ADVICE = {
-    "roads": "no number of training seeds would decide on these roads: they differ too much",
+    "equal": "both have the same autonomy, so no number of training seeds can be named; use a "
+    "suite of harder roads",
+    "roads": "to tell: more roads, because the difference varies too much between these; more "
+    "training seeds would not decide",
     "many": "more than 100 training seeds of each entry would be needed to tell",
     "unknown": (
         "how many training seeds would be needed cannot be estimated from one training seed; "
@@ -63,6 +72,10 @@ def conclusion(a: Entry, b: Entry, comparisons: Mapping[str, Comparison]) -> lis
     where = f"{overall.roads} roads" + ("" if name == OVERALL else f" of group {name}")
     figures = f"autonomy {percent(overall.a)} and {percent(overall.b)} on {where}"
     lines = [f"verdict: {overall.verdict} ({figures})"]
+    if (nearer := verdict_on(overall.cte_mean_m)) != CANNOT_TELL:
+        name = "B" if nearer == A_BETTER else "A"  # A_BETTER: A's error is greater
+        metres = two_lines(overall.cte_mean_m, "{:+.2f}").replace("\n", " m, 95 %: ")
+        lines.append(f"mean error: {name} stays nearer to the centre ({metres} m)")
     if single := [one for one in (a, b) if one.seeds == 1 and one.is_trained]:
         named = " and ".join(one.result.entry for one in single)
         lines.append(

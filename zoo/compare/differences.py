@@ -9,12 +9,14 @@ from scipy import special
 
 from zoo.compare.paired_drives import Entry, Road
 from zoo.drives.bootstrap import Estimate, bootstrap, mean
+from zoo.drives.intervals import wilson_interval
 
 A_BETTER, B_BETTER, CANNOT_TELL = "A drives better", "B drives better", "cannot tell"
 LAPS = "laps"  # left out of the overall figures, as in the benchmark's headline
 OVERALL = "all but laps"
 POWER = 0.8  # probability that a comparison with the needed training seeds decides
 MOST_SEEDS = 100
+EQUAL = 1e-9  # greatest difference of equal figures, by rounding
 
 
 @dataclass(frozen=True)
@@ -23,13 +25,14 @@ class Needed:
 
     Attributes:
         seeds: number of training seeds of each entry; None unless the reason is `seeds`.
-        reason: `seeds`, a number is needed; `decided`, the present seeds decide; `roads`, the
-            roads differ too much for any number of seeds; `many`, more than 100 are needed;
-            `unknown`, an entry has one seed, so the differences between trainings are unknown.
+        reason: `seeds`, a number is needed; `decided`, the present seeds decide; `equal`, both
+            means are the same; `roads`, more roads are needed, because the difference varies too
+            much between them; `many`, more than 100 are needed; `unknown`, an entry has one seed,
+            so the differences between trainings are unknown.
     """
 
     seeds: int | None
-    reason: Literal["seeds", "decided", "roads", "many", "unknown"]
+    reason: Literal["seeds", "decided", "equal", "roads", "many", "unknown"]
 
 
 @dataclass(frozen=True)
@@ -74,8 +77,8 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road]) -> Comparison:
     """Return the comparison on some roads."""
     autonomy_a, autonomy_b = (one.table("autonomy", roads) for one in (a, b))
     error_a, error_b = (one.table("cte_mean_m", roads) for one in (a, b))
-    autonomy = bootstrap(_differences(autonomy_a, autonomy_b), mean, limits=(-1, 1))
-    verdict = verdict_on(autonomy)
+    difference = _estimate(_differences(autonomy_a, autonomy_b), (-1, 1))
+    verdict = verdict_on(difference)
     if verdict != CANNOT_TELL:
         needed = Needed(None, "decided")
     elif any(one.seeds == 1 and one.is_trained for one in (a, b)):
@@ -86,7 +89,7 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road]) -> Comparison:
         roads=len(roads),
         a={"autonomy": float(autonomy_a.mean()), "cte_mean_m": float(error_a.mean())},
         b={"autonomy": float(autonomy_b.mean()), "cte_mean_m": float(error_b.mean())},
-        autonomy=autonomy,
+        autonomy=difference,
         cte_mean_m=bootstrap(_differences(error_a, error_b), mean),
         a_better=probability_of_better(autonomy_a, autonomy_b),
         verdict=verdict,
@@ -117,7 +120,7 @@ def probability_of_better(a: np.ndarray, b: np.ndarray) -> Estimate:
         b: B's figures, float64 [training seeds, roads].
     """
     differences = _differences(a, b)
-    return bootstrap((differences > 0) + (differences == 0) / 2, mean, limits=(0, 1))
+    return _estimate((differences > 0) + (differences == 0) / 2, (0, 1))
 
 
 def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
@@ -131,19 +134,36 @@ def seeds_needed(a: np.ndarray, b: np.ndarray) -> Needed:
         b: B's figures, float64 [training seeds, roads].
     """
     difference = abs(float(a.mean() - b.mean()))
+    if difference < EQUAL:
+        return Needed(None, "equal")
     roads = a.shape[1]
     (between_a, noise_a), (between_b, noise_b) = _variances(a), _variances(b)
     of_roads = 0.0
     if roads > 1:
         seen = float((a.mean(axis=0) - b.mean(axis=0)).var(ddof=1))
         of_roads = max(0.0, seen - noise_a / len(a) - noise_b / len(b)) / roads
-    if difference <= _least_difference([(of_roads, roads - 1)]):
+    no_training = len(a) == len(b) == 1
+    if no_training or difference <= _least_difference([(of_roads, roads - 1)]):
         return Needed(None, "roads")
     for seeds in range(min(len(a), len(b)) + 1, MOST_SEEDS + 1):
         parts = [(between_a / seeds, seeds - 1), (between_b / seeds, seeds - 1)]
         if difference > _least_difference([*parts, (of_roads, roads - 1)]):
             return Needed(seeds, "seeds")
     return Needed(None, "many")
+
+
+def _estimate(values: np.ndarray, limits: tuple[float, float]) -> Estimate:
+    """Return the mean with its bootstrap interval, widened if all n roads are equal.
+
+    The share of further roads that differ from them then has Wilson's interval of 0 of n. The
+    bounds are the means with the greatest such share at a limit.
+    """
+    found = bootstrap(values, mean, limits=limits)
+    if found.high - found.low > EQUAL:
+        return found
+    share = wilson_interval(0, values.shape[-1])[1]
+    low, high = (found.value + share * (limit - found.value) for limit in limits)
+    return Estimate(found.value, low, high)
 
 
 def _differences(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -88,6 +88,33 @@ def test_it_says_how_many_training_seeds_would_tell(tmp_path: Path) -> None:
     assert f"about {needed['seeds']} training seeds" in shown
 
 
+def test_roads_without_any_difference_are_no_proof_of_equality(tmp_path: Path) -> None:
+    perfect = np.ones((3, len(ROADS)))
+    first, second = (write(tmp_path / name, result(perfect, name)) for name in "ab")
+    shown = run(tmp_path, str(first), str(second), module=MODULE).stdout
+
+    assert "both have the same autonomy" in shown
+    groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
+    assert groups["like"]["autonomy"]["low"] < -0.2  # 0 of 12 roads: up to 24 %
+    assert groups["laps"]["autonomy"]["high"] > 0.6
+    assert groups["laps"]["a_better"]["low"] < 0.2
+
+
+def test_many_roads_without_exception_decide_and_two_do_not(tmp_path: Path) -> None:
+    first = write(tmp_path / "a", result(np.ones((3, len(ROADS)))))
+    second = write(tmp_path / "b", result(np.zeros((3, len(ROADS)))))
+    run(tmp_path, str(first), str(second), module=MODULE)
+
+    groups = json.loads((tmp_path / "compare.json").read_text())["groups"]
+    assert groups["like"]["verdict"] == "A drives better"
+    assert groups["laps"]["verdict"] == "cannot tell"
+
+
+def test_the_error_is_named_where_it_differs(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    shown = run(tmp_path, *map(str, folders), module=MODULE).stdout
+    assert "mean error: B stays nearer to the centre (+0.20 m" in shown
+
+
 def test_one_training_seed_says_nothing_about_other_trainings(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     autonomy = figures(rng, 0.6, 1, 0.0, 0.1 * rng.normal(size=len(ROADS)))
