@@ -93,11 +93,14 @@ def advice(needed: Needed) -> str:
     """Return a sentence on the training seeds needed.
 
     >>> advice(Needed(7, "seeds"))
-    'to tell with a probability of 80 %: about 7 training seeds of each entry'
+    'to tell: about 7 training seeds of each entry, a rough number from the variance of these'
     """
     if needed.seeds is None:
         return ADVICE[needed.reason]
-    return f"to tell with a probability of 80 %: about {needed.seeds} training seeds of each entry"
+    return (
+        f"to tell: about {needed.seeds} training seeds of each entry, a rough number from the "
+        "variance of these"
+    )
 
 
 def needed_text(needed: Needed) -> str:
