@@ -29,7 +29,7 @@ ARGUMENTS = {
 }
 # A key of each, mistyped, and a value of another type where a key takes no text.
 TYPOS = {
-    "compare": ("otu=x.json", "out", None),
+    "compare": ("ou=x.json", "out", None),
     "correct": ("rouds=2", "rounds", "rounds=many"),
     "doctor": ("prot=4567", "port", "port=here"),
     "drive": ("expos=true", "expose", "laps=many"),
