@@ -1,0 +1,218 @@
+"""Fill the benchmark's board: `python benchmarks/board.py [only=lenet,pilotnet] [seeds=3]`.
+
+It trains each recipe with several training seeds on `data=bench_v1` alone, and drives the suite v1
+with the checkpoints as one entry (`python -m zoo.benchmark`). The baselines are driven, too. The
+script writes `docs/benchmark.csv`, and from it the tables of `docs/benchmark.md` and `README.md`
+and the page that sorts, `docs/_static/board.html`; `runs=false` writes these alone.
+
+Runs are kept in `outputs/board`. Finished trainings and benchmarks are not repeated, so that an
+interrupted command resumes. `drive=false` only trains.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from benchmarks.board_page import CSV, DATA, csv_rows, merge, read_csv, write_csv, write_pages
+from benchmarks.recipes import table_recipes
+from benchmarks.results import run_logged, train_logged
+from datamodules.errors import InputError
+from simulator.command_line import read_options
+from simulator.errors import SimulatorError
+from zoo.cli.compose import compose_config, conf_folder
+
+RUNS = Path("outputs/board")
+SUITE = "v1"
+BASELINES = ("expert", "expert_late", "mean", "zero")
+NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """Options of the runs.
+
+    Args:
+        only: names of entries, or of recipes with their variants, separated by commas; null: all.
+        seeds: number of training seeds.
+        quick: whether to cut each training with `quick=true`; such entries stand on their own.
+        weights: file of VGG16's ImageNet weights; without it the entry `vgg` is left out.
+        suite: suite to drive; with another one than v1 no table is written.
+        threads: number of OpenMP threads of a training, and of processes that drive.
+        drive: whether to drive the suite; false only trains.
+        runs: whether to train and drive; false writes the tables of `docs/benchmark.csv` alone.
+    """
+
+    only: str | None = None
+    seeds: int = 3
+    quick: bool = False
+    weights: str | None = None
+    suite: str = SUITE
+    threads: int = 2
+    drive: bool = True
+    runs: bool = True
+
+
+def entries(weights: str | None = None) -> dict[str, tuple[str, ...]]:
+    """Return the entries' names, and the overrides of `python -m zoo` that train them.
+
+    A baseline has none. `lenet` is the published recipe, `lenet-with_bends` one of its variants.
+    """
+    found: dict[str, tuple[str, ...]] = dict.fromkeys(BASELINES, ())
+    for path in sorted((conf_folder() / "experiment").glob("*.yaml")):
+        found[path.stem] = (f"experiment={path.stem}",)
+    for recipe in table_recipes():
+        if not recipe.setting.startswith("published"):
+            model, _, setting = recipe.name.partition("-")
+            found[f"{NAMES.get(model, model)}-{setting}"] = recipe.overrides
+    if weights:
+        found["vgg"] += (f"model.weights={weights}",)
+    else:
+        del found["vgg"]
+    return found
+
+
+def chosen_entries(options: BoardOptions) -> dict[str, tuple[str, ...]]:
+    """Return the entries that `only` names.
+
+    Raises:
+        InputError: it names an entry that does not exist.
+    """
+    known = entries(options.weights)
+    if options.only is None:
+        return known
+    wanted = options.only.split(",")
+    recipes = {name: name.partition("-")[0] for name in known}
+    if unknown := set(wanted) - {*known, *recipes.values()}:
+        raise InputError(
+            f"only={options.only}: no entry {min(unknown)}; there are {', '.join(known)}"
+        )
+    return {
+        name: overrides
+        for name, overrides in known.items()
+        if name in wanted or recipes[name] in wanted
+    }
+
+
+def entry_folder(name: str, options: BoardOptions) -> Path:
+    """Return the folder of an entry's trainings and results."""
+    quick = options.quick and name not in BASELINES
+    return RUNS / (f"{name}-quick" if quick else name)
+
+
+def train_entry(
+    name: str, overrides: tuple[str, ...], root: str, options: BoardOptions
+) -> list[Path]:
+    """Train the seeds that are missing, and return the checkpoints.
+
+    Args:
+        name: name of the entry.
+        overrides: overrides of `python -m zoo`.
+        root: folder of the recording `data=bench_v1`.
+        options: options of the board.
+
+    Raises:
+        InputError: a training failed.
+    """
+    folders = [entry_folder(name, options) / str(seed) for seed in range(1, options.seeds + 1)]
+    for folder in folders:
+        if (folder / "metrics.json").is_file():
+            continue
+        # A recipe may have a `data.record` of its own, therefore the recording is named, too.
+        words = [*overrides, f"data={DATA}", f"data.root={root}", "score=none"]
+        words += [f"seed={folder.name}", *(["quick=true"] if options.quick else [])]
+        if train_logged(folder, words, options.threads):
+            raise InputError(f"{folder}: the training failed; see its log.txt")
+        print(f"{folder}: trained", flush=True)
+    return [folder / "checkpoints" / "best.ckpt" for folder in folders]
+
+
+def drive_entry(name: str, drivers: list[str], options: BoardOptions) -> Path:
+    """Drive the suite unless it is driven already, and return the folder of the result.
+
+    Args:
+        name: name of the entry.
+        drivers: checkpoints, or the name of a baseline.
+        options: options of the board.
+
+    Raises:
+        InputError: the drives failed.
+    """
+    suite = Path(options.suite).stem
+    folder = entry_folder(name, options) / f"{suite}-{len(drivers)}"
+    if (folder / "result.json").is_file():
+        return folder
+    words = ["zoo.benchmark", *drivers, f"suite={options.suite}", f"entry={folder.parent.name}"]
+    words += [f"out={folder}", f"workers={options.threads}"]
+    log = folder.parent / f"{folder.name}.txt"
+    if run_logged(log, words, 1):
+        raise InputError(f"{folder}: the benchmark failed; see {log}")
+    print(f"{folder}: driven", flush=True)
+    return folder
+
+
+def recorded_root() -> str:
+    """Return the folder of the recording `data=bench_v1`; record it if it does not exist.
+
+    Raises:
+        InputError: the recording was changed.
+    """
+    from zoo.training.embedded_recording import with_recording
+
+    config = OmegaConf.create(compose_config([f"data={DATA}"]))
+    return str(with_recording(config, Console(soft_wrap=True)).data.root)
+
+
+def make_runs(options: BoardOptions) -> None:
+    """Train and drive what is missing, and add each driven entry to `docs/benchmark.csv`.
+
+    A failed entry does not stop the others.
+
+    Raises:
+        InputError: an entry failed, after the others are done.
+    """
+    chosen = chosen_entries(options)
+    root = recorded_root()
+    failed = []
+    for name, overrides in chosen.items():
+        try:
+            drivers = [name]
+            if overrides:
+                drivers = list(map(str, train_entry(name, overrides, root, options)))
+            if not options.drive:
+                continue
+            folder = drive_entry(name, drivers, options)
+            if options.suite == SUITE:
+                training = "quick" if options.quick and overrides else "whole"
+                write_csv(merge(csv_rows(folder, name, training, overrides)))
+        except InputError as error:
+            print(error, file=sys.stderr, flush=True)
+            failed.append(name)
+    if failed:
+        raise InputError(f"failed: {', '.join(failed)}; the same command resumes")
+
+
+def main(arguments: list[str]) -> None:
+    """Make the runs, then write the tables and the page.
+
+    Raises:
+        InputError: an option is wrong, or an entry failed.
+    """
+    try:
+        options = read_options(BoardOptions, arguments)
+    except SimulatorError as error:
+        raise InputError(str(error)) from None
+    try:
+        if options.runs:
+            make_runs(options)
+    finally:
+        if options.suite == SUITE and options.drive and CSV.is_file():
+            print(", ".join(map(str, [CSV, *write_pages(read_csv())])))
+
+
+if __name__ == "__main__":
+    from zoo.cli.run_command import run_command
+
+    sys.exit(run_command("board", main, sys.argv[1:]))
