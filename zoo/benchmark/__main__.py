@@ -1,0 +1,122 @@
+"""`python -m zoo.benchmark CKPT... [key=value ...]`: drive a suite of roads and compare.
+
+CKPT... are the checkpoints of one entry, one for each training seed; or one of zero, mean, expert
+and expert_late. Writes result.json and a page. `python -m zoo.benchmark verify RESULT` repeats some
+drives of a result.json and compares them.
+"""
+
+import datetime
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from rich.console import Console
+
+from datamodules.errors import InputError, UsageError
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import CHECKPOINT, Command
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+
+BASELINES = "zero, mean, expert or expert_late"
+COMMAND = Command(__doc__, {"CKPT...": f"{CHECKPOINT}; or {BASELINES}; or verify RESULT"})
+VERIFY = "verify"
+
+# Slow imports (torch, Panda3D) come late: --help and typos answer at once.
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkOptions:
+    """Options of a benchmark; `conf/benchmark.yaml` has their meanings and defaults."""
+
+    suite: str
+    split: Literal["test", "dev"]
+    entry: str | None
+    out: str | None
+    workers: Annotated[int, Field(ge=0)]
+    drives: Annotated[int, Field(ge=0)]
+
+
+def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> Path:
+    """Drive a suite with the checkpoints of an entry, write and print the figures.
+
+    Returns:
+        The folder with `result.json` and `benchmark.html`.
+
+    Raises:
+        InputError: a checkpoint or the suite cannot be used, or the network steered NaN, after all
+            files are written.
+    """
+    with loading():
+        from zoo.benchmark.drivers import find_drivers
+        from zoo.benchmark.drives import digest_of_drives, drive_suite
+        from zoo.benchmark.page import write_page
+        from zoo.benchmark.result import VERSION, BenchmarkResult, DriverRecord, write_result
+        from zoo.benchmark.suite import read_suite
+        from zoo.benchmark.summary import differences, group_figures, group_names, headline
+        from zoo.benchmark.table import print_result
+        from zoo.runs.code_fingerprint import code_fingerprint
+
+        # Report wrong input before processes start.
+        suite = read_suite(options.suite, options.split)
+        drivers = find_drivers(names, suite)
+    folder = _new_folder(options.out)
+    drives = drive_suite(drivers, suite, options.workers, console)
+    groups = {
+        group: group_figures([one for one in drives if one.group == group])
+        for group in group_names(drives)
+    }
+    result = BenchmarkResult(
+        version=VERSION,
+        suite=suite.name,
+        roads=suite.roads,
+        code=code_fingerprint(),
+        entry=options.entry or drivers[0].model.lower(),
+        checkpoints=[DriverRecord(**asdict(one)) for one in drivers],
+        drives=drives,
+        groups=groups,
+        differences=differences(drives),
+        headline=headline(drives),
+        digest=digest_of_drives(drives),
+    )
+    print_result(result, console)
+    written = [write_result(folder, result), write_page(folder, result)]
+    print_written(written, ["zoo.benchmark", VERIFY, written[0]], console)
+    if lost := sum(int(one.figures.get("nan_frames") or 0) for one in drives):
+        raise InputError(
+            f"{drivers[0].file}: the network steered NaN in {lost:,} frames: these figures are not "
+            "the network's; train again with a smaller optim.lr"
+        )
+    return folder
+
+
+def _new_folder(out: str | None) -> Path:
+    now = datetime.datetime.now()
+    folder = Path(out or f"outputs/benchmarks/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}").expanduser()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: is not empty; name another folder with out=")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+    return folder
+
+
+def command(arguments: list[str]) -> None:
+    """Read the arguments, then drive a suite or verify a result."""
+    names, options = COMMAND.read(arguments, BenchmarkOptions)
+    console = Console(emoji=False)
+    if names[0] != VERIFY:
+        benchmark(names, options, console)
+        return
+    if len(names) != 2:
+        raise UsageError("verify: name one result.json: python -m zoo.benchmark verify RESULT")
+    from zoo.benchmark.verify import verify
+
+    verify(Path(names[1]), options.suite, options.drives, options.workers, console)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.benchmark", command, sys.argv[1:]))

@@ -1,0 +1,110 @@
+"""The figures of an entry as a table for the terminal and the page."""
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
+
+# Columns by key of a group's figures: heading and format.
+COLUMNS = {
+    "autonomy": ("autonomy", "{:.1%}"),
+    "m_per_intervention": ("metres per intervention", "{:,.0f}"),
+    "cte_mean_m": ("mean error, m", "{:.2f}"),
+    "steering_per_s": ("steering change, 1/s", "{:.2f}"),
+    "without_intervention": ("drives without intervention", "{:.0%}"),
+}
+DIFFERENCES = {
+    "autonomy": ("autonomy", "{:+.1%}"),
+    "cte_mean_m": ("mean error, m", "{:+.2f}"),
+}
+
+
+CAPTION = (
+    "Below or behind each figure: its 95 % interval. Means: bootstrap over roads and training "
+    "seeds; counts: exact Poisson and Wilson."
+)
+
+
+def print_result(result: BenchmarkResult, console: Console) -> None:
+    """Print a table with a column for each group, the differences, headline and digest."""
+    headings, rows = table_cells(result)
+    shown = Table(title=f"{result.entry}, suite {result.suite}", caption=CAPTION, box=SIMPLE_HEAD)
+    shown.add_column(headings[0])
+    for row in rows:
+        shown.add_column(row[0], justify="right", no_wrap=True)
+    for number, heading in enumerate(headings[1:], 1):
+        cells = [row[number].replace(" (", "\n").rstrip(")") for row in rows]
+        shown.add_row(heading, *[cell.replace(" to ", "..") for cell in cells])
+    console.print(shown)
+    lines = [
+        *difference_lines(result),
+        headline_line(result),
+        f"digest of the drives: {result.digest}",
+    ]
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def difference_lines(result: BenchmarkResult) -> list[str]:
+    """Return a sentence for each shifted group: its difference to the clean partners."""
+    lines = []
+    for group, figures in result.differences.items():
+        texts = [
+            f"{heading} {with_interval(figures[key], form)}"
+            for key, (heading, form) in DIFFERENCES.items()
+        ]
+        lines.append(f"{group}, compared with clean drives of the same roads: {', '.join(texts)}")
+    return lines
+
+
+def headline_line(result: BenchmarkResult) -> str:
+    """Return the headline as a sentence."""
+    seeds = len(result.checkpoints)
+    roads = len({(one.group, one.track) for one in result.drives if one.group != "laps"})
+    return (
+        f"autonomy, interquartile mean over {roads} roads: "
+        f"{with_interval(result.headline, '{:.1%}')}; "
+        f"{seeds} training seed{'' if seeds == 1 else 's'}"
+    )
+
+
+def table_cells(result: BenchmarkResult) -> tuple[list[str], list[list[str]]]:
+    """Return the headings, and a row of texts for each group."""
+    headings = ["group", "drives", *(one for one, _ in COLUMNS.values())]
+    rows = []
+    for group, figures in result.groups.items():
+        drives = result.of_group(group)
+        row = [group, str(len(drives))]
+        row += [_cell(figures[key], key, form, drives) for key, (_, form) in COLUMNS.items()]
+        rows.append(row)
+    return headings, rows
+
+
+def with_interval(figure: Interval, form: str) -> str:
+    """Return a figure with its 95 % interval.
+
+    >>> with_interval(Interval(value=0.9, low=0.8, high=0.95), "{:.0%}")
+    '90% (80% to 95%)'
+    >>> with_interval(Interval(value=None, low=710.0, high=None), "{:.0f}")
+    'none (710 or more)'
+    """
+    value = "none" if figure.value is None else form.format(figure.value)
+    if figure.low is None:
+        return value
+    low = form.format(figure.low)
+    return (
+        f"{value} ({low} or more)"
+        if figure.high is None
+        else (f"{value} ({low} to {form.format(figure.high)})")
+    )
+
+
+def _cell(figure: Interval, key: str, form: str, drives: Sequence[DriveRecord]) -> str:
+    text = with_interval(figure, form)
+    if key != "without_intervention":
+        return text
+    kept = sum(not one.figures["interventions"] for one in drives)
+    return f"{kept} of {len(drives)} ({text.partition('(')[2]}"
