@@ -6,9 +6,12 @@ script writes `docs/benchmark.csv`, and from it the tables of `docs/benchmark.md
 and the page that sorts, `docs/_static/board.html`; `runs=false` writes these alone.
 
 Runs are kept in `outputs/board`. Finished trainings and benchmarks are not repeated, so that an
-interrupted command resumes. `drive=false` only trains.
+interrupted command resumes. `drive=false` only trains. `add=FOLDER` verifies a submitted entry by
+driving all its drives again, and adds it to the board.
 """
 
+import shlex
+import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +46,7 @@ class BoardOptions:
         threads: number of OpenMP threads of a training, and of processes that drive.
         drive: whether to drive the suite; false only trains.
         runs: whether to train and drive; false writes the tables of `docs/benchmark.csv` alone.
+        add: folder of a submitted entry, with `result.json` and `command.txt`; null for none.
     """
 
     only: str | None = None
@@ -53,6 +57,7 @@ class BoardOptions:
     threads: int = 2
     drive: bool = True
     runs: bool = True
+    add: str | None = None
 
 
 def entries(weights: str | None = None) -> dict[str, tuple[str, ...]]:
@@ -185,8 +190,7 @@ def make_runs(options: BoardOptions) -> None:
                 continue
             folder = drive_entry(name, drivers, options)
             if options.suite == SUITE:
-                training = "quick" if options.quick and overrides else "whole"
-                write_csv(merge(csv_rows(folder, name, training, overrides)))
+                add_entry(folder, name, *training_of(overrides, options))
         except InputError as error:
             print(error, file=sys.stderr, flush=True)
             failed.append(name)
@@ -194,21 +198,73 @@ def make_runs(options: BoardOptions) -> None:
         raise InputError(f"failed: {', '.join(failed)}; the same command resumes")
 
 
+def training_of(overrides: tuple[str, ...], options: BoardOptions) -> tuple[str, str]:
+    """Return an entry's column `training`, and the command of one training; empty for a baseline.
+
+    >>> training_of(("experiment=lenet",), BoardOptions(quick=True))
+    ('quick', 'python -m zoo experiment=lenet data=bench_v1 quick=true')
+    """
+    if not overrides:
+        return "", ""
+    quick = ["quick=true"] if options.quick else []
+    command = shlex.join(["python", "-m", "zoo", *overrides, f"data={DATA}", *quick])
+    return "quick" if options.quick else "whole", command
+
+
+def add_entry(folder: Path, name: str, training: str, command: str) -> None:
+    """Add a driven entry to `docs/benchmark.csv`.
+
+    Raises:
+        InputError: `result.json` is damaged, or a checkpoint was trained on other rows.
+    """
+    rows = csv_rows(folder, name, training, command)
+    wanted = compose_config([f"data={DATA}"])["data"]["record"]["fingerprint"]
+    if other := [row["data"] for row in rows if training and row["data"] != wanted]:
+        raise InputError(
+            f"{folder}: trained on rows with the fingerprint {other[0] or 'unknown'}, {DATA} has "
+            f"{wanted}; train on data={DATA} alone"
+        )
+    write_csv(merge(rows))
+
+
+def add_submitted(folder: Path) -> None:
+    """Drive all drives of a submitted entry again, and add it if each digest is the same.
+
+    Raises:
+        InputError: a file is missing or damaged, or a drive differs.
+    """
+    from zoo.benchmark.result import read_result
+
+    result = read_result(folder)
+    if result.suite != SUITE:
+        raise InputError(f"{folder}: drove the suite {result.suite}; the board has only {SUITE}")
+    card, command = (folder / one for one in ("card.md", "command.txt"))
+    for path in (card, command):
+        if not path.is_file():
+            raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
+    verify = [sys.executable, "-m", "zoo.benchmark", "verify", str(folder), "drives=0"]
+    if subprocess.run(verify, check=False).returncode:
+        raise InputError(f"{folder}: not added, since the drives could not be verified")
+    add_entry(folder, result.entry, "submitted", command.read_text().strip())
+
+
 def main(arguments: list[str]) -> None:
     """Make the runs, then write the tables and the page.
 
     Raises:
-        InputError: an option is wrong, or an entry failed.
+        InputError: an option is wrong, or an entry failed or could not be verified.
     """
     try:
         options = read_options(BoardOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
     try:
-        if options.runs:
+        if options.add is not None:
+            add_submitted(Path(options.add))
+        elif options.runs:
             make_runs(options)
     finally:
-        if options.suite == SUITE and options.drive and CSV.is_file():
+        if options.suite == SUITE and options.drive:
             print(", ".join(map(str, [CSV, *write_pages(read_csv())])))
 
 

@@ -2,11 +2,10 @@
 
 import csv
 import math
-import shlex
-from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.marked_page import markdown_table, write_between
+from zoo.drives.intervals import count_with_interval
 
 CSV, PAGE, README = Path("docs/benchmark.csv"), Path("docs/benchmark.md"), Path("README.md")
 SORTS = Path("docs/_static/board.html")
@@ -23,47 +22,46 @@ FIGURES = (
     "steering_per_s",
 )
 BOUNDS = ("", "_low", "_high")
+CLEAN = "drives without intervention (95 %)"
 NOTHING = "Not measured yet."
 
 Row = dict[str, str]
 
 
-def csv_rows(folder: Path, name: str, training: str, overrides: Sequence[str]) -> list[Row]:
+def csv_rows(folder: Path, name: str, training: str, command: str) -> list[Row]:
     """Return the lines of an entry: its headline, then a line for each group.
 
     Args:
         folder: folder with the `result.json`.
         name: name of the entry.
-        training: `whole` or `quick`.
-        overrides: overrides of `python -m zoo` that train it; none for a baseline.
+        training: `whole`, `quick` or `submitted`; empty for a baseline.
+        command: command that trains it, without the seed.
 
     Raises:
         InputError: the file is damaged, or of another version.
     """
     from zoo.benchmark.result import read_result
 
-    result = read_result(folder / "result.json")
-    command = ["python", "-m", "zoo", *overrides, f"data={DATA}"]
-    command += ["quick=true"] if training == "quick" else []
+    result = read_result(folder)
     first = result.checkpoints[0]
+    trained_on = dict.fromkeys(one.data for one in result.checkpoints)
     entry = {
         "entry": name,
-        "training": training if overrides else "",
+        "training": training,
         "network": first.model,
         "parameters": str(first.parameters),
         "training_seeds": str(len(result.checkpoints)),
         "suite": result.suite,
         "roads": result.roads,
-        "data": first.data if overrides else "",
+        "data": " ".join(trained_on),
         "code": str(result.code.get("hash")),
         "digest": result.digest,
-        "command": shlex.join(command) if overrides else "",
+        "command": command,
     }
     groups = {HEADLINE: {"autonomy": result.headline}, **result.groups}
     rows = []
     for group, figures in groups.items():
-        drives = result.of_group(group)
-        row = entry | {"group": group, "drives": str(len(drives) or len(result.drives))}
+        row = entry | {"group": group, "drives": str(len(result.of_group(group)))}
         for figure in FIGURES:
             found = figures.get(figure)
             for bound, key in zip(BOUNDS, ("value", "low", "high"), strict=True):
@@ -78,18 +76,19 @@ def merge(rows: list[Row]) -> list[Row]:
 
     Lines of other roads than the new ones are left out: they cannot be compared.
     """
-    kept = read_csv() if CSV.is_file() else []
     new = {(row["entry"], row["training"]) for row in rows}
     kept = [
         row
-        for row in kept
+        for row in read_csv()
         if (row["entry"], row["training"]) not in new and row["roads"] == rows[0]["roads"]
     ]
     return sorted(kept + rows, key=lambda row: (row["entry"], row["training"]))
 
 
 def read_csv() -> list[Row]:
-    """Return the lines of `docs/benchmark.csv`, all as text."""
+    """Return the lines of `docs/benchmark.csv`, all as text; none where it does not exist."""
+    if not CSV.is_file():
+        return []
     with CSV.open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -125,12 +124,13 @@ def write_pages(rows: list[Row]) -> list[Path]:
 
 def autonomy_table(board: list[dict[str, Row]]) -> str:
     """Return a line for each entry: the headline, and the autonomy in each group."""
-    head = ["entry", "training", "parameters", "seeds", "headline (95 %)", *GROUPS]
+    head = ["entry", "training", "parameters", "seeds", "headline (95 %)", *GROUPS, CLEAN]
     rows = [
         [
             *_names(entry),
             percent(entry[HEADLINE], "autonomy"),
             *(percent(entry.get(group), "autonomy") for group in GROUPS),
+            clean_drives(entry),
         ]
         for entry in board
     ]
@@ -157,7 +157,7 @@ def errors_table(board: list[dict[str, Row]]) -> str:
 def short_table(board: list[dict[str, Row]]) -> str:
     """Return a line for the best entry of each network, and for each baseline."""
     head = ["network", "entry", "parameters", "headline (95 %)"]
-    head += ["like", "sharp", "looks", "dynamics"]
+    head += [*GROUPS[:-1], CLEAN]
     best: dict[str, dict[str, Row]] = {}
     for entry in board:
         best.setdefault(entry[HEADLINE]["network"], entry)
@@ -167,7 +167,8 @@ def short_table(board: list[dict[str, Row]]) -> str:
             _names(entry)[0],
             _names(entry)[2],
             percent(entry[HEADLINE], "autonomy"),
-            *(percent(entry.get(group), "autonomy", bounds=False) for group in head[4:]),
+            *(percent(entry.get(group), "autonomy", bounds=False) for group in GROUPS[:-1]),
+            clean_drives(entry),
         ]
         for network, entry in best.items()
     ]
@@ -183,6 +184,18 @@ def _names(entry: dict[str, Row]) -> list[str]:
         f"{int(row['parameters']):,}" if trained else "-",
         row["training_seeds"] if trained else "-",
     ]
+
+
+def clean_drives(entry: dict[str, Row]) -> str:
+    """Return how many of an entry's drives had no intervention, with Wilson's interval.
+
+    An autonomy of 100 % in every drive has no bootstrap interval; this count has one.
+    """
+    groups = [row for group, row in entry.items() if group != HEADLINE]
+    counts = [(float(row["without_intervention"]), int(row["drives"])) for row in groups]
+    clean = sum(round(share * drives) for share, drives in counts)
+    text = count_with_interval(clean, sum(drives for _, drives in counts))
+    return text.replace("95 %: ", "")
 
 
 def percent(row: Row | None, figure: str, bounds: bool = True) -> str:

@@ -3,8 +3,8 @@
 It trains each recipe of `benchmarks/recipes.py` with several seeds, on recordings of the embedded
 lake only. Each network drives a lap of the lake and of the mountain, which no training uses, at 15
 mph. The script writes `docs/results.csv`, one run per line, and from it the tables of
-`docs/recipes.md`, `README.md` and the networks' pages, each between two markers; `runs=false`
-writes the tables alone. Runs are kept in `outputs/results`. A finished run is not repeated, so that
+`docs/recipes.md` and the networks' pages, each between two markers; `runs=false` writes the tables
+alone. Runs are kept in `outputs/results`. A finished run is not repeated, so that
 an interrupted command resumes.
 """
 
