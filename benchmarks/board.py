@@ -170,13 +170,16 @@ def recorded_root() -> str:
     return str(with_recording(config, Console(soft_wrap=True)).data.root)
 
 
-def make_runs(options: BoardOptions) -> None:
+def make_runs(options: BoardOptions) -> list[str]:
     """Train and drive what is missing, and add each driven entry to `docs/benchmark.csv`.
 
     A failed entry does not stop the others.
 
+    Returns:
+        The names of the entries that failed.
+
     Raises:
-        InputError: an entry failed, after the others are done.
+        InputError: `only` names no entry, or the recording was changed.
     """
     chosen = chosen_entries(options)
     root = recorded_root()
@@ -194,8 +197,7 @@ def make_runs(options: BoardOptions) -> None:
         except InputError as error:
             print(error, file=sys.stderr, flush=True)
             failed.append(name)
-    if failed:
-        raise InputError(f"failed: {', '.join(failed)}; the same command resumes")
+    return failed
 
 
 def training_of(overrides: tuple[str, ...], options: BoardOptions) -> tuple[str, str]:
@@ -258,14 +260,15 @@ def main(arguments: list[str]) -> None:
         options = read_options(BoardOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
-    try:
-        if options.add is not None:
-            add_submitted(Path(options.add))
-        elif options.runs:
-            make_runs(options)
-    finally:
-        if options.suite == SUITE and options.drive:
-            print(", ".join(map(str, [CSV, *write_pages(read_csv())])))
+    failed = []
+    if options.add is not None:
+        add_submitted(Path(options.add))
+    elif options.runs:
+        failed = make_runs(options)
+    if options.suite == SUITE and options.drive:
+        print(", ".join(map(str, [CSV, *write_pages(read_csv())])))
+    if failed:
+        raise InputError(f"failed: {', '.join(failed)}; the same command resumes")
 
 
 if __name__ == "__main__":
