@@ -12,7 +12,7 @@ from zoo.runs.whole_file import json_text, write_whole
 
 NAME = "result.json"
 VERSION = 1
-NEEDED = ("autonomy", "interventions", "driven_m", "cte_mean_m", "steering_per_s")
+NEEDED = ("autonomy", "interventions", "driven_m", "driven_s", "cte_mean_m", "steering_per_s")
 
 
 class Interval(Fields):

@@ -8,10 +8,18 @@ import numpy as np
 
 from zoo.benchmark.result import DriveRecord, Interval
 from zoo.benchmark.suite import LAPS, LIKE
-from zoo.drives.bootstrap import Estimate, bootstrap, interquartile_mean, poisson_rate
+from zoo.drives.bootstrap import (
+    Estimate,
+    Statistic,
+    bootstrap,
+    interquartile_mean,
+    mean,
+    poisson_rate,
+)
 from zoo.drives.intervals import wilson_interval
+from zoo.drives.interventions import INTERVENTION_S
 
-MEANS = ("autonomy", "cte_mean_m", "steering_per_s")  # figures with a bootstrapped mean
+MIDDLE = 0.5  # share of the roads in an interquartile mean
 COMPARED = ("autonomy", "cte_mean_m")  # figures compared with the clean partner
 
 
@@ -25,11 +33,13 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
 
     Returns:
         `autonomy`, `cte_mean_m` and `steering_per_s`: mean over roads and training seeds, with a
-        bootstrap interval over both. `m_per_intervention`: distance divided by interventions, with
-        the exact interval of a Poisson count; null without an intervention.
+        bootstrap interval over both; see also `_autonomy`. `m_per_intervention`: distance divided
+        by interventions, with the exact interval of a Poisson count; null without an intervention.
         `without_intervention`: share of the drives, with Wilson's interval.
     """
-    found = {name: _interval(bootstrap(table(drives, name), np.mean)) for name in MEANS}
+    found = {"autonomy": _autonomy(drives, mean, 1.0)}
+    for name in ("cte_mean_m", "steering_per_s"):
+        found[name] = _interval(bootstrap(table(drives, name), mean, limits=(0, math.inf)))
     count = sum(int(one.figures["interventions"]) for one in drives)
     driven_m = sum(max(one.figures["driven_m"], 0.0) for one in drives)
     rate = poisson_rate(count, driven_m) if driven_m else Estimate(*[math.nan] * 3)
@@ -49,7 +59,7 @@ def headline(drives: Sequence[DriveRecord]) -> Interval:
     The figure of a road is its mean over the training seeds.
     """
     roads = [one for one in drives if one.group != LAPS] or drives
-    return _interval(bootstrap(table(roads, "autonomy"), _over_roads))
+    return _autonomy(roads, interquartile_mean, MIDDLE)
 
 
 def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]:
@@ -62,7 +72,7 @@ def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]
             continue
         partners = [clean[one.checkpoint, one.track] for one in shifted]
         found[group] = {
-            name: _interval(bootstrap(table(shifted, name) - table(partners, name), np.mean))
+            name: _interval(bootstrap(table(shifted, name) - table(partners, name), mean))
             for name in COMPARED
         }
     return found
@@ -78,8 +88,23 @@ def table(drives: Sequence[DriveRecord], name: str) -> np.ndarray:
     return np.array(values, np.float64)
 
 
-def _over_roads(values: np.ndarray) -> float:
-    return interquartile_mean(values.mean(axis=0))
+def _autonomy(drives: Sequence[DriveRecord], statistic: Statistic, share: float) -> Interval:
+    """Return a statistic of the autonomy with a bootstrap interval.
+
+    Drives without an intervention do not differ, and a bootstrap of them has no width. Their lower
+    bound is that of the exact interval of no intervention in the time that they took.
+
+    Args:
+        drives: drives of all training seeds.
+        statistic: reduces the last axis, such as `mean`.
+        share: share of the roads that the statistic looks at, 0..1.
+    """
+    found = bootstrap(table(drives, "autonomy"), statistic, limits=(0, 1))
+    if found.value == 1 and not found.low < 1:
+        kept_s = sum(one.figures["driven_s"] for one in drives if not one.figures["interventions"])
+        most_per_s = poisson_rate(0, share * kept_s).high
+        found = Estimate(1.0, max(0.0, 1 - INTERVENTION_S * most_per_s), 1.0)
+    return _interval(found)
 
 
 def _interval(estimate: Estimate) -> Interval:

@@ -8,17 +8,17 @@ from rich.table import Table
 
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
 
-# Columns by key of a group's figures: heading and format.
+# Columns by key of a group's figures: heading, factor and format.
 COLUMNS = {
-    "autonomy": ("autonomy", "{:.1%}"),
-    "m_per_intervention": ("metres per intervention", "{:,.0f}"),
-    "cte_mean_m": ("mean error, m", "{:.2f}"),
-    "steering_per_s": ("steering change, 1/s", "{:.2f}"),
-    "without_intervention": ("drives without intervention", "{:.0%}"),
+    "autonomy": ("autonomy, %", 100, "{:.1f}"),
+    "m_per_intervention": ("metres per intervention", 1, "{:,.0f}"),
+    "cte_mean_m": ("mean error, m", 1, "{:.2f}"),
+    "steering_per_s": ("steering change, 1/s", 1, "{:.2f}"),
+    "without_intervention": ("drives without intervention (interval in %)", 100, "{:.0f}"),
 }
 DIFFERENCES = {
-    "autonomy": ("autonomy", "{:+.1%}"),
-    "cte_mean_m": ("mean error, m", "{:+.2f}"),
+    "autonomy": ("autonomy, %-points", 100, "{:+.1f}"),
+    "cte_mean_m": ("mean error, m", 1, "{:+.2f}"),
 }
 
 
@@ -32,12 +32,12 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
     """Print a table with a column for each group, the differences, headline and digest."""
     headings, rows = table_cells(result)
     shown = Table(title=f"{result.entry}, suite {result.suite}", caption=CAPTION, box=SIMPLE_HEAD)
-    shown.add_column(headings[0])
+    shown.pad_edge = False
+    shown.add_column(headings[0], min_width=12)
     for row in rows:
         shown.add_column(row[0], justify="right", no_wrap=True)
     for number, heading in enumerate(headings[1:], 1):
-        cells = [row[number].replace(" (", "\n").rstrip(")") for row in rows]
-        shown.add_row(heading, *[cell.replace(" to ", "..") for cell in cells])
+        shown.add_row(heading, *[_narrow(row[number]) for row in rows])
     console.print(shown)
     lines = [
         *difference_lines(result),
@@ -53,10 +53,10 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
     lines = []
     for group, figures in result.differences.items():
         texts = [
-            f"{heading} {with_interval(figures[key], form)}"
-            for key, (heading, form) in DIFFERENCES.items()
+            f"{heading}: {with_interval(figures[key], *form)}"
+            for key, (heading, *form) in DIFFERENCES.items()
         ]
-        lines.append(f"{group}, compared with clean drives of the same roads: {', '.join(texts)}")
+        lines.append(f"{group} minus clean drives of the same roads: {'; '.join(texts)}")
     return lines
 
 
@@ -66,44 +66,56 @@ def headline_line(result: BenchmarkResult) -> str:
     roads = len({(one.group, one.track) for one in result.drives if one.group != "laps"})
     return (
         f"autonomy, interquartile mean over {roads} roads: "
-        f"{with_interval(result.headline, '{:.1%}')}; "
+        f"{with_interval(result.headline, 100, '{:.1f}')} %; "
         f"{seeds} training seed{'' if seeds == 1 else 's'}"
     )
 
 
 def table_cells(result: BenchmarkResult) -> tuple[list[str], list[list[str]]]:
     """Return the headings, and a row of texts for each group."""
-    headings = ["group", "drives", *(one for one, _ in COLUMNS.values())]
+    headings = ["group", "drives", *(one for one, *_ in COLUMNS.values())]
     rows = []
     for group, figures in result.groups.items():
         drives = result.of_group(group)
         row = [group, str(len(drives))]
-        row += [_cell(figures[key], key, form, drives) for key, (_, form) in COLUMNS.items()]
+        row += [_cell(figures[key], key, drives) for key in COLUMNS]
         rows.append(row)
     return headings, rows
 
 
-def with_interval(figure: Interval, form: str) -> str:
-    """Return a figure with its 95 % interval.
+def with_interval(figure: Interval, factor: float, form: str) -> str:
+    """Return a figure with its 95 % interval, both times a factor.
 
-    >>> with_interval(Interval(value=0.9, low=0.8, high=0.95), "{:.0%}")
-    '90% (80% to 95%)'
-    >>> with_interval(Interval(value=None, low=710.0, high=None), "{:.0f}")
+    >>> with_interval(Interval(value=0.9, low=0.8, high=0.95), 100, "{:.0f}")
+    '90 (80 to 95)'
+    >>> with_interval(Interval(value=None, low=710.0, high=None), 1, "{:.0f}")
     'none (710 or more)'
     """
-    value = "none" if figure.value is None else form.format(figure.value)
-    if figure.low is None:
-        return value
-    low = form.format(figure.low)
-    return (
-        f"{value} ({low} or more)"
-        if figure.high is None
-        else (f"{value} ({low} to {form.format(figure.high)})")
+    value, low, high = (
+        None if one is None else form.format(factor * one)
+        for one in (figure.value, figure.low, figure.high)
     )
+    value = value or "none"
+    if low is None:
+        return value
+    return f"{value} ({low} or more)" if high is None else f"{value} ({low} to {high})"
 
 
-def _cell(figure: Interval, key: str, form: str, drives: Sequence[DriveRecord]) -> str:
-    text = with_interval(figure, form)
+def _narrow(cell: str) -> str:
+    r"""Return a cell in two lines, for a narrow column.
+
+    >>> _narrow("90 (80 to 95)"), _narrow("none (710 or more)")
+    ('90\n80..95', 'none\n>= 710')
+    """
+    value, bracket, interval = cell.rstrip(")").partition(" (")
+    if interval.endswith(" or more"):
+        interval = f">= {interval.removesuffix(' or more')}"
+    return f"{value}\n{interval.replace(' to ', '..')}" if bracket else value
+
+
+def _cell(figure: Interval, key: str, drives: Sequence[DriveRecord]) -> str:
+    _, factor, form = COLUMNS[key]
+    text = with_interval(figure, factor, form)
     if key != "without_intervention":
         return text
     kept = sum(not one.figures["interventions"] for one in drives)

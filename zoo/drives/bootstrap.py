@@ -1,44 +1,169 @@
-"""Estimates with 95 % intervals: bootstrap over roads and training seeds, and exact rates."""
+"""Estimates over training seeds and roads, each with a 95 % interval."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
+
+CONFIDENCE = 0.95
+_TAIL = (1 - CONFIDENCE) / 2
+_NORMAL = float(special.ndtri(1 - _TAIL))
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure with its 95 % interval; NaN bounds where there is none."""
+    """A figure with the bounds of its 95 % interval; the bounds are NaN where none is known."""
 
     value: float
-    low: float
-    high: float
+    low: float = math.nan
+    high: float = math.nan
 
 
-def interquartile_mean(values: np.ndarray) -> float:
-    """Return the mean of the middle half."""
-    return float(stats.trim_mean(values, 0.25, axis=None))
+Statistic = Callable[[np.ndarray], np.ndarray]
+
+
+def interquartile_mean(values: np.ndarray) -> np.ndarray:
+    """Return the mean of the middle half of the last axis.
+
+    Equal to `scipy.stats.trim_mean(values, 0.25, axis=-1)`: a quarter of the values, rounded down,
+    is left out at each end.
+
+    Source: Agarwal et al. 2021, "Deep reinforcement learning at the edge of the statistical
+    precipice", arXiv:2108.13264.
+
+    >>> float(interquartile_mean(np.array([0.0, 1.0, 2.0, 90.0])))
+    1.5
+    """
+    count = values.shape[-1]
+    cut = count // 4
+    middle: np.ndarray = np.sort(values, axis=-1)[..., cut : count - cut]
+    return middle.mean(axis=-1) if count else np.full(values.shape[:-1], np.nan)
+
+
+def mean(values: np.ndarray) -> np.ndarray:
+    """Return the mean of the last axis; NaN if it is empty."""
+    return values.mean(axis=-1) if values.shape[-1] else np.full(values.shape[:-1], np.nan)
 
 
 def bootstrap(
     values: np.ndarray,
-    statistic: Callable[[np.ndarray], float],
+    statistic: Statistic,
     draws: int = 10_000,
     seed: int = 0,
+    limits: tuple[float, float] = (-math.inf, math.inf),
 ) -> Estimate:
-    """Return a statistic of [seeds, roads] with an interval over both."""
+    """Estimate a statistic of the roads' means over the training seeds.
+
+    Each draw resamples the training seeds and the roads, both with replacement. The bounds are the
+    percentiles of the draws, moved away from the value by one factor. Without this factor, the
+    interval of three seeds contains the truth in 74 % of the cases instead of 95 %, where seeds
+    differ more than roads. The factor corrects the variance by n / (n - 1) for n seeds or roads,
+    and uses Student's t with Satterthwaite's degrees of freedom instead of the normal distribution.
+
+    Values without any difference give an interval of width 0. It means that no difference was
+    seen, not that there is none; for counts, use `poisson_rate` or `wilson_interval`.
+
+    Sources: Owen 2007, "The pigeonhole bootstrap"; Satterthwaite 1946, "An approximate distribution
+    of estimates of variance components".
+
+    Args:
+        values: float array [seeds, roads]; or [seeds of A, seeds of B, roads], where each axis of
+            seeds is resampled by itself. An axis of length 1 is not resampled: a single training
+            seed gives an interval over roads alone.
+        statistic: function that reduces the last axis of an array [..., roads], such as
+            `interquartile_mean` and `mean`; `np.mean` reduces all axes and is refused.
+        draws: number of resamples.
+        seed: random seed of the resamples.
+        limits: smallest and greatest possible value, such as (0, 1) for a share.
+
+    Returns:
+        The estimate; NaN for a NaN or infinite value or no value, without bounds for one value.
+
+    >>> bootstrap(np.array([[0.5]]), mean)
+    Estimate(value=0.5, low=nan, high=nan)
+    """
+    if not values.size or not np.isfinite(values).all():
+        return Estimate(math.nan)
+    roads = values.shape[-1]
+    each_axis = range(values.ndim - 1)
     rng = np.random.default_rng(seed)
-    seeds, roads = values.shape
-    found = [
-        statistic(values[rng.integers(seeds, size=seeds)][:, rng.integers(roads, size=roads)])
-        for _ in range(min(draws, 500))
+    # How often each draw takes each training seed, as a share: [draws, seeds].
+    shares = [rng.multinomial(n, np.full(n, 1 / n), draws) / n for n in values.shape[:-1]]
+    drawn = rng.integers(roads, size=(draws, roads)) if roads > 1 else np.zeros((draws, 1), int)
+
+    per_road = values.mean(axis=tuple(each_axis))
+    value = float(statistic(per_road))
+    seeds_alone = [
+        shares[axis] @ values.mean(axis=tuple(one for one in each_axis if one != axis))
+        for axis in each_axis
     ]
-    return Estimate(statistic(values), *np.quantile(found, [0.025, 0.975]).tolist())
+    alone = [_reduced(statistic, one) for one in (*seeds_alone, per_road[drawn])]
+    factor = _widening([float(one.var()) for one in alone], values.shape)
+    if math.isnan(factor):
+        return Estimate(value)
+    both = np.take_along_axis(_seed_means(values, shares), drawn, axis=-1)
+    low, high = np.quantile(_reduced(statistic, both), [_TAIL, 1 - _TAIL])
+    smallest, greatest = limits
+    return Estimate(
+        value,
+        max(smallest, value + factor * (float(low) - value)),
+        min(greatest, value + factor * (float(high) - value)),
+    )
 
 
 def poisson_rate(count: int, exposure: float) -> Estimate:
-    """Return events per unit of exposure with the exact interval (Garwood 1936)."""
-    low = stats.chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
-    high = stats.chi2.ppf(0.975, 2 * count + 2) / 2
-    return Estimate(count / exposure, float(low / exposure), float(high / exposure))
+    """Estimate the rate of events per unit from their count, with the exact interval.
+
+    Source: Garwood 1936, "Fiducial limits for the Poisson distribution".
+
+    Args:
+        count: number of events, 0 or more.
+        exposure: distance or time in which they were counted; the rate is NaN if it is not above 0.
+
+    >>> round(poisson_rate(0, 2.0).high, 3)  # 3.69 events at most, in 2 units
+    1.844
+    """
+    if count < 0:
+        raise ValueError(f"{count} events: must be 0 or more")
+    if not exposure > 0:
+        return Estimate(math.nan)
+    low = float(special.gammaincinv(count, _TAIL)) if count else 0.0
+    high = float(special.gammaincinv(count + 1, 1 - _TAIL))
+    return Estimate(count / exposure, low / exposure, high / exposure)
+
+
+def _seed_means(values: np.ndarray, shares: list[np.ndarray]) -> np.ndarray:
+    """Return each draw's means over its training seeds: [draws, roads]."""
+    first, *others = shares
+    means: np.ndarray = np.tensordot(first, values, axes=1)
+    for one in others:
+        means = np.einsum("ds,ds...->d...", one, means)
+    return means
+
+
+def _reduced(statistic: Statistic, values: np.ndarray) -> np.ndarray:
+    reduced = statistic(values)
+    if np.shape(reduced) != values.shape[:-1]:
+        raise ValueError(f"{statistic}: must reduce the last axis alone, such as bootstrap.mean")
+    return reduced
+
+
+def _widening(variances: list[float], counts: tuple[int, ...]) -> float:
+    """Return the factor of an interval's width; NaN if there is one seed and one road.
+
+    Args:
+        variances: variance of the draws that resample one axis alone, for each axis.
+        counts: length of each axis.
+    """
+    resampled = [(one, n) for one, n in zip(variances, counts, strict=True) if n > 1]
+    if not resampled:
+        return math.nan
+    total = sum(one for one, _ in resampled)
+    if not total:
+        return 1.0
+    unbiased = [(one * n / (n - 1), n - 1) for one, n in resampled]
+    sum_unbiased = sum(one for one, _ in unbiased)
+    freedom = sum_unbiased**2 / sum(one**2 / degrees for one, degrees in unbiased)
+    return math.sqrt(sum_unbiased / total) * float(special.stdtrit(freedom, 1 - _TAIL)) / _NORMAL
