@@ -10,6 +10,7 @@ interrupted command resumes. `drive=false` only trains. `add=FOLDER` verifies a 
 driving all its drives again, and adds it to the board.
 """
 
+import re
 import shlex
 import subprocess
 import sys
@@ -240,6 +241,9 @@ def add_submitted(folder: Path) -> None:
     result = read_result(folder)
     if result.suite != SUITE:
         raise InputError(f"{folder}: drove the suite {result.suite}; the board has only {SUITE}")
+    for text in (result.entry, result.checkpoints[0].model):
+        if not re.fullmatch(r"[\w.-]{1,60}", text):  # it stands in Markdown
+            raise InputError(f"{folder}: {text[:60]!r}: name it with letters, digits, _, . and -")
     card, command = (folder / one for one in ("card.md", "command.txt"))
     for path in (card, command):
         if not path.is_file():

@@ -187,10 +187,7 @@ def _names(entry: dict[str, Row]) -> list[str]:
 
 
 def clean_drives(entry: dict[str, Row]) -> str:
-    """Return how many of an entry's drives had no intervention, with Wilson's interval.
-
-    An autonomy of 100 % in every drive has no bootstrap interval; this count has one.
-    """
+    """Return how many of an entry's drives had no intervention, with Wilson's interval."""
     groups = [row for group, row in entry.items() if group != HEADLINE]
     counts = [(float(row["without_intervention"]), int(row["drives"])) for row in groups]
     clean = sum(round(share * drives) for share, drives in counts)

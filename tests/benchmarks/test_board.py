@@ -7,17 +7,10 @@ import pytest
 
 from benchmarks import board, board_page
 from datamodules.errors import InputError
-from zoo.benchmark.result import BenchmarkResult, write_result
+from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
 
 ROOT = Path(__file__).parents[2]
 FINGERPRINT = "447ba1b97b686b27"
-FIGURES = {
-    "autonomy": 0.9,
-    "interventions": 1.0,
-    "driven_m": 300.0,
-    "cte_mean_m": 0.2,
-    "steering_per_s": 0.1,
-}
 
 
 def interval(value: float | None, low: float | None, high: float | None) -> dict:
@@ -49,7 +42,7 @@ def write_entry(folder: Path, headline: float = 0.9, **changes: object) -> Path:
         "code": {"hash": "abc", "commit": None},
         "entry": "mine",
         "checkpoints": [checkpoint],
-        "drives": [{**drive, "figures": FIGURES, "digest": "cd" * 8}],
+        "drives": [{**drive, "figures": dict.fromkeys(NEEDED, 1.0), "digest": "cd" * 8}],
         "groups": {"like": like},
         "headline": interval(headline, 0.8, 1.0),
         "digest": "ef" * 8,
@@ -136,6 +129,11 @@ def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
 def test_a_submission_without_a_card_is_refused(pages: Path) -> None:
     with pytest.raises(InputError, match=r"card\.md"):
         board.main([f"add={write_entry(pages / 'entry')}"])
+
+
+def test_a_name_that_markdown_would_read_is_refused(pages: Path) -> None:
+    with pytest.raises(InputError, match="letters"):
+        board.main([f"add={write_entry(pages / 'entry', entry='a | <b>')}"])
 
 
 def test_a_submission_of_another_suite_is_refused(pages: Path) -> None:
