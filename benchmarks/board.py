@@ -81,7 +81,7 @@ def entries(weights: str | None = None) -> dict[str, tuple[str, ...]]:
 
 
 def chosen_entries(options: BoardOptions) -> dict[str, tuple[str, ...]]:
-    """Return the entries that `only` names.
+    """Return the entries that `only` names, in its order.
 
     Raises:
         InputError: it names an entry that does not exist.
@@ -95,11 +95,7 @@ def chosen_entries(options: BoardOptions) -> dict[str, tuple[str, ...]]:
         raise InputError(
             f"only={options.only}: no entry {min(unknown)}; there are {', '.join(known)}"
         )
-    return {
-        name: overrides
-        for name, overrides in known.items()
-        if name in wanted or recipes[name] in wanted
-    }
+    return {name: known[name] for one in wanted for name in known if one in (name, recipes[name])}
 
 
 def entry_folder(name: str, options: BoardOptions) -> Path:

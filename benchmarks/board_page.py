@@ -228,7 +228,11 @@ def number(row: Row | None, figure: str) -> str:
 
 def _short(text: str) -> str:
     return (
-        "" if not text else f"{float(text):.0f}" if abs(float(text)) >= 10 else f"{float(text):.2f}"
+        ""
+        if not text
+        else f"{float(text):,.0f}"
+        if abs(float(text)) >= 10
+        else f"{float(text):.2f}"
     )
 
 

@@ -72,8 +72,8 @@ def test_every_recipe_and_baseline_is_an_entry() -> None:
 
 
 def test_a_recipe_means_its_variants_too() -> None:
-    chosen = board.chosen_entries(board.BoardOptions(only="lenet,pilotnet-with_bends"))
-    assert list(chosen) == ["lenet", "lenet-with_bends", "pilotnet-with_bends"]
+    chosen = board.chosen_entries(board.BoardOptions(only="pilotnet-with_bends,lenet"))
+    assert list(chosen) == ["pilotnet-with_bends", "lenet", "lenet-with_bends"]
 
 
 @pytest.mark.parametrize(("word", "named"), [("only=lennet", "lennet"), ("sedes=2", "sedes")])
