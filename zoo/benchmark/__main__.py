@@ -15,13 +15,14 @@ from pydantic import Field
 from rich.console import Console
 
 from datamodules.errors import InputError, UsageError
+from zoo.benchmark.baselines import BASELINES
+from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
-BASELINES = "zero, mean, expert or expert_late"
-COMMAND = Command(__doc__, {"CKPT...": f"{CHECKPOINT}; or {BASELINES}; or verify RESULT"})
+COMMAND = Command(__doc__, {"CKPT...": f"{CHECKPOINT}; or a baseline: {', '.join(BASELINES)}"})
 VERIFY = "verify"
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
@@ -46,12 +47,16 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         The folder with `result.json` and `benchmark.html`.
 
     Raises:
-        InputError: a checkpoint or the suite cannot be used, or the network steered NaN, after all
-            files are written.
+        InputError: a checkpoint or the suite cannot be used; or, after all files are written, the
+            network steered NaN or a mark of the suite is missed.
     """
+    # Reports a wrong path before torch is imported.
+    names = [one if one in BASELINES else str(find_checkpoint(one)) for one in names]
     with loading():
         from zoo.benchmark.drivers import find_drivers
         from zoo.benchmark.drives import digest_of_drives, drive_suite
+        from zoo.benchmark.marks import missed_line, reached_marks
+        from zoo.benchmark.marks_page import print_marks, write_marks
         from zoo.benchmark.page import write_page
         from zoo.benchmark.result import VERSION, BenchmarkResult, DriverRecord, write_result
         from zoo.benchmark.suite import read_suite
@@ -83,13 +88,25 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
     )
     print_result(result, console)
     written = [write_result(folder, result), write_page(folder, result)]
-    print_written(written, ["zoo.benchmark", VERIFY, written[0]], console)
+    reached = reached_marks(result.model_dump(), suite.marks)
+    if reached:
+        print_marks(result.model_dump(), reached, console)
+        written += write_marks(folder, result.model_dump(), reached)
+    print_written(written, _next(written[0], options.suite), console)
     if lost := sum(int(one.figures.get("nan_frames") or 0) for one in drives):
         raise InputError(
             f"{drivers[0].file}: the network steered NaN in {lost:,} frames: these figures are not "
             "the network's; train again with a smaller optim.lr"
         )
+    if missed := missed_line(reached):
+        raise InputError(missed)
     return folder
+
+
+def _next(result: Path, suite: str) -> list[object]:
+    """Return the command that verifies a result; a suite of the user's is named in it."""
+    named = [f"suite={suite}"] if suite.endswith((".yaml", ".yml")) else []
+    return ["zoo.benchmark", VERIFY, result, *named]
 
 
 def _new_folder(out: str | None) -> Path:

@@ -12,11 +12,11 @@ import numpy as np
 from datamodules.errors import InputError, UsageError
 from simulator.expert import Expert
 from simulator.world import World
+from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.suite import Suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 
 Steer = Callable[[np.ndarray | None, float], tuple[float, float | None]]
-BASELINES = ("zero", "mean", "expert", "expert_late")
 LATE_S = 0.4  # delay of the late expert's commands, in seconds
 
 

@@ -13,6 +13,7 @@ from simulator.errors import SimulatorError
 from simulator.road_family import roads_digest
 from simulator.weather import CLEAR, read_weather
 from simulator.world import open_world
+from zoo.benchmark.marks import Mark, read_marks
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.cli.nearest import hint
 from zoo.evaluate.evaluate_options import SpeedMph
@@ -44,7 +45,7 @@ class _File(Fields):
     mean_steering: Number | None = None
     dev: list[str] = Field(default_factory=list)
     laps: list[str] = Field(default_factory=list)
-    marks: dict[str, object] | None = None
+    marks: object = None
 
 
 @dataclass(frozen=True)
@@ -78,14 +79,14 @@ class Suite:
         drives: drives by group; the clean partners of shifted drives are in the group `like`.
         data: config in `conf/data` of the training data.
         mean_steering: mean steering of the training data, -1..1; None where the file has none.
-        marks: pass marks of a course, as in the file; None without marks.
+        marks: pass marks of a course; empty without marks.
     """
 
     name: str
     drives: tuple[SuiteDrive, ...]
     data: str | None
     mean_steering: float | None
-    marks: dict[str, Any] | None
+    marks: tuple[Mark, ...]
 
     @property
     def roads(self) -> str:
@@ -161,7 +162,9 @@ def read_suite(name: str, split: str = "test") -> Suite:
     by_key = {one.key: one for one in drives + partners}
     order = [LIKE, *groups]
     ordered = sorted(by_key.values(), key=lambda one: order.index(one.group))
-    return Suite(file.name + own, tuple(ordered), file.data, file.mean_steering, file.marks)
+    names = list(dict.fromkeys(one.group for one in ordered))
+    marks = [] if own or file.marks is None else read_marks(file.marks, names, path)
+    return Suite(file.name + own, tuple(ordered), file.data, file.mean_steering, tuple(marks))
 
 
 def _path(name: str) -> Path:

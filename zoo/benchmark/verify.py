@@ -6,7 +6,8 @@ from pathlib import Path
 from rich.console import Console
 
 from datamodules.errors import InputError
-from zoo.benchmark.drivers import BASELINES, Driver, read_driver
+from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.drivers import Driver, read_driver
 from zoo.benchmark.drives import digest_of_drives, drive_jobs
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, DriverRecord, read_result
 from zoo.benchmark.suite import Suite, drive_key, find_suite, read_suite

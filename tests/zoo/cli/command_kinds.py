@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from zoo.benchmark.__main__ import BenchmarkOptions
 from zoo.cli.command_config import read_keys, read_options
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drive.drive_settings import DriveSettings, read_settings
@@ -16,6 +17,7 @@ from zoo.saliency.__main__ import SaliencyOptions
 from zoo.sweep.__main__ import SweepOptions
 
 KINDS = {
+    "benchmark": BenchmarkOptions,
     "correct": CorrectOptions,
     "drive": DriveSettings,
     "evaluate": EvaluateOptions,

@@ -13,6 +13,7 @@ from zoo.cli.conf_files import command_keys, conf_folder
 
 # What stands before the options.
 ARGUMENTS = {
+    "benchmark": ["x.ckpt"],
     "correct": ["x.ckpt"],
     "doctor": [],
     "drive": ["x.ckpt"],
@@ -28,6 +29,7 @@ ARGUMENTS = {
 }
 # A key of each, mistyped, and a value of another type where a key takes no text.
 TYPOS = {
+    "benchmark": ("wrokers=1", "workers", "workers=many"),
     "correct": ("rouds=2", "rounds", "rounds=many"),
     "doctor": ("prot=4567", "port", "port=here"),
     "drive": ("expos=true", "expose", "laps=many"),
