@@ -26,11 +26,11 @@ from benchmarks.results import run_logged, train_logged
 from datamodules.errors import InputError
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
+from zoo.benchmark.baselines import BASELINES
 from zoo.cli.compose import compose_config, conf_folder
 
 RUNS = Path("outputs/board")
 SUITE = "v1"
-BASELINES = ("expert", "expert_late", "mean", "zero")
 NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks import board, board_page
 from datamodules.errors import InputError
+from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
 
 ROOT = Path(__file__).parents[2]
@@ -65,7 +66,7 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_every_recipe_and_baseline_is_an_entry() -> None:
     found = board.entries(weights="vgg.pth")
     experiments = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
-    assert {*experiments, *board.BASELINES} <= set(found)
+    assert {*experiments, *BASELINES} <= set(found)
     assert found["lenet-with_bends"] == ("experiment=lenet", "augment=[brightness,bend]")
     assert "model.weights=vgg.pth" in found["vgg"]
     assert "vgg" not in board.entries()
