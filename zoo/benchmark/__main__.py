@@ -7,7 +7,7 @@ drives of a result.json and compares them.
 
 import datetime
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -54,13 +54,11 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
     names = [one if one in BASELINES else str(find_checkpoint(one)) for one in names]
     with loading():
         from zoo.benchmark.drivers import find_drivers
-        from zoo.benchmark.drives import digest_of_drives, drive_suite
+        from zoo.benchmark.drives import drive_suite
+        from zoo.benchmark.entry import entry_result, nan_line, write_entry
         from zoo.benchmark.marks import missed_line, reached_marks
         from zoo.benchmark.marks_page import print_marks, write_marks
-        from zoo.benchmark.page import write_page
-        from zoo.benchmark.result import VERSION, BenchmarkResult, DriverRecord, write_result
         from zoo.benchmark.suite import read_suite
-        from zoo.benchmark.summary import differences, group_figures, group_names, headline
         from zoo.benchmark.table import print_result
         from zoo.runs.code_fingerprint import code_fingerprint
 
@@ -68,38 +66,18 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         suite = read_suite(options.suite, options.split)
         drivers = find_drivers(names, suite)
     folder = _new_folder(options.out)
+    code_fingerprint()  # kept: files that are edited during the drives are not in it
     drives = drive_suite(drivers, suite, options.workers, console)
-    groups = {
-        group: group_figures([one for one in drives if one.group == group])
-        for group in group_names(drives)
-    }
-    result = BenchmarkResult(
-        version=VERSION,
-        suite=suite.name,
-        roads=suite.roads,
-        code=code_fingerprint(),
-        entry=options.entry or drivers[0].model.lower(),
-        checkpoints=[DriverRecord(**asdict(one)) for one in drivers],
-        drives=drives,
-        groups=groups,
-        differences=differences(drives),
-        headline=headline(drives),
-        digest=digest_of_drives(drives),
-    )
+    result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
     print_result(result, console)
-    written = [write_result(folder, result), write_page(folder, result)]
+    written = write_entry(folder, result)
     reached = reached_marks(result.model_dump(), suite.marks)
     if reached:
         print_marks(result.model_dump(), reached, console)
         written += write_marks(folder, result.model_dump(), reached)
     print_written(written, _next(written[0], options.suite), console)
-    if lost := sum(int(one.figures.get("nan_frames") or 0) for one in drives):
-        raise InputError(
-            f"{drivers[0].file}: the network steered NaN in {lost:,} frames: these figures are not "
-            "the network's; train again with a smaller optim.lr"
-        )
-    if missed := missed_line(reached):
-        raise InputError(missed)
+    if problem := nan_line(result) or missed_line(reached):
+        raise InputError(problem)
     return folder
 
 

@@ -79,12 +79,17 @@ def read_driver(path: Path) -> Driver:
     seed = policy.config.get("seed")
     return Driver(
         file=str(path),
-        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+        sha256=file_hash(path),
         model=policy.name,
         parameters=policy.parameters,
         training_seed=seed if isinstance(seed, int) else None,
         data=str(policy.data.get("fingerprint") or ""),
     )
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file's contents."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def needs_frames(file: str) -> bool:

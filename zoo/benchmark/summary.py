@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -21,6 +21,32 @@ from zoo.drives.interventions import INTERVENTION_S
 
 MIDDLE = 0.5  # share of the roads in an interquartile mean
 COMPARED = ("autonomy", "cte_mean_m")  # figures compared with the clean partner
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of an entry, as in `BenchmarkResult`."""
+
+    groups: dict[str, dict[str, Interval]]
+    differences: dict[str, dict[str, Interval]]
+    headline: Interval
+
+    def flat(self) -> dict[str, Interval]:
+        """Return the figures by their dotted names, such as `groups.like.autonomy`."""
+        by_name = {"headline": self.headline}
+        for kind in ("groups", "differences"):
+            for group, figures in getattr(self, kind).items():
+                by_name |= {f"{kind}.{group}.{name}": one for name, one in figures.items()}
+        return by_name
+
+
+def summarize_drives(drives: Sequence[DriveRecord]) -> Summary:
+    """Return all figures of an entry's drives."""
+    groups = {
+        group: group_figures([one for one in drives if one.group == group])
+        for group in group_names(drives)
+    }
+    return Summary(groups, differences(drives), headline(drives))
 
 
 def group_names(drives: Sequence[DriveRecord]) -> list[str]:

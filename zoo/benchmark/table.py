@@ -5,7 +5,9 @@ from collections.abc import Sequence
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from datamodules.terminal import printable
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
 
 # Columns by key of a group's figures: heading, factor and format.
@@ -31,11 +33,15 @@ CAPTION = (
 def print_result(result: BenchmarkResult, console: Console) -> None:
     """Print a table with a column for each group, the differences, headline and digest."""
     headings, rows = table_cells(result)
-    shown = Table(title=f"{result.entry}, suite {result.suite}", caption=CAPTION, box=SIMPLE_HEAD)
+    shown = Table(
+        title=Text(printable(f"{result.entry}, suite {result.suite}")),
+        caption=CAPTION,
+        box=SIMPLE_HEAD,
+    )
     shown.pad_edge = False
     shown.add_column(headings[0], min_width=12)
     for row in rows:
-        shown.add_column(row[0], justify="right", no_wrap=True)
+        shown.add_column(Text(printable(row[0])), justify="right", no_wrap=True)
     for number, heading in enumerate(headings[1:], 1):
         shown.add_row(heading, *[_narrow(row[number]) for row in rows])
     console.print(shown)
@@ -45,7 +51,7 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
         f"digest of the drives: {result.digest}",
     ]
     for line in lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
 
 
 def difference_lines(result: BenchmarkResult) -> list[str]:

@@ -1,21 +1,29 @@
 """Verification of a `result.json`: its figures fit its drives, and some drives are repeated."""
 
+import math
 import random
 from pathlib import Path
 
 from rich.console import Console
 
 from datamodules.errors import InputError
+from datamodules.terminal import printable
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.drivers import Driver, read_driver
+from zoo.benchmark.drivers import Driver, file_hash, read_driver
 from zoo.benchmark.drives import digest_of_drives, drive_jobs
-from zoo.benchmark.result import BenchmarkResult, DriveRecord, DriverRecord, read_result
+from zoo.benchmark.result import (
+    NEEDED,
+    BenchmarkResult,
+    DriveRecord,
+    DriverRecord,
+    read_result,
+)
 from zoo.benchmark.suite import Suite, drive_key, find_suite, read_suite
-from zoo.benchmark.summary import headline
+from zoo.benchmark.summary import Summary, summarize_drives
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.runs.code_fingerprint import code_fingerprint
 
-SHOWN = ("autonomy", "interventions", "cte_mean_m", "steering_per_s")
+TOLERANCE = 1e-6  # of figures: other versions of NumPy sum in another order
 
 
 def verify(path: Path, suite: str, drives: int, workers: int, console: Console) -> None:
@@ -39,12 +47,11 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     folder = path if path.is_dir() else path.parent
     drivers = [_driver(one, folder, path) for one in result.checkpoints]
     if result.code.get("hash") != code_fingerprint()["hash"]:
-        console.print(
+        line = (
             f"the result is of other code ({_code(result.code)}; here "
-            f"{_code(code_fingerprint())}): digests may differ",
-            highlight=False,
-            markup=False,
+            f"{_code(code_fingerprint())}): digests may differ"
         )
+        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     by_key = {one.key: one for one in found.drives}
     numbers = range(len(result.drives))
     if drives:
@@ -53,17 +60,24 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     jobs = [(one.checkpoint, by_key[_key(one)]) for one in recorded]
     driven = drive_jobs(drivers, jobs, found.mean_steering, workers, console)
     different = [
-        (old, new) for old, new in zip(recorded, driven, strict=True) if old.digest != new.digest
+        (old, new) for old, new in zip(recorded, driven, strict=True) if not is_same(old, new)
     ]
     for old, new in different:
         console.print(difference_line(old, new), highlight=False, markup=False, soft_wrap=True)
     counted = f"{len(recorded)} of {len(result.drives)} drives repeated"
     if different:
         raise InputError(
-            f"{path}: {counted}: {len(different)} with another digest; repeat it with the code "
-            f"that drove it ({_code(result.code)}), on the same kind of machine"
+            f"{path}: {counted}: {len(different)} with another digest or other figures; repeat "
+            f"it with the code that drove it ({_code(result.code)}), on the same kind of machine"
         )
     console.print(f"{path}: {counted}: all digests are equal", highlight=False, soft_wrap=True)
+
+
+def is_same(old: DriveRecord, new: DriveRecord) -> bool:
+    """Return whether digest and figures of two drives are equal."""
+    return old.digest == new.digest and all(
+        _is_close(old.figures[name], new.figures[name]) for name in NEEDED
+    )
 
 
 def difference_line(old: DriveRecord, new: DriveRecord) -> str:
@@ -71,7 +85,7 @@ def difference_line(old: DriveRecord, new: DriveRecord) -> str:
     figures = [
         f"{name} {old.figures[name]:g} -> {new.figures[name]:g} "
         f"(by {abs(new.figures[name] - old.figures[name]):.2g})"
-        for name in SHOWN
+        for name in NEEDED
         if old.figures[name] != new.figures[name]
     ]
     what = "; ".join(figures) or "the figures are equal, rows differ"
@@ -97,20 +111,28 @@ def _check_suite(result: BenchmarkResult, suite: Suite, path: Path) -> None:
 
 
 def _check_sums(result: BenchmarkResult, path: Path) -> None:
-    """Check that headline and digest are those of the result's own drives."""
+    """Check that the digest and the figures are those of the result's own drives."""
     if result.digest != digest_of_drives(result.drives):
         raise InputError(f"{path}: digest: is not that of its drives; the file was changed")
-    value = headline(result.drives).value
-    if result.headline.value is None or abs(result.headline.value - (value or 0.0)) > 1e-6:
-        raise InputError(f"{path}: headline: is not that of its drives; the file was changed")
+    given = Summary(result.groups, result.differences, result.headline).flat()
+    for name, own in summarize_drives(result.drives).flat().items():
+        one = given.get(name)
+        if one is None or not _is_close(one.value, own.value):
+            raise InputError(f"{path}: {name}: is not that of its drives; the file was changed")
+
+
+def _is_close(first: float | None, second: float | None) -> bool:
+    return math.isclose(first or 0.0, second or 0.0, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
 
 
 def _driver(record: DriverRecord, folder: Path, path: Path) -> Driver:
-    """Return the driver of a result; a checkpoint may lie in the result's folder."""
+    """Return the driver of a result; one in the result's folder is found by its hash."""
     if record.file in BASELINES and record.sha256 is None:
         return Driver(**record.model_dump())
-    inside = folder / Path(record.file).name
-    driver = read_driver(inside if inside.is_file() else find_checkpoint(record.file))
+    for file in sorted(folder.iterdir()):
+        if file.suffix in (".ckpt", ".onnx") and file_hash(file) == record.sha256:
+            return read_driver(file)
+    driver = read_driver(find_checkpoint(record.file))
     if driver.sha256 != record.sha256:
         raise InputError(
             f"{path}: checkpoints: {driver.file} is another file than the one that drove (SHA-256 "

@@ -15,7 +15,8 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.benchmark.__main__ import command
 from zoo.benchmark.drives import digest_of_drives
 from zoo.benchmark.page import NAME as PAGE
-from zoo.benchmark.result import NAME, read_result
+from zoo.benchmark.result import NAME, read_result, write_result
+from zoo.benchmark.summary import summarize_drives
 
 
 def write_suite(folder: Path, **changes: object) -> Path:
@@ -107,22 +108,25 @@ def test_verify_repeats_the_drives(
     assert "4 of 4 drives repeated: all digests are equal" in capsys.readouterr().out
 
 
-def test_verify_prints_by_how_much_figures_differ(
-    entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("update", "words"),
+    [({"digest": "0" * 16}, f"digest {'0' * 16} -> "), ({}, "cte_mean_m 0.001 -> ")],
+)
+def test_verify_prints_how_a_drive_differs(
+    suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], update: dict, words: str
 ) -> None:
-    def change(found: dict) -> None:
-        found["drives"][0]["digest"] = "0" * 16
-        found["drives"][0]["figures"]["cte_mean_m"] += 0.25
-        digests = read_result(entry).drives
-        digests[0] = digests[0].model_copy(update={"digest": "0" * 16})
-        found["digest"] = digest_of_drives(digests)
-
-    path = changed(entry, tmp_path, change)
-    with pytest.raises(InputError, match="1 with another digest"):
-        verify(path, suite)
+    """All sums of the changed result fit its drives."""
+    result = read_result(drive(["expert"], suite, tmp_path / "honest"))
+    first, *others = result.drives
+    figures = first.figures | {"cte_mean_m": 0.001}
+    drives = [first.model_copy(update={"figures": figures, **update}), *others]
+    sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
+    write_result(tmp_path, result.model_copy(update={"drives": drives, **sums}))
+    with pytest.raises(InputError, match="1 with another digest or other figures"):
+        verify(tmp_path, suite)
     printed = capsys.readouterr().out
-    assert f"digest {'0' * 16} -> " in printed
-    assert "(by 0.25)" in printed
+    assert words in printed
+    assert "(by 0.0" in printed
 
 
 def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
@@ -142,6 +146,7 @@ def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
         (set_key("suite", value="v0"), "suite: v0 is not included.*suite=PATH"),
         (set_key("digest", value="0" * 16), "digest: is not that of its drives"),
         (set_key("headline", "value", value=0.5), "headline: is not that of its drives"),
+        (set_key("groups", "like", value={}), "groups.like.autonomy: is not that of its"),
         (set_key("drives", 0, "settings", value={"speed": 9.0}), "not in the suite tiny"),
         (set_key("drives", 0, "checkpoint", value=5), "drives.0.checkpoint: is 5"),
         (set_key("drives", 0, "figures", value={}), "drives.0.figures.autonomy: is missing"),
@@ -161,12 +166,12 @@ def test_a_checkpoint_is_found_in_the_results_folder(
     entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = [Path(one.file) for one in read_result(entry).checkpoints]
-    for one in files:
-        (tmp_path / one.name).write_bytes(one.read_bytes())
+    for number, one in enumerate(files):
+        (tmp_path / f"seed {number}.ckpt").write_bytes(one.read_bytes())
 
     def move(found: dict) -> None:
         for one in found["checkpoints"]:
-            one["file"] = f"/another machine/{Path(one['file']).name}"
+            one["file"] = "/another machine/checkpoints/best.ckpt"
 
     changed(entry, tmp_path, move)
     verify(tmp_path, suite, drives=1)
@@ -263,7 +268,7 @@ def write_lenet(path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"grups": {}}, "grups: no such key; did you mean groups"),
+        ({"group": {}}, "group: no such key; did you mean groups"),
         ({"groups": {"like": [{"trak": "alpine:1"}]}}, "groups.like: trak: no such key"),
         ({"groups": {"like": [{"track": "alpin:1"}]}}, "groups.like: alpin:1: there is no family"),
         ({"groups": {"like": []}}, "groups: has no drive"),

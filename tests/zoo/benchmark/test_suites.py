@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from zoo.benchmark.suite import read_suite
+from zoo.benchmark.suite import find_suite, read_suite
 
 DIGESTS = {  # of the drawn roads, and of the names and settings of the drives
     "v1": ("b8f0de7e4cb5bb10", "a7a5168db3e8dbcf"),
@@ -36,3 +36,11 @@ def test_quick_is_a_part_of_v1() -> None:
     quick = read_suite("quick")
     assert quick.name == "v1-quick"
     assert {one.key for one in quick.drives} < keys
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("v1", ("v1", "test")), ("v1-dev", ("v1", "dev")), ("v1-quick", ("quick", "test"))],
+)
+def test_a_results_suite_is_found_by_its_name(name: str, found: tuple[str, str]) -> None:
+    assert find_suite(name, "v1") == found
