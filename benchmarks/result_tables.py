@@ -1,4 +1,4 @@
-"""The tables of `docs/results.csv`: every recipe, the best of each network, one network's own."""
+"""The tables of `docs/results.csv`: every recipe, and those of one network."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.marked_page import markdown_table, write_between
 from zoo.drives.intervals import count_with_interval
 
-FULL, SHORT = Path("docs/recipes.md"), Path("README.md")
+FULL = Path("docs/recipes.md")
 NETWORK_PAGES = Path("docs/models")
 BEGIN, END = "<!-- results -->", "<!-- end of results -->"
 TRACKS = ("lake", "mountain")
@@ -54,19 +54,6 @@ def table_groups(rows: Iterable[dict]) -> list[Trained]:
     return [Trained(*names, tuple(runs)) for names, runs in groups.items()]
 
 
-def best_of_each(groups: list[Trained]) -> list[Trained]:
-    """Return each network's recipe with the best autonomy on the lake, then on the mountain."""
-    best: dict[str, Trained] = {}
-    for group in groups:
-        if group.model not in best or _rank(group) > _rank(best[group.model]):
-            best[group.model] = group
-    return list(best.values())
-
-
-def _rank(group: Trained) -> tuple[float, ...]:
-    return tuple(group.mean(f"{track}_autonomy") for track in TRACKS)
-
-
 def full_table(groups: list[Trained]) -> str:
     """Return a line for each recipe: means over its training seeds, and the worst of them."""
     head = ["model", "setting", "parameters", "training seeds", "training", "test MSE (zero)"]
@@ -86,18 +73,6 @@ def full_table(groups: list[Trained]) -> str:
             f"{group.mean('lake_latency_ms'):.1f}",
         ]
         for group in groups
-    ]
-    return markdown_table(head, rows, left=2)
-
-
-def short_table(groups: list[Trained]) -> str:
-    """Return a line for each network: its best recipe."""
-    head = ["network", "recipe", "parameters"]
-    for track in TRACKS:
-        head += [f"{track}: autonomy (worst)", CLEAN]
-    rows = [
-        [group.model, group.setting, _parameters(group), *_driven(group)]
-        for group in best_of_each(groups)
     ]
     return markdown_table(head, rows, left=2)
 
@@ -141,7 +116,7 @@ def write_tables(rows: list[dict]) -> list[Path]:
     A network's page has a line `<!-- results of NAME -->` where its table belongs.
     """
     groups = table_groups(rows)
-    tables = [(FULL, BEGIN, full_table(groups)), (SHORT, BEGIN, short_table(groups))]
+    tables = [(FULL, BEGIN, full_table(groups))]
     for model in dict.fromkeys(group.model for group in groups):
         mark = f"<!-- results of {model} -->"
         own = network_table([group for group in groups if group.model == model])

@@ -3,8 +3,8 @@
 It trains each recipe of `benchmarks/recipes.py` with several seeds, on recordings of the embedded
 lake only. Each network drives a lap of the lake and of the mountain, which no training uses, at 15
 mph. The script writes `docs/results.csv`, one run per line, and from it the tables of
-`docs/recipes.md`, `README.md` and the networks' pages, each between two markers; `runs=false`
-writes the tables alone. Runs are kept in `outputs/results`. A finished run is not repeated, so that
+`docs/recipes.md` and the networks' pages, each between two markers; `runs=false` writes the tables
+alone. Runs are kept in `outputs/results`. A finished run is not repeated, so that
 an interrupted command resumes.
 """
 
@@ -82,11 +82,16 @@ def train_logged(folder: Path, words: list[str], threads: int) -> int:
     words = [*words, f"hydra.run.dir={folder}"]
     if (folder / ".hydra" / "config.yaml").is_file():
         words = [f"resume={folder}"]
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "log.txt").open("w") as log:
+    return run_logged(folder / "log.txt", ["zoo", *words], threads)
+
+
+def run_logged(log: Path, words: list[str], threads: int) -> int:
+    """Run `python -m WORDS` with its output in a file, and return the exit status."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as file:
         return subprocess.run(
-            [sys.executable, "-m", "zoo", *words],
-            stdout=log,
+            [sys.executable, "-m", *words],
+            stdout=file,
             stderr=subprocess.STDOUT,
             env=os.environ | {"OMP_NUM_THREADS": str(threads)},
             check=False,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from datamodules.errors import InputError
-from zoo.compare.result_file import BenchmarkResult, DriveRecord, read_result
+from zoo.benchmark.result import BenchmarkResult, DriveRecord, read_result
 
 MOST_DRIVES = 5000  # of a result; a bootstrap of them takes 400 MB
 # Smallest and greatest possible value of each compared figure.

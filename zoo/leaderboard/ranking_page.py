@@ -54,26 +54,56 @@ def write_page(
             name for name in CURVES if any(name in r.curves for e in entries for r in e.runs)
         ],
     }
+    page = render_page(
+        title=title,
+        where=f"{under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
+        lead=_lead(entries),
+        **_table(entries, settings, figures, under),
+        data=data,
+        unranked=unranked_lines(unranked, under),
+    )
+    return write_whole(path, page)
+
+
+def render_page(
+    title: str,
+    where: str,
+    lead: str,
+    heads: Sequence[tuple[str, bool]],
+    rows: Sequence[Sequence[tuple[str, float | None]]],
+    data: dict,
+    unranked: Sequence[str] = (),
+) -> str:
+    """Return a page with a table that sorts, parallel coordinates and curves.
+
+    Args:
+        title: heading of the page.
+        where: line below the heading.
+        lead: first sentences.
+        heads: headings of the table, each with whether the column holds text.
+        rows: rows of cells, each a text and the number to sort by (None: sort by the text).
+        data: `axes`, `entries` and `curves` that the page's script draws.
+        unranked: lines below the table.
+    """
     parts = Path(__file__).parent / "static"
     environment = Environment(
         loader=FileSystemLoader(parts), autoescape=True, undefined=StrictUndefined
     )
     style, script = ((parts / name).read_text() for name in ("style.css", "page.js"))
-    page = environment.get_template("page.html").render(
+    return environment.get_template("page.html").render(
         policy=f"default-src 'none'; style-src {hash_source(style)}; "
         f"script-src {hash_source(script)}; "
         "base-uri 'none'; form-action 'none'",
         title=title,
-        when=f"{datetime.now():%Y-%m-%d %H:%M}",
-        where=str(under.resolve()),
-        lead=_lead(entries),
-        **_table(entries, settings, figures, under),
-        unranked=unranked_lines(unranked, under),
+        where=where,
+        lead=lead,
+        heads=heads,
+        rows=rows,
+        unranked=unranked,
         style=style,
         script=script,
         data=data,
     )
-    return write_whole(path, page)
 
 
 def _counts_text(entry: Entry) -> str:

@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.errors import InputError
+from datamodules.recording import read_recordings
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import RECIPE
 
@@ -19,14 +20,15 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
     If two runs start at the same time, only one records. A stopped recording is repeated.
 
     Raises:
-        InputError: an option of `data.record` is wrong, the folder cannot be written, or it was
-            recorded with other options.
+        InputError: an option of `data.record` is wrong, the folder cannot be written, it was
+            recorded with other options, or its rows have another fingerprint.
     """
     wanted = config.data.get("record")
     if wanted is None or config.data.root is not None:
         return config
     recipe = OmegaConf.to_container(wanted, resolve=True)
     folder = Path(recipe.pop("out"))
+    fingerprint = recipe.pop("fingerprint", None)  # of the rows, no option of the drives
     try:
         if not (folder / RECIPE).is_file():
             folder.parent.mkdir(parents=True, exist_ok=True)
@@ -38,6 +40,8 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
             f"{folder}: cannot record there ({error.strerror}); set data.record.out=FOLDER"
         ) from None
     _check_recipe(folder, recipe)
+    if fingerprint is not None:
+        _check_fingerprint(folder, str(fingerprint))
     config = config.copy()
     config.data.root = escape_interpolation(str(folder))
     return config
@@ -89,4 +93,14 @@ def _check_recipe(folder: Path, recipe: dict) -> None:
         raise InputError(
             f"{path}: {other[0]} is not data.record.{other[0]}: {folder} was recorded with other "
             "options than data.record now has; remove it, or set data.record.out to another folder"
+        )
+
+
+def _check_fingerprint(folder: Path, wanted: str) -> None:
+    found = read_recordings(str(folder)).fingerprint()
+    if found != wanted:
+        raise InputError(
+            f"{folder}: the recording's fingerprint is {found}, data.record.fingerprint is "
+            f"{wanted}: its rows were changed, or other code recorded them; remove {folder} to "
+            "record again, or set data.record.fingerprint=null to train on it"
         )

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from zoo.benchmark.__main__ import BenchmarkOptions
 from zoo.cli.command_config import read_keys, read_options
 from zoo.compare.__main__ import CompareOptions
 from zoo.correct.correct_options import CorrectOptions
@@ -18,6 +19,7 @@ from zoo.sweep.__main__ import SweepOptions
 
 KINDS = {
     "compare": CompareOptions,
+    "benchmark": BenchmarkOptions,
     "correct": CorrectOptions,
     "drive": DriveSettings,
     "evaluate": EvaluateOptions,

@@ -14,6 +14,7 @@ from zoo.cli.conf_files import command_keys, conf_folder
 # What stands before the options.
 ARGUMENTS = {
     "compare": ["a", "b"],
+    "benchmark": ["x.ckpt"],
     "correct": ["x.ckpt"],
     "doctor": [],
     "drive": ["x.ckpt"],
@@ -30,6 +31,7 @@ ARGUMENTS = {
 # A key of each, mistyped, and a value of another type where a key takes no text.
 TYPOS = {
     "compare": ("ou=x.json", "out", None),
+    "benchmark": ("wrokers=1", "workers", "workers=many"),
     "correct": ("rouds=2", "rounds", "rounds=many"),
     "doctor": ("prot=4567", "port", "port=here"),
     "drive": ("expos=true", "expose", "laps=many"),

@@ -15,6 +15,7 @@ SIMULATOR = ("record", "drive", "client")
 NAMED = {
     "zoo": ("data.offset=0.275", "experiment: commaai", "seed=1"),
     "zoo.compare": ("out=compare.json", "result.json"),
+    "zoo.benchmark": ("suite=v1", "expert_late", "result.json"),
     "zoo.correct": ("track=", "out="),
     "zoo.demo": ("trains PilotNet",),
     "zoo.doctor": ("CKPT", "RECORDING", "port=4567"),

@@ -1,10 +1,17 @@
 """`data=lake`: recorded by the embedded simulator on first use, and never again."""
 
+import shutil
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf, open_dict
+from rich.console import Console
 
+from datamodules.errors import InputError
+from datamodules.recording import read_recordings
 from tests.zoo.commands import only_line, run
+from zoo.cli.compose import compose_config, conf_folder
+from zoo.training.embedded_recording import with_recording
 
 # A few seconds of the lake, there and back.
 SHORT = (
@@ -45,6 +52,32 @@ def test_other_drives_under_the_same_name_are_refused(trained: Path) -> None:
     line = only_line(run(trained, "data.record.passes=[{laps: 0.1}]", "experiment=tiny41"))
     assert "recorded with other options" in line
     assert "set data.record.out" in line
+
+
+def test_a_changed_recording_is_refused(trained: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "lake"
+    shutil.copytree(trained / "outputs" / "recordings" / "lake", folder)
+    right = read_recordings(str(folder)).fingerprint()
+    config = OmegaConf.create(compose_config(["data=lake", SHORT[0], f"data.record.out={folder}"]))
+    with open_dict(config):
+        config.data.record.fingerprint = right
+    assert with_recording(config, Console(quiet=True)).data.root == str(folder)
+    log = folder / "driving_log.csv"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(InputError, match=r"fingerprint=null") as refused:
+        with_recording(config, Console(quiet=True))
+    assert str(folder) in str(refused.value)
+    assert right in str(refused.value)
+
+
+def test_no_road_of_the_suite_is_in_its_training_data() -> None:
+    suite = OmegaConf.load(conf_folder() / "suite" / "v1.yaml")
+    data = compose_config([f"data={suite.data}"])["data"]
+    driven = {one["track"] for one in data["record"]["passes"]}
+    drives = [drive for group in suite.groups.values() for drive in group]
+    kept_apart = {*suite.dev, *suite.laps, *(drive.track for drive in drives)}
+    assert len(driven) == len(data["record"]["passes"]) == 40
+    assert not driven & kept_apart
 
 
 def test_a_recording_of_ones_own_records_nothing(tmp_path: Path) -> None:

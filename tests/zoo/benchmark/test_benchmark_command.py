@@ -1,0 +1,300 @@
+"""`python -m zoo.benchmark`: digests, baselines, verification and bad input, on short roads."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+from datamodules.errors import InputError, UsageError
+from simulator.track_names import road_folder
+from tests.zoo.written_checkpoints import write_constant
+from zoo.benchmark.__main__ import command
+from zoo.benchmark.drives import digest_of_drives
+from zoo.benchmark.page import NAME as PAGE
+from zoo.benchmark.result import NAME, read_result, write_result
+from zoo.benchmark.summary import summarize_drives
+
+
+def write_suite(folder: Path, **changes: object) -> Path:
+    """Write a suite with one clean and one shifted drive of 60 m, and return its path."""
+    family = yaml.safe_load((road_folder() / "lakeside.yaml").read_text())
+    road = folder / "short.yaml"
+    road.write_text(yaml.safe_dump(family | {"length": [60, 60], "closed": 0}))
+    track = f"{road}:1"
+    content = {
+        "name": "tiny",
+        "quality": "simple",
+        "mean_steering": 0.1,
+        "speed": 20,
+        "groups": {
+            "like": [{"track": track}],
+            "looks": [{"track": track, "weather": {"fog": 0.4}}],
+        },
+    }
+    path = folder / "tiny.yaml"
+    path.write_text(json.dumps(content | changes))
+    return path
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_suite(tmp_path_factory.mktemp("suite"))
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_constant(tmp_path_factory.mktemp("run") / "best.ckpt", 0.02, seed=7)
+
+
+@pytest.fixture(scope="module")
+def entry(checkpoint: Path, suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a result of two training seeds."""
+    other = write_constant(checkpoint.with_name("other.ckpt"), -0.3, seed=8)
+    out = tmp_path_factory.mktemp("out") / "entry"
+    return drive([checkpoint, other], suite, out)
+
+
+def drive(drivers: list[object], suite: Path | str, out: Path, *more: str) -> Path:
+    command([*map(str, drivers), f"suite={suite}", f"out={out}", "workers=1", *more])
+    return out
+
+
+def verify(result: Path, suite: Path, drives: int = 0) -> None:
+    command(["verify", str(result), f"suite={suite}", "workers=1", f"drives={drives}"])
+
+
+def changed(entry: Path, folder: Path, change: Callable[[dict], object]) -> Path:
+    """Write a copy of a result with a change, and return its path."""
+    found = json.loads((entry / NAME).read_text())
+    change(found)
+    path = folder / NAME
+    path.write_text(json.dumps(found))
+    return path
+
+
+def test_a_result_names_what_was_driven(entry: Path, suite: Path, checkpoint: Path) -> None:
+    result = read_result(entry)
+    assert (result.version, result.suite, result.entry) == (1, "tiny", "linear")
+    assert re.fullmatch("[0-9a-f]{16}", result.roads)
+    assert [one.training_seed for one in result.checkpoints] == [7, 8]
+    assert result.checkpoints[0].file == str(checkpoint)
+    assert result.checkpoints[0].data == "0" * 16
+    driven = [(one.checkpoint, one.group, one.settings) for one in result.drives]
+    fog = {"weather": {"fog": 0.4}}
+    assert driven == [(0, "like", {}), (0, "looks", fog), (1, "like", {}), (1, "looks", fog)]
+    figures = result.drives[0].figures
+    assert figures["driven_m"] == pytest.approx(60, abs=1.5)
+    assert "latency_ms" not in figures
+    assert set(result.differences["looks"]) == {"autonomy", "cte_mean_m"}
+
+
+def test_the_same_command_gives_the_same_digest(
+    entry: Path, suite: Path, checkpoint: Path, tmp_path: Path
+) -> None:
+    again = read_result(drive([checkpoint], suite, tmp_path / "again"))
+    first = read_result(entry).of_checkpoint(0)
+    assert again.drives == first
+    assert again.digest == digest_of_drives(first)
+
+
+def test_verify_repeats_the_drives(
+    entry: Path, suite: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verify(entry, suite)
+    assert "4 of 4 drives repeated: all digests are equal" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("update", "words"),
+    [({"digest": "0" * 16}, f"digest {'0' * 16} -> "), ({}, "cte_mean_m 0.001 -> ")],
+)
+def test_verify_prints_how_a_drive_differs(
+    suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], update: dict, words: str
+) -> None:
+    """All sums of the changed result fit its drives."""
+    result = read_result(drive(["expert"], suite, tmp_path / "honest"))
+    first, *others = result.drives
+    figures = first.figures | {"cte_mean_m": 0.001}
+    drives = [first.model_copy(update={"figures": figures, **update}), *others]
+    sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
+    write_result(tmp_path, result.model_copy(update={"drives": drives, **sums}))
+    with pytest.raises(InputError, match="1 with another digest or other figures"):
+        verify(tmp_path, suite)
+    printed = capsys.readouterr().out
+    assert words in printed
+    assert "(by 0.0" in printed
+
+
+def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
+    def change(found: dict) -> None:
+        for key in keys[:-1]:
+            found = found[key]
+        found[keys[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (set_key("version", value=2), "version: is 2, this drivezoo reads 1"),
+        (set_key("roads", value="0" * 16), "roads: digest 0000000000000000 is not that of"),
+        (set_key("suite", value="v0"), "suite: v0 is not included.*suite=PATH"),
+        (set_key("digest", value="0" * 16), "digest: is not that of its drives"),
+        (set_key("headline", "value", value=0.5), "headline: is not that of its drives"),
+        (set_key("groups", "like", value={}), "groups.like.autonomy: is not that of its"),
+        (set_key("drives", 0, "settings", value={"speed": 9.0}), "not in the suite tiny"),
+        (set_key("drives", 0, "checkpoint", value=5), "drives.0.checkpoint: is 5"),
+        (set_key("drives", 0, "figures", value={}), "drives.0.figures.autonomy: is missing"),
+        (set_key("checkpoints", 0, "sha256", value="0" * 64), "another file than the one"),
+        (set_key("entry", value=3), "entry: should be text"),
+    ],
+)
+def test_verify_refuses_a_changed_result(
+    entry: Path, suite: Path, tmp_path: Path, change: Callable[[dict], None], words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        verify(changed(entry, tmp_path, change), suite)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_is_found_in_the_results_folder(
+    entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [Path(one.file) for one in read_result(entry).checkpoints]
+    for number, one in enumerate(files):
+        (tmp_path / f"seed {number}.ckpt").write_bytes(one.read_bytes())
+
+    def move(found: dict) -> None:
+        for one in found["checkpoints"]:
+            one["file"] = "/another machine/checkpoints/best.ckpt"
+
+    changed(entry, tmp_path, move)
+    verify(tmp_path, suite, drives=1)
+    assert "1 of 4 drives repeated" in capsys.readouterr().out
+
+
+def test_the_baselines_have_their_order(tmp_path: Path) -> None:
+    """Zero and mean lose, the expert completes every road, late commands cost smoothness."""
+    groups = {
+        "like": [{"track": "lakeside:501"}],
+        "sharp": [{"track": "alpine:701"}],
+        "dynamics": [{"track": "country:613", "speed": 25}],
+    }
+    suite = write_suite(tmp_path, groups=groups)
+    found = {
+        name: read_result(drive([name], suite, tmp_path / name))
+        for name in ("zero", "mean", "expert", "expert_late")
+    }
+    for name in ("zero", "mean"):
+        assert found[name].headline.value < 0.5
+        assert not any(one.figures["interventions"] == 0 for one in found[name].drives)
+    assert all(one.figures["interventions"] == 0 for one in found["expert"].drives)
+    assert found["expert"].headline.value == 1
+    assert found["expert"].headline.low < 1  # no failure in four drives is no certainty
+    for good, late in zip(found["expert"].drives, found["expert_late"].drives, strict=True):
+        assert late.figures["autonomy"] <= good.figures["autonomy"]
+        assert late.figures["steering_per_s"] > good.figures["steering_per_s"]
+    (good,), (late,) = (found[one].of_group("dynamics") for one in ("expert", "expert_late"))
+    assert late.figures["cte_mean_m"] > 2 * good.figures["cte_mean_m"]
+
+
+def test_the_page_shows_names_as_text(entry: Path, suite: Path, tmp_path: Path) -> None:
+    out = drive(["zero"], suite, tmp_path / "page", "entry=<script>hacked=1</script>")
+    page = (out / PAGE).read_text()
+    assert "<script" not in page
+    assert "&lt;script&gt;hacked" in page
+    assert "default-src &#39;none&#39;" in page
+    assert str(read_result(out).digest) in page
+
+
+def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None:
+    suite = write_suite(tmp_path, marks={"like": {"autonomy": 0.9}})
+    with pytest.raises(InputError, match="marks missed"):
+        drive(["mean"], suite, tmp_path / "mean")
+    names = {one.name for one in (tmp_path / "mean").iterdir()}
+    assert names == {NAME, PAGE, "marks.json", "marks.html"}
+    drive(["expert"], suite, tmp_path / "expert")
+
+
+@pytest.mark.parametrize(
+    ("drivers", "words"),
+    [
+        (["zero", "expert"], "zero: a baseline is an entry of its own"),
+        (["CKPT", "CKPT"], "named twice"),
+        (["no.ckpt"], "no.ckpt: no such checkpoint"),
+        (["CKPT", "LENET"], "is a LeNet, but"),
+        (["WRONG"], "head.weight is .* in the file"),
+    ],
+)
+def test_wrong_drivers_get_one_line(
+    checkpoint: Path, suite: Path, tmp_path: Path, drivers: list[str], words: str
+) -> None:
+    contents = torch.load(checkpoint, weights_only=True)
+    if "WRONG" in drivers:  # weights for another image size
+        state = contents["state_dict"]
+        state["network.head.weight"] = torch.zeros(1, 99)
+        torch.save(contents, tmp_path / "wrong.ckpt")
+    if "LENET" in drivers:
+        write_lenet(tmp_path / "lenet.ckpt")
+    places = {
+        "CKPT": str(checkpoint),
+        "WRONG": str(tmp_path / "wrong.ckpt"),
+        "LENET": str(tmp_path / "lenet.ckpt"),
+    }
+    with pytest.raises(InputError, match=words) as caught:
+        drive([places.get(one, one) for one in drivers], suite, tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def write_lenet(path: Path) -> None:
+    from datamodules.view import View
+    from zoo.checkpoints.checkpoint import make_card
+    from zoo.models.make_network import make_network
+
+    model = {"_target_": "zoo.models.lenet.LeNet", "name": "lenet", "weights": None}
+    view = View([60, 20], "rgb", None)
+    network = make_network(model, view)
+    state = {f"network.{name}": one for name, one in network.state_dict().items()}
+    card = make_card({"model": model}, view, {"fingerprint": "0" * 16, "rows": 10})
+    torch.save({"drivezoo": card, "state_dict": state, "epoch": 0}, path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"group": {}}, "group: no such key; did you mean groups"),
+        ({"groups": {"like": [{"trak": "alpine:1"}]}}, "groups.like: trak: no such key"),
+        ({"groups": {"like": [{"track": "alpin:1"}]}}, "groups.like: alpin:1: there is no family"),
+        ({"groups": {"like": []}}, "groups: has no drive"),
+        ({"groups": {"like": [{"track": "alpine:1"}] * 2}}, "alpine:1 stands twice"),
+        ({"groups": {"a": [{"track": "alpine:1", "delay_s": 9}]}}, "delay_s=9: must be in 0..2"),
+        ({"groups": {"a": [{"track": "alpine:1", "weather": {"fogg": 1}}]}}, "there is no fogg"),
+        ({"speed": 99}, "speed: .*30"),
+        ({"mean_steering": None}, "mean: the suite tiny has no mean_steering"),
+        ({"marks": {"like": {"autonomy": 9}}}, "marks.like.autonomy: 9"),
+    ],
+)
+def test_a_wrong_suite_gets_one_line(tmp_path: Path, changes: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        drive(["mean"], write_suite(tmp_path, **changes), tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_suite_is_wrong_use(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"suite=quik: no such suite; did you mean quick\?"):
+        drive(["zero"], "quik", tmp_path / "out")
+
+
+def test_the_dev_roads_are_a_suite_of_their_own(tmp_path: Path) -> None:
+    suite = write_suite(tmp_path, dev=["lakeside:301"])
+    result = read_result(drive(["zero"], suite, tmp_path / "out", "split=dev"))
+    assert result.suite == "tiny-dev"
+    assert [(one.group, one.track) for one in result.drives] == [("dev", "lakeside:301")]
+    verify(tmp_path / "out", suite)

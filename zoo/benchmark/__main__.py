@@ -1,0 +1,117 @@
+"""`python -m zoo.benchmark CKPT... [key=value ...]`: drive a suite of roads and compare.
+
+CKPT... are the checkpoints of one entry, one for each training seed; or one of zero, mean, expert
+and expert_late. Writes result.json and a page. `python -m zoo.benchmark verify RESULT` repeats some
+drives of a result.json and compares them.
+"""
+
+import datetime
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from rich.console import Console
+
+from datamodules.errors import InputError, UsageError
+from zoo.benchmark.baselines import BASELINES
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import CHECKPOINT, Command
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+
+COMMAND = Command(__doc__, {"CKPT...": f"{CHECKPOINT}; or a baseline: {', '.join(BASELINES)}"})
+VERIFY = "verify"
+
+# Slow imports (torch, Panda3D) come late: --help and typos answer at once.
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkOptions:
+    """Options of a benchmark; `conf/benchmark.yaml` has their meanings and defaults."""
+
+    suite: str
+    split: Literal["test", "dev"]
+    entry: str | None
+    out: str | None
+    workers: Annotated[int, Field(ge=0)]
+    drives: Annotated[int, Field(ge=0)]
+
+
+def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> Path:
+    """Drive a suite with the checkpoints of an entry, write and print the figures.
+
+    Returns:
+        The folder with `result.json` and `benchmark.html`.
+
+    Raises:
+        InputError: a checkpoint or the suite cannot be used; or, after all files are written, the
+            network steered NaN or a mark of the suite is missed.
+    """
+    # Reports a wrong path before torch is imported.
+    names = [one if one in BASELINES else str(find_checkpoint(one)) for one in names]
+    with loading():
+        from zoo.benchmark.drivers import find_drivers
+        from zoo.benchmark.drives import drive_suite
+        from zoo.benchmark.entry import entry_result, nan_line, write_entry
+        from zoo.benchmark.marks import missed_line, reached_marks
+        from zoo.benchmark.marks_page import print_marks, write_marks
+        from zoo.benchmark.suite import read_suite
+        from zoo.benchmark.table import print_result
+        from zoo.runs.code_fingerprint import code_fingerprint
+
+        # Report wrong input before processes start.
+        suite = read_suite(options.suite, options.split)
+        drivers = find_drivers(names, suite)
+    folder = _new_folder(options.out)
+    code_fingerprint()  # kept: files that are edited during the drives are not in it
+    drives = drive_suite(drivers, suite, options.workers, console)
+    result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
+    print_result(result, console)
+    written = write_entry(folder, result)
+    reached = reached_marks(result.model_dump(), suite.marks)
+    if reached:
+        print_marks(result.model_dump(), reached, console)
+        written += write_marks(folder, result.model_dump(), reached)
+    print_written(written, _next(written[0], options.suite), console)
+    if problem := nan_line(result) or missed_line(reached):
+        raise InputError(problem)
+    return folder
+
+
+def _next(result: Path, suite: str) -> list[object]:
+    """Return the command that verifies a result; a suite of the user's is named in it."""
+    named = [f"suite={suite}"] if suite.endswith((".yaml", ".yml")) else []
+    return ["zoo.benchmark", VERIFY, result, *named]
+
+
+def _new_folder(out: str | None) -> Path:
+    now = datetime.datetime.now()
+    folder = Path(out or f"outputs/benchmarks/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}").expanduser()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: is not empty; name another folder with out=")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+    return folder
+
+
+def command(arguments: list[str]) -> None:
+    """Read the arguments, then drive a suite or verify a result."""
+    names, options = COMMAND.read(arguments, BenchmarkOptions)
+    console = Console(emoji=False)
+    if names[0] != VERIFY:
+        benchmark(names, options, console)
+        return
+    if len(names) != 2:
+        raise UsageError("verify: name one result.json: python -m zoo.benchmark verify RESULT")
+    from zoo.benchmark.verify import verify
+
+    verify(Path(names[1]), options.suite, options.drives, options.workers, console)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.benchmark", command, sys.argv[1:]))

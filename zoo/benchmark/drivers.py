@@ -1,0 +1,128 @@
+"""Drivers of the benchmark: checkpoints, and the baselines that need no frames."""
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from datamodules.errors import InputError, UsageError
+from simulator.expert import Expert
+from simulator.world import World
+from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.suite import Suite
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+
+Steer = Callable[[np.ndarray | None, float], tuple[float, float | None]]
+LATE_S = 0.4  # delay of the late expert's commands, in seconds
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A checkpoint or a baseline, as `result.json` describes it.
+
+    Attributes:
+        file: path of the checkpoint, or name of the baseline.
+        sha256: hash of the checkpoint's file; None for a baseline.
+        model: class of the network, or name of the baseline.
+        parameters: number of parameters.
+        training_seed: random seed of the training; None where it is unknown.
+        data: fingerprint of the training data; empty where it is unknown.
+    """
+
+    file: str
+    sha256: str | None
+    model: str
+    parameters: int
+    training_seed: int | None
+    data: str
+
+
+def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
+    """Return the drivers of an entry: one baseline, or checkpoints of several training seeds.
+
+    Raises:
+        UsageError: a baseline is named together with other drivers.
+        InputError: a checkpoint cannot be read, is named twice or has another network than the
+            first; or the suite has no mean steering.
+    """
+    if baselines := [one for one in names if one in BASELINES]:
+        if len(names) > 1:
+            raise UsageError(f"{baselines[0]}: a baseline is an entry of its own; name it alone")
+        if names[0] == "mean" and suite.mean_steering is None:
+            raise InputError(
+                f"mean: the suite {suite.name} has no mean_steering; add it to the suite's file"
+            )
+        return [Driver(names[0], None, names[0], 0, None, "")]
+    drivers = [read_driver(find_checkpoint(one)) for one in names]
+    for number, one in enumerate(drivers):
+        if one.model != drivers[0].model:
+            raise InputError(
+                f"{one.file}: is a {one.model}, but {drivers[0].file} is a {drivers[0].model}; the "
+                "checkpoints of an entry differ only in their training seed"
+            )
+        if one.sha256 in [other.sha256 for other in drivers[:number]]:
+            raise InputError(f"{one.file}: is named twice; name each training seed once")
+    return drivers
+
+
+def read_driver(path: Path) -> Driver:
+    """Return the description of a checkpoint.
+
+    Raises:
+        InputError: the checkpoint cannot be read.
+    """
+    policy = _policy(str(path))
+    seed = policy.config.get("seed")
+    return Driver(
+        file=str(path),
+        sha256=file_hash(path),
+        model=policy.name,
+        parameters=policy.parameters,
+        training_seed=seed if isinstance(seed, int) else None,
+        data=str(policy.data.get("fingerprint") or ""),
+    )
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file's contents."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def needs_frames(file: str) -> bool:
+    """Return whether a driver, named as in `Driver.file`, looks at frames."""
+    return file not in BASELINES
+
+
+def steering_of(file: str, world: World, mean_steering: float | None) -> Steer:
+    """Return the policy of a driver in a world.
+
+    Args:
+        file: path of the checkpoint, or name of the baseline.
+        world: world to drive in.
+        mean_steering: steering of the baseline `mean`, -1..1.
+    """
+    if file in ("zero", "mean"):
+        steering = 0.0 if file == "zero" else float(mean_steering or 0.0)
+        return lambda frame, mph: (steering, None)
+    if file not in BASELINES:
+        return _policy(file)
+    expert = Expert(world.track)
+    frames = round(LATE_S / world.frame_s) if file == "expert_late" else 0
+    waiting = deque([0.0] * frames)
+
+    def drive(frame: np.ndarray | None, mph: float) -> tuple[float, float | None]:
+        waiting.append(expert(world)[0])
+        return waiting.popleft(), None
+
+    return drive
+
+
+@lru_cache(maxsize=1)  # a process mostly drives one checkpoint
+def _policy(file: str) -> Steer:
+    from zoo.checkpoints.policy import load_policy
+
+    return load_policy(file)

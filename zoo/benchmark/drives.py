@@ -1,0 +1,124 @@
+"""The drives of an entry in parallel processes, with the figures and the digest of each."""
+
+import hashlib
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from rich.console import Console
+
+from zoo.benchmark.drivers import Driver, needs_frames, steering_of
+from zoo.benchmark.result import DriveRecord
+from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
+from zoo.cli.console_progress import progress_bar
+from zoo.drives.drive_record import Drive
+from zoo.drives.metrics import measure
+from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
+from zoo.evaluate.process_pool import drive_in_processes
+
+MACHINE = ("latency_ms",)  # metrics that depend on the machine
+DECIMALS = 6  # of the rows in a digest
+
+
+def drive_suite(
+    drivers: Sequence[Driver], suite: Suite, workers: int, console: Console
+) -> list[DriveRecord]:
+    """Drive every drive of a suite with every driver.
+
+    Args:
+        drivers: drivers of the entry.
+        suite: suite to drive.
+        workers: number of processes; 0 for one per core. It does not change the figures.
+        console: console that shows the progress.
+
+    Raises:
+        InputError: the simulator cannot be opened, or a process was killed.
+    """
+    jobs = [(number, one) for number in range(len(drivers)) for one in suite.drives]
+    return drive_jobs(drivers, jobs, suite.mean_steering, workers, console)
+
+
+def drive_jobs(
+    drivers: Sequence[Driver],
+    jobs: Sequence[tuple[int, SuiteDrive]],
+    mean_steering: float | None,
+    workers: int,
+    console: Console,
+) -> list[DriveRecord]:
+    """Return the drives of some drivers, each named by its number, in the order of the jobs."""
+    # Laps take longest: begun last, they would leave the other processes without work.
+    order = sorted(range(len(jobs)), key=lambda number: jobs[number][1].group != LAPS)
+    arguments = [
+        (drivers[jobs[number][0]].file, jobs[number][1].setup, mean_steering) for number in order
+    ]
+    with progress_bar(f"driving {len(jobs)} roads", console) as show:
+        found = {
+            order[place]: result
+            for place, result in drive_in_processes(drive_road, arguments, workers, show)
+        }
+    return [
+        DriveRecord(
+            checkpoint=driver,
+            group=one.group,
+            track=one.track,
+            settings=one.settings,
+            figures=found[number][0],
+            digest=found[number][1],
+        )
+        for number, (driver, one) in enumerate(jobs)
+    ]
+
+
+def drive_road(
+    file: str,
+    setup: Setup,
+    mean_steering: float | None,
+    report: Callable[[float], None] | None = None,
+) -> tuple[dict[str, float | None], str]:
+    """Drive one road in this process; return figures and digest.
+
+    Args:
+        file: path of the checkpoint, or name of the baseline.
+        setup: setup of the drive.
+        mean_steering: see `steering_of`.
+        report: function called at every frame with the share of the drive that is done, 0..1.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # one frame is too little work for two threads
+    # Other renderers draw other frames: the digest would depend on the machine.
+    world = open_setup(setup, "software" if needs_frames(file) else "none")
+    try:
+        drive = drive_setup(steering_of(file, world, mean_steering), world, setup, None, report)
+    finally:
+        torch.set_num_threads(threads)
+        if world.pictures is not None:
+            world.pictures.close()
+    figures = measure(drive)
+    if drive.nan_frames:
+        figures["nan_frames"] = drive.nan_frames
+    return {
+        name: value if math.isfinite(value) else None
+        for name, value in figures.items()
+        if name not in MACHINE
+    }, drive_digest(drive)
+
+
+def drive_digest(drive: Drive) -> str:
+    """Return 16 hexadecimal digits of a drive's rows; neither latency nor wall time is in it."""
+    columns = (
+        drive.steering,
+        drive.throttle,
+        drive.speed_mph,
+        drive.cross_track_m,
+        drive.intervention,
+    )
+    rows = np.stack([np.asarray(one, np.float64) for one in columns], -1)
+    rounded = np.round(rows, DECIMALS) + 0.0  # no negative zeros
+    return hashlib.sha256(rounded.astype("<f8").tobytes()).hexdigest()[:16]
+
+
+def digest_of_drives(drives: Sequence[DriveRecord]) -> str:
+    """Return 16 hexadecimal digits of the digests of all drives."""
+    return hashlib.sha256("\n".join(one.digest for one in drives).encode()).hexdigest()[:16]

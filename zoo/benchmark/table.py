@@ -1,0 +1,128 @@
+"""The figures of an entry as a table for the terminal and the page."""
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from datamodules.terminal import printable
+from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
+
+# Columns by key of a group's figures: heading, factor and format.
+COLUMNS = {
+    "autonomy": ("autonomy, %", 100, "{:.1f}"),
+    "m_per_intervention": ("metres per intervention", 1, "{:,.0f}"),
+    "cte_mean_m": ("mean error, m", 1, "{:.2f}"),
+    "steering_per_s": ("steering change, 1/s", 1, "{:.2f}"),
+    "without_intervention": ("drives without intervention (interval in %)", 100, "{:.0f}"),
+}
+DIFFERENCES = {
+    "autonomy": ("autonomy, %-points", 100, "{:+.1f}"),
+    "cte_mean_m": ("mean error, m", 1, "{:+.2f}"),
+}
+
+
+CAPTION = (
+    "Below or behind each figure: its 95 % interval. Means: bootstrap over roads and training "
+    "seeds; counts: exact Poisson and Wilson."
+)
+
+
+def print_result(result: BenchmarkResult, console: Console) -> None:
+    """Print a table with a column for each group, the differences, headline and digest."""
+    headings, rows = table_cells(result)
+    shown = Table(
+        title=Text(printable(f"{result.entry}, suite {result.suite}")),
+        caption=CAPTION,
+        box=SIMPLE_HEAD,
+    )
+    shown.pad_edge = False
+    shown.add_column(headings[0], min_width=12)
+    for row in rows:
+        shown.add_column(Text(printable(row[0])), justify="right", no_wrap=True)
+    for number, heading in enumerate(headings[1:], 1):
+        shown.add_row(heading, *[_narrow(row[number]) for row in rows])
+    console.print(shown)
+    lines = [
+        *difference_lines(result),
+        headline_line(result),
+        f"digest of the drives: {result.digest}",
+    ]
+    for line in lines:
+        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+
+
+def difference_lines(result: BenchmarkResult) -> list[str]:
+    """Return a sentence for each shifted group: its difference to the clean partners."""
+    lines = []
+    for group, figures in result.differences.items():
+        texts = [
+            f"{heading}: {with_interval(figures[key], *form)}"
+            for key, (heading, *form) in DIFFERENCES.items()
+        ]
+        lines.append(f"{group} minus clean drives of the same roads: {'; '.join(texts)}")
+    return lines
+
+
+def headline_line(result: BenchmarkResult) -> str:
+    """Return the headline as a sentence."""
+    seeds = len(result.checkpoints)
+    roads = len({(one.group, one.track) for one in result.drives if one.group != "laps"})
+    return (
+        f"autonomy, interquartile mean over {roads} roads: "
+        f"{with_interval(result.headline, 100, '{:.1f}')} %; "
+        f"{seeds} training seed{'' if seeds == 1 else 's'}"
+    )
+
+
+def table_cells(result: BenchmarkResult) -> tuple[list[str], list[list[str]]]:
+    """Return the headings, and a row of texts for each group."""
+    headings = ["group", "drives", *(one for one, *_ in COLUMNS.values())]
+    rows = []
+    for group, figures in result.groups.items():
+        drives = result.of_group(group)
+        row = [group, str(len(drives))]
+        row += [_cell(figures[key], key, drives) for key in COLUMNS]
+        rows.append(row)
+    return headings, rows
+
+
+def with_interval(figure: Interval, factor: float, form: str) -> str:
+    """Return a figure with its 95 % interval, both times a factor.
+
+    >>> with_interval(Interval(value=0.9, low=0.8, high=0.95), 100, "{:.0f}")
+    '90 (80 to 95)'
+    >>> with_interval(Interval(value=None, low=710.0, high=None), 1, "{:.0f}")
+    'none (710 or more)'
+    """
+    value, low, high = (
+        None if one is None else form.format(factor * one)
+        for one in (figure.value, figure.low, figure.high)
+    )
+    value = value or "none"
+    if low is None:
+        return value
+    return f"{value} ({low} or more)" if high is None else f"{value} ({low} to {high})"
+
+
+def _narrow(cell: str) -> str:
+    r"""Return a cell in two lines, for a narrow column.
+
+    >>> _narrow("90 (80 to 95)"), _narrow("none (710 or more)")
+    ('90\n80..95', 'none\n>= 710')
+    """
+    value, bracket, interval = cell.rstrip(")").partition(" (")
+    if interval.endswith(" or more"):
+        interval = f">= {interval.removesuffix(' or more')}"
+    return f"{value}\n{interval.replace(' to ', '..')}" if bracket else value
+
+
+def _cell(figure: Interval, key: str, drives: Sequence[DriveRecord]) -> str:
+    _, factor, form = COLUMNS[key]
+    text = with_interval(figure, factor, form)
+    if key != "without_intervention":
+        return text
+    kept = sum(not one.figures["interventions"] for one in drives)
+    return f"{kept} of {len(drives)} ({text.partition('(')[2]}"
