@@ -4,7 +4,11 @@ A road is drawn as a track's file would describe it: segments, widths, verges, s
 drawn again until the car can take it, so `alpine:17` is the same road on every machine.
 """
 
+import hashlib
+import json
 import math
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +23,7 @@ from simulator.track_content import VERGES, make_track
 from simulator.track_names import road_folder
 from simulator.yaml_values import check_choice, check_keys, read_number
 
+DRAWN = re.compile(r"(.+):(\d{1,10})")  # family and seed, as in alpine:17
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
 MOST_DRAWS = 300
 MOST_SEED = 2**31 - 1
@@ -141,13 +146,13 @@ def draw_road(family: RoadFamily, seed: int) -> Track:
         SimulatorError: the seed is not allowed, or the family's ranges give no road that the car
             can take.
     """
-    if not 0 <= seed <= MOST_SEED:
-        raise SimulatorError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
     return draw_content(family, seed)[1]
 
 
 def draw_content(family: RoadFamily, seed: int) -> tuple[dict[str, Any], Track]:
     """Return the content of a file for the road of a seed, and the road; see `draw_road`."""
+    if not 0 <= seed <= MOST_SEED:
+        raise SimulatorError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
     rng = np.random.default_rng((VERSION, seed))
     closed = bool(rng.random() < family.shares["closed"])
     reason = ""
@@ -163,6 +168,34 @@ def draw_content(family: RoadFamily, seed: int) -> tuple[dict[str, Any], Track]:
         f"track={family.name}:{seed}: the car could take none of {MOST_DRAWS} drawn roads{reason}; "
         "widen the ranges of radius, degrees or straight"
     )
+
+
+def roads_digest(names: Iterable[str]) -> str:
+    """Return 16 hex digits of the contents of roads, the same on every machine and in any order.
+
+    Args:
+        names: roads such as `alpine:17`. Names of tracks with a file are left out.
+
+    >>> roads_digest(["alpine:17", "country:3"]) == roads_digest(["country:3", "alpine:17"])
+    True
+    """
+    drawn = {name: DRAWN.fullmatch(name) for name in names}
+    contents = {
+        name: draw_content(find_family(parts[1]), int(parts[2]))[0]
+        for name, parts in drawn.items()
+        if parts
+    }
+    canonical = json.dumps(_rounded(contents), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()[:16]
+
+
+def _rounded(value: Any) -> Any:
+    """Return a content with floats of 6 decimals, because machines differ in the last digits."""
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return round(value, 6) + 0.0 if isinstance(value, float) else value
 
 
 def _draw(family: RoadFamily, rng: np.random.Generator, closed: bool) -> dict[str, Any] | None:
