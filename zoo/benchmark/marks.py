@@ -13,13 +13,17 @@ from typing import Any, NamedTuple
 
 from datamodules.errors import InputError
 from zoo.cli.nearest import hint
-from zoo.drives.metrics import DRIVES, METRICS
 
 HEADLINE = "headline"  # the group of the whole suite's figure, which is an autonomy
-METRIC_NAMES = ("autonomy", "m_per_intervention", "cte_mean_m", "steering_per_s")
-WITHOUT = "without_intervention"  # share of the drives; no metric of a single drive
-FIGURES = (*METRIC_NAMES, WITHOUT)
-SHARES = ("autonomy", WITHOUT)
+# Heading, format and whether higher is better.
+FIGURES = {
+    "autonomy": ("autonomy", "{:.1%}", True),
+    "without_intervention": ("drives without intervention", "{:.1%}", True),
+    "m_per_intervention": ("metres per intervention", "{:,.0f}", True),
+    "cte_mean_m": ("mean error, m", "{:.2f}", False),
+    "steering_per_s": ("steering change, 1/s", "{:.2f}", False),
+}
+SHARES = ("autonomy", "without_intervention")
 
 
 @dataclass(frozen=True)
@@ -37,16 +41,14 @@ class Mark:
     value: float
 
     @property
-    def higher(self) -> bool:
-        """Return whether a higher figure is better."""
-        return self.figure == WITHOUT or METRICS[self.figure].direction.startswith("higher")
-
-    @property
     def heading(self) -> str:
         """Return the figure's name and unit in words."""
-        if self.figure == WITHOUT:
-            return "drives without intervention"
-        return METRICS[self.figure].row(DRIVES)[0]
+        return FIGURES[self.figure][0]
+
+    @property
+    def higher(self) -> bool:
+        """Return whether a higher figure is better."""
+        return FIGURES[self.figure][2]
 
     @property
     def required(self) -> str:
@@ -65,8 +67,7 @@ class Mark:
             return "unknown"
         if math.isinf(value):
             return "no intervention"
-        form = "{:.1%}" if self.figure == WITHOUT else METRICS[self.figure].row(DRIVES)[1]
-        return form.format(value)
+        return FIGURES[self.figure][1].format(value)
 
 
 class Reached(NamedTuple):
@@ -101,7 +102,7 @@ def read_marks(content: object, groups: Sequence[str], place: Path | str) -> lis
     for group, figures in content.items():
         if group not in known:
             raise InputError(f"{place}: marks.{group}: no such group; {hint(str(group), known)}")
-        usable = FIGURES if group != HEADLINE else FIGURES[:1]
+        usable = list(FIGURES) if group != HEADLINE else ["autonomy"]
         if not isinstance(figures, Mapping) or not figures:
             raise InputError(f"{place}: marks.{group}: must be figures: {{autonomy: 0.9}}")
         for figure, value in figures.items():
@@ -144,7 +145,7 @@ def missed_line(reached: Sequence[Reached]) -> str:
     if not missed:
         return ""
     texts = [
-        f"{one.mark.group}: {one.mark.heading} {one.mark.text(one.reached)}, needs "
+        f"{one.mark.group}: {one.mark.heading} is {one.mark.text(one.reached)}, must be "
         f"{one.mark.required}"
         for one in missed
     ]
@@ -152,13 +153,14 @@ def missed_line(reached: Sequence[Reached]) -> str:
 
 
 def mark_rows(result: Mapping[str, Any], reached: Sequence[Reached]) -> list[list[str]]:
-    """Return group, figure, mark, figure with its interval, and passed or missed, as texts."""
+    """Return group, figure, mark, figure, 95 % interval, and passed or missed, as texts."""
     return [
         [
             "whole suite" if mark.group == HEADLINE else mark.group,
             mark.heading,
             mark.required,
-            mark.text(value) + _interval(mark, _figure(result, mark)),
+            mark.text(value),
+            _interval(mark, _figure(result, mark)),
             "passed" if is_passed else "missed",
         ]
         for mark, value, is_passed in reached
@@ -175,5 +177,4 @@ def _interval(mark: Mark, figure: Mapping[str, Any]) -> str:
     low, high = figure["low"], figure["high"]
     if low is None:
         return ""
-    text = f"{mark.text(low)} or more" if high is None else f"{mark.text(low)} to {mark.text(high)}"
-    return f" (95 %: {text})"
+    return f"{mark.text(low)} or more" if high is None else f"{mark.text(low)} to {mark.text(high)}"

@@ -23,7 +23,8 @@ WORST = 3  # drives of a missed mark's group that the page lists
 
 def print_marks(result: Mapping[str, Any], reached: Sequence[Reached], console: Console) -> None:
     """Print a table of the marks."""
-    table = Table("group", "figure", "mark", "reached", "", title="Marks", box=SIMPLE_HEAD)
+    headings = ("group", "figure", "mark", "reached", "95 % interval", "")
+    table = Table(*headings, title="Marks", box=SIMPLE_HEAD)
     for row in mark_rows(result, reached):
         table.add_row(*row)
     console.print(table, highlight=False)
