@@ -147,6 +147,17 @@ def test_a_road_is_named_wherever_a_track_is():
     np.testing.assert_array_equal(read_track(f"{path}:17").xyz, road.xyz)
 
 
+def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
+    for seed in range(5):
+        content, road = draw_content(family, seed)
+        path = tmp_path / "own.yaml"
+        path.write_text(yaml.safe_dump(content))
+        again = read_track(str(path))
+        np.testing.assert_array_equal(again.xyz, road.xyz)
+        assert again.surroundings == road.surroundings
+        assert again.stretches == road.stretches
+
+
 def test_an_unknown_family_names_the_known_ones():
     with pytest.raises(SimulatorError, match=r"tundra.*alpine, country, lakeside"):
         read_track("tundra:1")
