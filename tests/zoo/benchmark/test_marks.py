@@ -5,10 +5,12 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from datamodules.errors import InputError
 from zoo.benchmark.marks import missed_line, reached_marks, read_marks
 from zoo.benchmark.marks_page import print_marks, write_marks
+from zoo.cli.compose import conf_folder
 from zoo.report.report_page import hash_source
 
 MARKS = {
@@ -119,6 +121,25 @@ def test_wrong_marks_get_one_line(marks: object, named: str) -> None:
         read_marks(marks, GROUPS, "course.yaml")
     assert str(error.value).startswith("course.yaml: marks")
     assert "\n" not in str(error.value)
+
+
+def test_the_suite_of_a_course_has_roads_of_its_own_and_marks_for_its_groups() -> None:
+    files = ("suite/course.yaml", "suite/v1.yaml", "data/bench_v1.yaml")
+    course, *others = (yaml.safe_load((conf_folder() / name).read_text()) for name in files)
+    assert read_marks(course["marks"], [*course["groups"], "laps"], "course.yaml")
+    roads = tracks_in(course["groups"])
+    assert len(roads) == sum(map(len, course["groups"].values()))
+    for other in others:
+        assert not roads & tracks_in(other)
+    assert not roads & set(course["dev"])
+
+
+def tracks_in(content: object) -> set[str]:
+    """Return all values of the key `track` in a file."""
+    if isinstance(content, dict):
+        own = {content["track"]} if "track" in content else set()
+        return own.union(*map(tracks_in, content.values()))
+    return set().union(*map(tracks_in, content)) if isinstance(content, list) else set()
 
 
 def test_an_autograder_and_a_student_get_files(result: dict, tmp_path: Path, console) -> None:
