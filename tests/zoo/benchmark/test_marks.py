@@ -81,8 +81,8 @@ def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: dict) -> Non
     line = missed_line(reached)
     assert "1 of 6" in line
     assert "looks" in line
-    assert "65.0%" in line
-    assert "at least 70.0%" in line
+    assert "65%" in line
+    assert "at least 70%" in line
 
 
 def test_a_lower_error_is_better(result: dict) -> None:
