@@ -19,7 +19,7 @@ IMAGE = Path(__file__).parent / "images" / "roads.webp"
 ORIGINALS = ("udacity_lake", "udacity_jungle", "research_mountain")
 ROADS = 200
 COLOURS = ("#2a6fbb", "#d9822b", "#3a9a5b")
-LEAST_CURVATURE = 1e-4  # 1/m; a straight
+LEAST_CURVATURE = 1e-4  # 1/m; straights are drawn at it
 
 FEATURES = {
     "|curvature|, 1/m": lambda road: np.maximum(np.abs(road.curvature), LEAST_CURVATURE),
@@ -54,7 +54,6 @@ def draw_roads() -> plt.Figure:
         axis.set(xlabel=feature, ylabel="below the value, %", ylim=(-2, 102))
         axis.spines[["top", "right"]].set_visible(False)
     axes.flat[0].set_xscale("log")
-    axes.flat[3].set_xscale("log")
     axes.flat[0].legend(frameon=False, fontsize="small")
     figure.suptitle(f"{ROADS} roads of each family (solid) and the originals' tracks (dashed)")
     return figure

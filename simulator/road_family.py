@@ -7,7 +7,6 @@ drawn again until the car can take it, so `alpine:17` is the same road on every 
 import hashlib
 import json
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,9 @@ from simulator.errors import SimulatorError
 from simulator.plain_yaml import read_yaml
 from simulator.track import Track
 from simulator.track_content import VERGES, make_track
-from simulator.track_names import road_folder
+from simulator.track_names import DRAWN, road_folder
 from simulator.yaml_values import check_choice, check_keys, read_number
 
-DRAWN = re.compile(r"(.+):(\d{1,10})")  # family and seed, as in alpine:17
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
 MOST_DRAWS = 300
 MOST_SEED = 2**31 - 1

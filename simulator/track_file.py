@@ -7,7 +7,7 @@ from simulator.plain_yaml import read_yaml
 from simulator.road_family import DRAWN, draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_content import make_track
-from simulator.track_names import ALIASES, recorded_name, track_folder, track_names
+from simulator.track_names import ALIASES, DRAWN, recorded_name, track_folder, track_names
 
 MOST_PATH = 4096  # characters of the path of a track's file
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 # Records and figures keep the older names of these tracks, so that no road is ranked as two.
 ALIASES = {"lake": "zoo_lake", "mountain": "zoo_mountain"}
+DRAWN = re.compile(r"(.+):(\d{1,10})")  # a road of a family: the family and a number
 RECORDED = {name: alias for alias, name in ALIASES.items()}
 
 
@@ -35,6 +36,25 @@ def recorded_name(name: str) -> str:
     ('lake', 'lake', 'udacity_lake')
     """
     return RECORDED.get(name, name)
+
+
+def short_name(track: str) -> str:
+    """Return the name of a track for headings: without the folder and suffix of its file.
+
+    >>> short_name("udacity_lake"), short_name("alpine:17"), short_name("roads/own.yaml:17")
+    ('udacity_lake', 'alpine:17', 'own:17')
+    """
+    drawn = DRAWN.fullmatch(track)
+    return f"{Path(drawn[1]).stem}:{drawn[2]}" if drawn else Path(track).stem
+
+
+def file_name(track: str) -> str:
+    """Return the name of a track for files and folders; Windows allows no colon in them.
+
+    >>> file_name("udacity_lake"), file_name("alpine:17"), file_name("roads/own.yaml")
+    ('udacity_lake', 'alpine-17', 'own')
+    """
+    return short_name(track).replace(":", "-")
 
 
 def environment_id(name: str) -> str:

@@ -1,6 +1,7 @@
 """Families of roads: the same road for the same seed, roads that the car can take."""
 
 import dataclasses
+import hashlib
 
 import numpy as np
 import pytest
@@ -8,7 +9,13 @@ import yaml
 
 from simulator.errors import SimulatorError
 from simulator.expert import Expert
-from simulator.road_family import draw_content, draw_road, family_names, find_family
+from simulator.road_family import (
+    draw_content,
+    draw_road,
+    family_names,
+    find_family,
+    roads_digest,
+)
 from simulator.track_file import read_track
 from simulator.world import World
 
@@ -25,6 +32,35 @@ def test_a_seed_always_draws_the_same_road(family):
     np.testing.assert_array_equal(first.widths, again.widths)
     assert first.name == f"{family.name}:3"
     assert draw_road(family, 4).length != first.length
+
+
+# A change of a digest is a change of every recording and figure of these roads.
+DIGESTS = {  # of the contents, and of the centrelines in 6 decimals
+    "alpine": ("559c577af9c9d28c", "fbf091cc3698e1f8"),
+    "country": ("d197acdecb7f63c3", "3ac5524f7163c583"),
+    "lakeside": ("db88727f41e310db", "373302257db94734"),
+}
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_roads_stay_as_they_are(name):
+    names = [f"{name}:{seed}" for seed in (0, 1, 17, 502, 703)]
+    roads = [read_track(one) for one in names]
+    columns = [np.column_stack([one.xyz, one.heading, one.curvature, one.widths]) for one in roads]
+    values = np.concatenate(columns).round(6) + 0.0
+    assert (roads_digest(names), hashlib.sha256(values).hexdigest()[:16]) == DIGESTS[name]
+
+
+def test_a_digest_of_roads_changes_with_their_content(tmp_path):
+    assert roads_digest(["alpine:1", "country:2"]) == roads_digest(["country:2", "alpine:1"])
+    assert roads_digest(["alpine:1"]) != roads_digest(["alpine:2"])
+    assert roads_digest(["alpine:1", "udacity_lake"]) == roads_digest(["alpine:1"])
+    content = yaml.safe_load(find_family("alpine").path.read_text())
+    own = tmp_path / "own.yaml"
+    own.write_text(yaml.safe_dump(content))
+    before = roads_digest([f"{own}:1"])
+    own.write_text(yaml.safe_dump(content | {"width": [5.0, 6.0]}))
+    assert roads_digest([f"{own}:1"]) != before
 
 
 def test_roads_keep_to_the_ranges_of_their_family(family):
@@ -109,6 +145,17 @@ def test_a_road_is_named_wherever_a_track_is():
     assert road.name == "alpine:17"
     path = find_family("alpine").path
     np.testing.assert_array_equal(read_track(f"{path}:17").xyz, road.xyz)
+
+
+def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
+    for seed in range(5):
+        content, road = draw_content(family, seed)
+        path = tmp_path / "own.yaml"
+        path.write_text(yaml.safe_dump(content))
+        again = read_track(str(path))
+        np.testing.assert_array_equal(again.xyz, road.xyz)
+        assert again.surroundings == road.surroundings
+        assert again.stretches == road.stretches
 
 
 def test_an_unknown_family_names_the_known_ones():

@@ -31,6 +31,9 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
         assert read_track(name).length > 0
     elif group == "road":
         assert read_track(f"{name}:1").length > 0
+    elif group == "suite":
+        drives = [one for group in OmegaConf.load(CONF / path).groups.values() for one in group]
+        assert all(read_track(one.track).length > 0 for one in drives)
     elif path.parts[0] == "drive":
         read_settings([f"speed={name}"])
     elif path.parts[0] == "world":

@@ -121,9 +121,9 @@ class StopOnSignal:
 
 def _track(sim: str) -> str:
     """Return the name of the embedded simulator's track in records."""
-    from simulator.track_names import recorded_name
+    from simulator.track_names import recorded_name, short_name
 
-    return recorded_name(Path(sim).stem)
+    return recorded_name(short_name(sim))
 
 
 def open_port(host: str, port: int) -> "GreenSocket":

@@ -79,6 +79,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
 
 
 def _show_sweeps(results: dict, usual: "Setup", folder: Path, console: Console) -> None:
+    from simulator.track_names import short_name
     from zoo.evaluate.drive_plots import degradation_curves
     from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
     from zoo.runs.plots import save_figure
@@ -87,7 +88,7 @@ def _show_sweeps(results: dict, usual: "Setup", folder: Path, console: Console) 
     figure = degradation_curves(
         {PERTURBATIONS[name].label: by_value for name, by_value in results.items()},
         {PERTURBATIONS[name].label: PERTURBATIONS[name].usual(usual) for name in results},
-        f"{Path(usual.track).stem}, {_how(usual)}; dotted: usual",
+        f"{short_name(usual.track)}, {_how(usual)}; dotted: usual",
     )
     save_figure(figure, folder / "robustness.png")
 

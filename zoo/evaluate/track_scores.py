@@ -11,6 +11,7 @@ from pydantic import Field
 from rich.console import Console
 
 from datamodules.errors import InputError
+from simulator.track_names import file_name
 from zoo.cli.command_config import check_options, compose_keys
 from zoo.cli.console_progress import working
 from zoo.cli.nearest import hint
@@ -47,7 +48,8 @@ def score_on_tracks(
     Args:
         checkpoint: checkpoint file.
         options: options of the drives.
-        folder: folder to write to, each drive into `folder/<track>-<seed>`.
+        folder: folder to write to, each drive into `folder/<track>-<seed>`; without colons, so
+            `alpine:17` is `alpine-17`.
         console: console for progress and warnings.
         more: further setups to drive, whose figures alone are kept.
 
@@ -58,7 +60,7 @@ def score_on_tracks(
     setups = [Setup.of(options, *job) for job in jobs]
     # A setup that occurs twice, such as the usual one in several sweeps, is driven once.
     more = [one for one in dict.fromkeys(more) if one not in setups]
-    places = [folder / f"{Path(track).stem}-{seed}" for track, seed in jobs]
+    places = [folder / f"{file_name(track)}-{seed}" for track, seed in jobs]
     found = drive_all(
         checkpoint, setups + more, places + [None] * len(more), options.workers, console
     )

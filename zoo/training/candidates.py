@@ -12,6 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from datamodules.errors import InputError
+from simulator.track_names import short_name
 from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.drives.driving_score import driving_score
@@ -194,7 +195,7 @@ def _undriven(score: RunScore | None, candidates: Sequence[Candidate]) -> str:
 
 def _print_drives(score: RunScore, drives: Sequence[dict], console: Console) -> None:
     laps = f"{_laps(score):g} lap{'' if _laps(score) == 1 else 's'}"
-    track = Path(score.tracks[0]).stem
+    track = short_name(score.tracks[0])
     lines = [
         f"candidates for best.ckpt, {laps} of the {track} each, from another start than the score:"
     ]

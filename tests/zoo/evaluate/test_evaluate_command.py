@@ -8,6 +8,7 @@ import torch
 from PIL import Image
 
 from datamodules.errors import InputError
+from simulator.track_names import road_folder
 from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
 from zoo.cli.command_config import read_options
@@ -99,6 +100,26 @@ def test_a_run_says_how_fast_it_was_driven(
 )
 def test_a_road_is_driven_once_under_one_name(typed: str, tracks: list[str]) -> None:
     assert read_options("evaluate", EvaluateOptions, [f"track={typed}"]).tracks == tracks
+
+
+def test_folders_of_drives_have_names_that_every_system_allows(
+    tmp_path: Path, console, monkeypatch
+) -> None:
+    family = tmp_path / "own.yaml"
+    family.write_text((road_folder() / "alpine.yaml").read_text())
+    found = []
+
+    def drive_none(*arguments) -> list:
+        found.extend(arguments[2])
+        raise InputError("nothing is driven here")
+
+    monkeypatch.setattr(track_scores, "drive_all", drive_none)
+    keys = [f"track=alpine:17,lake,{family}:3,{family}:4"]
+    options = read_options("evaluate", EvaluateOptions, keys)
+    with pytest.raises(InputError, match="nothing is driven"):
+        track_scores.score_on_tracks("", options, tmp_path / "drives", console)
+    names = [folder.name for folder in found]
+    assert names == ["alpine-17-0", "lake-0", "own-3-0", "own-4-0"]
 
 
 @pytest.mark.parametrize(
