@@ -307,6 +307,12 @@ def test_an_unknown_suite_is_wrong_use(tmp_path: Path) -> None:
         drive(["zero"], "quik", tmp_path / "out")
 
 
+@pytest.mark.parametrize("arguments", [["verify"], ["verify", "result.json", "out=x"]])
+def test_verify_takes_one_result_and_writes_nothing(arguments: list[str]) -> None:
+    with pytest.raises(UsageError, match="verify: "):
+        command(arguments)
+
+
 def test_the_dev_roads_are_a_suite_of_their_own(tmp_path: Path) -> None:
     suite = write_suite(tmp_path, dev=["lakeside:301"])
     result = read_result(drive(["zero"], suite, tmp_path / "out", "split=dev"))
