@@ -67,7 +67,7 @@ class Mark:
             return "unknown"
         if math.isinf(value):
             return "no intervention"
-        return FIGURES[self.figure][1].format(value)
+        return FIGURES[self.figure][1].format(value).replace(".0%", "%")
 
 
 class Reached(NamedTuple):

@@ -61,6 +61,8 @@ def bootstrap(
     interval of three seeds contains the truth in 74 % of the cases instead of 95 %, where seeds
     differ more than roads. The factor corrects the variance by n / (n - 1) for n seeds or roads,
     and uses Student's t with Satterthwaite's degrees of freedom instead of the normal distribution.
+    Where single drives vary more than seeds and roads, the interval is too wide: it contains the
+    truth in up to 99 % of the cases.
 
     Values without any difference give an interval of width 0. It means that no difference was
     seen, not that there is none; for counts, use `poisson_rate` or `wilson_interval`.

@@ -1,0 +1,176 @@
+"""Pass marks of a course: reading them, what an entry reached, and the student's page."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from datamodules.errors import InputError
+from zoo.benchmark.marks import missed_line, reached_marks, read_marks
+from zoo.benchmark.marks_page import print_marks, write_marks
+from zoo.cli.compose import conf_folder
+from zoo.report.report_page import hash_source
+
+MARKS = {
+    "like": {"autonomy": 0.9, "cte_mean_m": 0.8, "m_per_intervention": 500},
+    "looks": {"autonomy": 0.7, "without_intervention": 0.5},
+    "headline": {"autonomy": 0.8},
+}
+GROUPS = ("like", "looks")
+
+
+def figure(value: float | None, low: float | None = 0.0, high: float | None = 1.0) -> dict:
+    return {"value": value, "low": low, "high": high}
+
+
+def drive(track: str, group: str, interventions: int, settings: dict) -> dict:
+    figures = {"autonomy": 0.9, "interventions": float(interventions), "cte_mean_m": 0.5}
+    return {
+        "checkpoint": 0,
+        "group": group,
+        "track": track,
+        "settings": settings,
+        "figures": figures,
+        "digest": "0" * 16,
+    }
+
+
+@pytest.fixture
+def result() -> dict:
+    """Return a result that reaches all marks but one, the autonomy of `looks`."""
+    shared = {"cte_mean_m": figure(0.5), "steering_per_s": figure(0.3)}
+    return {
+        "version": 1,
+        "suite": "course",
+        "roads": "a" * 16,
+        "code": {"hash": "b2", "commit": None},
+        "entry": "<i>Ada's</i> net",
+        "checkpoints": [{"file": "my run/best.ckpt", "sha256": "c" * 64, "model": "PilotNet"}],
+        "drives": [
+            drive("lakeside:801", "like", 0, {}),
+            drive("lakeside:803", "looks", 1, {"delay_s": 0.2}),
+            drive("lakeside:802", "looks", 2, {"weather": {"fog": 0.5, "shadows": False}}),
+        ],
+        "groups": {
+            "like": {
+                **shared,
+                "autonomy": figure(0.9),
+                "m_per_intervention": figure(None, 400.0, None),
+                "without_intervention": figure(1.0),
+            },
+            "looks": {
+                **shared,
+                "autonomy": figure(0.65, 0.6, 0.7),
+                "m_per_intervention": figure(90.0),
+                "without_intervention": figure(0.5),
+            },
+        },
+        "headline": figure(0.81),
+        "digest": "d" * 16,
+    }
+
+
+def test_a_figure_at_its_mark_passes_and_one_below_does_not(result: dict) -> None:
+    reached = reached_marks(result, read_marks(MARKS, GROUPS, "course.yaml"))
+    assert [(one.mark.group, one.mark.figure) for one in reached if not one.passed] == [
+        ("looks", "autonomy")
+    ]
+    assert len(reached) == 6
+    line = missed_line(reached)
+    assert "1 of 6" in line
+    assert "looks" in line
+    assert "65%" in line
+    assert "at least 70%" in line
+
+
+def test_a_lower_error_is_better(result: dict) -> None:
+    for mark, passed in ((0.5, True), (0.49, False)):
+        marks = read_marks({"like": {"cte_mean_m": mark}}, GROUPS, "course.yaml")
+        (reached,) = reached_marks(result, marks)
+        assert reached.passed == passed
+        assert bool(missed_line([reached])) != passed
+
+
+def test_an_unknown_figure_does_not_pass(result: dict) -> None:
+    result["groups"]["like"]["m_per_intervention"] = figure(None, None, None)
+    marks = read_marks({"like": {"m_per_intervention": 0}}, GROUPS, "course.yaml")
+    (reached,) = reached_marks(result, marks)
+    assert not reached.passed
+    assert "unknown" in missed_line([reached])
+
+
+@pytest.mark.parametrize(
+    ("marks", "named"),
+    [
+        (None, "marks"),
+        ([], "marks"),
+        ({"likes": {"autonomy": 0.9}}, "likes: .*did you mean like"),
+        ({"like": 0.9}, "marks.like: "),
+        ({"like": {"autonomie": 0.9}}, "marks.like.autonomie: .*did you mean autonomy"),
+        ({"like": {"autonomy": 90}}, "marks.like.autonomy: 90"),
+        ({"like": {"autonomy": True}}, "marks.like.autonomy: True"),
+        ({"like": {"cte_mean_m": "low"}}, "marks.like.cte_mean_m: low"),
+        ({"like": {"cte_mean_m": float("nan")}}, "marks.like.cte_mean_m: nan"),
+        ({"headline": {"cte_mean_m": 1}}, "marks.headline.cte_mean_m"),
+    ],
+)
+def test_wrong_marks_get_one_line(marks: object, named: str) -> None:
+    with pytest.raises(InputError, match=named) as error:
+        read_marks(marks, GROUPS, "course.yaml")
+    assert str(error.value).startswith("course.yaml: marks")
+    assert "\n" not in str(error.value)
+
+
+def test_the_suite_of_a_course_has_roads_of_its_own_and_marks_for_its_groups() -> None:
+    files = ("suite/course.yaml", "suite/v1.yaml", "data/bench_v1.yaml")
+    course, *others = (yaml.safe_load((conf_folder() / name).read_text()) for name in files)
+    assert read_marks(course["marks"], [*course["groups"], "laps"], "course.yaml")
+    roads = tracks_in(course["groups"])
+    assert len(roads) == sum(map(len, course["groups"].values()))
+    for other in others:
+        assert not roads & tracks_in(other)
+    assert not roads & set(course["dev"])
+
+
+def tracks_in(content: object) -> set[str]:
+    """Return all values of the key `track` in a file."""
+    if isinstance(content, dict):
+        own = {content["track"]} if "track" in content else set()
+        return own.union(*map(tracks_in, content.values()))
+    return set().union(*map(tracks_in, content)) if isinstance(content, list) else set()
+
+
+def test_an_autograder_and_a_student_get_files(result: dict, tmp_path: Path, console) -> None:
+    reached = reached_marks(result, read_marks(MARKS, GROUPS, "course.yaml"))
+    print_marks(result, reached, console)
+    assert "missed" in console.file.getvalue()
+    graded, page = write_marks(tmp_path, result, reached)
+    found = json.loads(graded.read_text())
+    assert not found["passed"]
+    assert found["marks_passed"] == 5
+    assert found["marks"][0] == {
+        "group": "like",
+        "figure": "autonomy",
+        "value": 0.9,
+        "reached": 0.9,
+        "passed": True,
+    }
+    text = page.read_text()
+    assert "5 of 6 marks reached" in text
+    assert "<i>" not in text  # the entry's name is escaped
+    style = re.search(r"<style>(.*?)</style>", text, re.DOTALL)[1]
+    assert hash_source(style) in text.replace("&#39;", "'")
+    assert "<script" not in text
+    assert text.index("lakeside:802") < text.index("lakeside:803")  # the worst drive first
+    command = "'my run/best.ckpt' track=lakeside:802 'weather={fog: 0.5, shadows: false}' film=true"
+    assert command in text.replace("&#39;", "'")
+
+
+def test_reached_marks_leave_no_worst_drives(result: dict, tmp_path: Path) -> None:
+    reached = reached_marks(result, read_marks({"like": {"autonomy": 0.9}}, GROUPS, "course.yaml"))
+    assert missed_line(reached) == ""
+    graded, page = write_marks(tmp_path, result, reached)
+    assert json.loads(graded.read_text())["passed"]
+    assert "Worst drives" not in page.read_text()
