@@ -108,6 +108,8 @@ def command(arguments: list[str]) -> None:
         return
     if len(names) != 2:
         raise UsageError("verify: name one result.json: python -m zoo.benchmark verify RESULT")
+    if options.out or options.entry:
+        raise UsageError("verify: writes nothing; leave out entry= and out=")
     from zoo.benchmark.verify import verify
 
     verify(Path(names[1]), options.suite, options.drives, options.workers, console)

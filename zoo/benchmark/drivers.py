@@ -58,6 +58,12 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
             )
         return [Driver(names[0], None, names[0], 0, None, "")]
     drivers = [read_driver(find_checkpoint(one)) for one in names]
+    check_distinct(drivers)
+    return drivers
+
+
+def check_distinct(drivers: Sequence[Driver]) -> None:
+    """Raise InputError unless an entry's checkpoints are different ones of one network."""
     for number, one in enumerate(drivers):
         if one.model != drivers[0].model:
             raise InputError(
@@ -66,7 +72,6 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
             )
         if one.sha256 in [other.sha256 for other in drivers[:number]]:
             raise InputError(f"{one.file}: is named twice; name each training seed once")
-    return drivers
 
 
 def read_driver(path: Path) -> Driver:

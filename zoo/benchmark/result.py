@@ -12,7 +12,15 @@ from zoo.runs.whole_file import json_text, write_whole
 
 NAME = "result.json"
 VERSION = 1
-NEEDED = ("autonomy", "interventions", "driven_m", "driven_s", "cte_mean_m", "steering_per_s")
+MOST = 1e6  # metres, seconds or interventions of a drive
+NEEDED = {  # figures of every drive, with their smallest and largest value
+    "autonomy": (0, 1),
+    "interventions": (0, MOST),
+    "driven_m": (-MOST, MOST),
+    "driven_s": (0, MOST),
+    "cte_mean_m": (0, MOST),
+    "steering_per_s": (0, MOST),
+}
 
 
 class Interval(Fields):
@@ -119,6 +127,11 @@ def _check_drives(drives: Sequence[DriveRecord], checkpoints: int, path: Path) -
         place = f"{path}: drives.{number}"
         if one.checkpoint >= checkpoints:
             raise InputError(f"{place}.checkpoint: is {one.checkpoint}, of {checkpoints} from 0 on")
-        for name in NEEDED:
-            if one.figures.get(name) is None:
+        for name, (low, high) in NEEDED.items():
+            value = one.figures.get(name)
+            if value is None:
                 raise InputError(f"{place}.figures.{name}: is missing; run the benchmark again")
+            if not low <= value <= high:
+                raise InputError(
+                    f"{place}.figures.{name}: is {value:g}, must be in {low:g}..{high:g}"
+                )

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from datamodules.terminal import printable
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
+from zoo.benchmark.suite import LAPS
 
 # Columns by key of a group's figures: heading, factor and format.
 COLUMNS = {
@@ -69,7 +70,8 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
 def headline_line(result: BenchmarkResult) -> str:
     """Return the headline as a sentence."""
     seeds = len(result.checkpoints)
-    roads = len({(one.group, one.track) for one in result.drives if one.group != "laps"})
+    first = result.of_checkpoint(0)
+    roads = sum(one.group != LAPS for one in first) or len(first)
     return (
         f"autonomy, interquartile mean over {roads} roads: "
         f"{with_interval(result.headline, 100, '{:.1f}')} %; "

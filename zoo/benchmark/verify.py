@@ -2,6 +2,7 @@
 
 import math
 import random
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
@@ -9,7 +10,7 @@ from rich.console import Console
 from datamodules.errors import InputError
 from datamodules.terminal import printable
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.drivers import Driver, file_hash, read_driver
+from zoo.benchmark.drivers import Driver, check_distinct, file_hash, read_driver
 from zoo.benchmark.drives import digest_of_drives, drive_jobs
 from zoo.benchmark.result import (
     NEEDED,
@@ -46,6 +47,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     _check_sums(result, path)
     folder = path if path.is_dir() else path.parent
     drivers = [_driver(one, folder, path) for one in result.checkpoints]
+    check_distinct(drivers)
     if result.code.get("hash") != code_fingerprint()["hash"]:
         line = (
             f"the result is of other code ({_code(result.code)}; here "
@@ -70,7 +72,8 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
             f"{path}: {counted}: {len(different)} with another digest or other figures; repeat "
             f"it with the code that drove it ({_code(result.code)}), on the same kind of machine"
         )
-    console.print(f"{path}: {counted}: all digests are equal", highlight=False, soft_wrap=True)
+    line = f"{path}: {counted}: all digests are equal"
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def is_same(old: DriveRecord, new: DriveRecord) -> bool:
@@ -131,14 +134,22 @@ def _driver(record: DriverRecord, folder: Path, path: Path) -> Driver:
         return Driver(**record.model_dump())
     for file in sorted(folder.iterdir()):
         if file.suffix in (".ckpt", ".onnx") and file_hash(file) == record.sha256:
-            return read_driver(file)
-    driver = read_driver(find_checkpoint(record.file))
+            break
+    else:
+        file = find_checkpoint(record.file)
+    driver = read_driver(file)
     if driver.sha256 != record.sha256:
         raise InputError(
-            f"{path}: checkpoints: {driver.file} is another file than the one that drove (SHA-256 "
+            f"{path}: checkpoints: {file} is another file than the one that drove (SHA-256 "
             f"{(driver.sha256 or '')[:16]} instead of {(record.sha256 or '')[:16]}); put the "
             f"right one into {folder}"
         )
+    for name, own in asdict(driver).items():
+        if name != "file" and getattr(record, name) != own:
+            raise InputError(
+                f"{path}: checkpoints: {name}: is {getattr(record, name)}, but {file} has {own}; "
+                "the file was changed"
+            )
     return driver
 
 

@@ -151,6 +151,8 @@ def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
         (set_key("drives", 0, "checkpoint", value=5), "drives.0.checkpoint: is 5"),
         (set_key("drives", 0, "figures", value={}), "drives.0.figures.autonomy: is missing"),
         (set_key("checkpoints", 0, "sha256", value="0" * 64), "another file than the one"),
+        (set_key("drives", 0, "figures", "interventions", value=-1), "is -1, must be in 0..1e.06"),
+        (set_key("checkpoints", 0, "training_seed", value=1), "training_seed: is 1, but"),
         (set_key("entry", value=3), "entry: should be text"),
     ],
 )
@@ -160,6 +162,19 @@ def test_verify_refuses_a_changed_result(
     with pytest.raises(InputError, match=words) as caught:
         verify(changed(entry, tmp_path, change), suite)
     assert "\n" not in str(caught.value)
+
+
+def test_verify_refuses_a_checkpoint_that_stands_for_two_seeds(
+    suite: Path, checkpoint: Path, tmp_path: Path
+) -> None:
+    result = read_result(drive([checkpoint], suite, tmp_path / "out"))
+    again = [one.model_copy(update={"checkpoint": 1}) for one in result.drives]
+    drives = [*result.drives, *again]
+    sums = vars(summarize_drives(drives)) | {"digest": digest_of_drives(drives)}
+    twice = {"drives": drives, "checkpoints": result.checkpoints * 2}
+    write_result(tmp_path, result.model_copy(update=twice | sums))
+    with pytest.raises(InputError, match="named twice"):
+        verify(tmp_path, suite)
 
 
 def test_a_checkpoint_is_found_in_the_results_folder(
@@ -290,6 +305,12 @@ def test_a_wrong_suite_gets_one_line(tmp_path: Path, changes: dict, words: str) 
 def test_an_unknown_suite_is_wrong_use(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"suite=quik: no such suite; did you mean quick\?"):
         drive(["zero"], "quik", tmp_path / "out")
+
+
+@pytest.mark.parametrize("arguments", [["verify"], ["verify", "result.json", "out=x"]])
+def test_verify_takes_one_result_and_writes_nothing(arguments: list[str]) -> None:
+    with pytest.raises(UsageError, match="verify: "):
+        command(arguments)
 
 
 def test_the_dev_roads_are_a_suite_of_their_own(tmp_path: Path) -> None:
