@@ -4,7 +4,7 @@ from pathlib import Path
 
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import read_yaml
-from simulator.road_family import DRAWN, draw_road, family_names, find_family
+from simulator.road_family import draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_content import make_track
 from simulator.track_names import ALIASES, DRAWN, recorded_name, track_folder, track_names

@@ -146,6 +146,7 @@ def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
         (set_key("suite", value="v0"), "suite: v0 is not included.*suite=PATH"),
         (set_key("digest", value="0" * 16), "digest: is not that of its drives"),
         (set_key("headline", "value", value=0.5), "headline: is not that of its drives"),
+        (set_key("headline", "low", value=0.99), "headline: is not that of its drives"),
         (set_key("groups", "like", value={}), "groups.like.autonomy: is not that of its"),
         (set_key("drives", 0, "settings", value={"speed": 9.0}), "not in the suite tiny"),
         (set_key("drives", 0, "checkpoint", value=5), "drives.0.checkpoint: is 5"),
