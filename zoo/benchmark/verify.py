@@ -120,8 +120,9 @@ def _check_sums(result: BenchmarkResult, path: Path) -> None:
     given = Summary(result.groups, result.differences, result.headline).flat()
     for name, own in summarize_drives(result.drives).flat().items():
         one = given.get(name)
-        bounds = ("value", "low", "high")
-        if one is None or not all(_is_close(getattr(one, key), getattr(own, key)) for key in bounds):
+        if one is None or not all(
+            _is_close(getattr(one, key), getattr(own, key)) for key in ("value", "low", "high")
+        ):
             raise InputError(f"{path}: {name}: is not that of its drives; the file was changed")
 
 
