@@ -38,6 +38,7 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
         title=Text(printable(f"{result.entry}, suite {result.suite}")),
         caption=CAPTION,
         box=SIMPLE_HEAD,
+        show_edge=False,
     )
     shown.pad_edge = False
     shown.add_column(headings[0], min_width=12)
