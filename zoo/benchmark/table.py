@@ -71,12 +71,14 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
 def headline_line(result: BenchmarkResult) -> str:
     """Return the headline as a sentence."""
     seeds = len(result.checkpoints)
+    trained = any(one.sha256 for one in result.checkpoints)
+    by = f"{seeds} training seed{'' if seeds == 1 else 's'}"
     first = result.of_checkpoint(0)
     roads = sum(one.group != LAPS for one in first) or len(first)
     return (
         f"autonomy, interquartile mean over {roads} roads: "
         f"{with_interval(result.headline, 100, '{:.1f}')} %; "
-        f"{seeds} training seed{'' if seeds == 1 else 's'}"
+        f"{by if trained else 'without training'}"
     )
 
 
