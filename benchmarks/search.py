@@ -17,7 +17,7 @@ from rich.table import Table
 
 from zoo.cli.command_config import read_options
 from zoo.search.failure_archive import Archive
-from zoo.search.sampler import BATCH
+from zoo.search.first_failure import BATCH
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import make_sampler
 from zoo.search.search_space import Candidate, SearchSpace

@@ -26,6 +26,7 @@ from zoo.drives.drive_record import Drive
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
 
+BATCH = 8  # drives that are chosen together, for every number of processes
 TRACK = "mildest"  # name of every road, as of the file that replays one
 
 
@@ -124,12 +125,12 @@ def opened_drivers(workers: int) -> Iterator[DriveJobs]:
     A single process is this one, since starting another takes seconds.
 
     Args:
-        workers: number of processes; 0 for one per core.
+        workers: number of processes; 0 for one per core. At most 8 are opened.
 
     Raises:
         InputError: a process was killed, for example because memory ran out.
     """
-    processes = workers or os.cpu_count() or 1
+    processes = min(workers or os.cpu_count() or 1, BATCH)
     if processes == 1:
         yield lambda jobs: [drive_job(job) for job in jobs]
         return

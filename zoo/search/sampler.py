@@ -13,7 +13,6 @@ from zoo.search.search_space import DAYS, Candidate, SearchSpace
 if TYPE_CHECKING:
     import optuna
 
-BATCH = 8  # drives that are chosen together, for every number of processes
 PROPOSALS, TPE_PROPOSALS = 30, 8  # roads that are drawn to find one in a cell without a failure
 AT_RANDOM = 0.1  # share of proposals at random after the first drives
 PARENTS = 6  # failures from which no drive without a failure is changed any more

@@ -33,6 +33,7 @@ class Report:
 
     Attributes:
         checkpoint: checkpoint file.
+        sha256: hash of the checkpoint file.
         options: options of the search.
         space: roads and days.
         archive: cells of the map.
@@ -41,6 +42,7 @@ class Report:
     """
 
     checkpoint: str
+    sha256: str
     options: SearchOptions
     space: SearchSpace
     archive: Archive
@@ -78,9 +80,10 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
     archive = Archive(options.grid(space))
     load_policy(checkpoint)  # reports a wrong file before processes start
     folder = _new_folder(options.out)
-    report = Report(checkpoint, options, space, archive, usual_features(space), folder)
+    digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
+    report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
     with (
-        opened_drivers(min(options.workers, options.budget)) as drive,
+        opened_drivers(options.workers) as drive,
         progress_bar(f"{options.budget} drives", console) as show,
     ):
 
@@ -109,10 +112,7 @@ def result_of(report: Report, drives: list[Driven]) -> dict:
     return {
         "version": VERSION,
         "code": code_fingerprint(),
-        "checkpoint": {
-            "file": report.checkpoint,
-            "sha256": sha256(Path(report.checkpoint).read_bytes()).hexdigest(),
-        },
+        "checkpoint": {"file": report.checkpoint, "sha256": report.sha256},
         "options": asdict(report.options),
         "features": {
             key: {"label": one.label, **asdict(one.scale), "usual": report.usual[key]}

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from zoo.search.failure_archive import Archive
-from zoo.search.first_failure import DriveJobs, Job, Outcome
-from zoo.search.sampler import BATCH, ArchiveSampler, RandomSampler, TpeSampler
+from zoo.search.first_failure import BATCH, DriveJobs, Job, Outcome
+from zoo.search.sampler import ArchiveSampler, RandomSampler, TpeSampler
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_space import Candidate, SearchSpace
 
