@@ -54,7 +54,7 @@ def failure_map(
             *mildest,
             s=130,
             marker="*",
-            color="#f2c500",
+            color=YELLOW,
             ec="black",
             zorder=5,
             label="mildest intervention",
