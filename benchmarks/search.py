@@ -62,6 +62,7 @@ def compare_by_rule(samplers: list[str], keys: list[str]) -> None:
             ]
             found = [failed_cells_by_rule(one, edge) for one in given]
             cells.append(f"{np.mean(found):.1f} ({min(found)} to {max(found)})")
+        console.print(sampler, *cells, sep=" | ")
         table.add_row(sampler, *cells)
     console.print(table)
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     import optuna
 
 PROPOSALS, TPE_PROPOSALS = 30, 8  # roads that are drawn to find one in a cell without a failure
-AT_RANDOM = 0.1  # share of proposals at random after the first drives
-PARENTS = 6  # failures from which no drive without a failure is changed any more
 STEP = 0.15  # standard deviation of a change, as a share of a parameter's range
 ATTEMPTS = 20  # draws of parameters until the car can take a road
 
@@ -35,12 +33,13 @@ class RandomSampler:
 
     def propose(self, count: int) -> list[Candidate]:
         """Return the next roads to drive."""
-        return [self._draw() for _ in range(count)]
+        return [self.draw() for _ in range(count)]
 
     def learn(self, closeness: Sequence[float]) -> None:
         """Take the closeness to failure of the proposed roads' drives."""
 
-    def _draw(self) -> Candidate:
+    def draw(self) -> Candidate:
+        """Return a road that the car can take."""
         for _ in range(ATTEMPTS):
             candidate = self.space.draw(self.rng, self._parameters())
             if candidate is not None:
@@ -51,55 +50,66 @@ class RandomSampler:
         return {key: self.space.parameters[key].at(self.rng.random()) for key in self.keys}
 
 
-class ArchiveSampler(RandomSampler):
-    """A sampler that changes the roads and days of earlier failures, as MAP-Elites does.
+class ArchiveSampler:
+    """A sampler that draws from three sources, and most from the one that finds new cells.
 
-    Source: Mouret and Clune 2015, "Illuminating search spaces by mapping elites", arXiv:1504.04909.
-    A proposal's road is drawn, which takes 10 ms, and driven only if its cell has no failure yet,
-    since a drive takes seconds. `benchmarks/search.py` compares the samplers.
+    The sources are the family's own roads, parameters drawn uniformly, and changed parameters of
+    earlier failures, as in MAP-Elites (Mouret and Clune 2015, "Illuminating search spaces by
+    mapping elites", arXiv:1504.04909). Thompson sampling chooses among them, by the share of their
+    drives that failed in a new cell. A road is drawn in 10 ms, and driven only if its cell has no
+    failure yet, since a drive takes seconds. `benchmarks/search.py` compares the samplers.
 
     Args:
         space: roads and days.
         seed: random seed.
         archive: cells of the search, which the caller keeps up to date.
-        startup: number of first drives, which are at random.
     """
 
-    def __init__(self, space: SearchSpace, seed: int, archive: Archive, startup: int) -> None:
-        super().__init__(space, seed)
-        self.archive, self.startup = archive, startup
-        self.tried: list[tuple[float, dict[str, float]]] = []  # closeness and parameters
-        self.proposed: list[Candidate] = []
+    def __init__(self, space: SearchSpace, seed: int, archive: Archive) -> None:
+        self.space, self.archive, self.rng = space, archive, np.random.default_rng(seed)
+        family, uniform = (RandomSampler(space, seed, whole) for whole in (True, False))
+        family.rng = uniform.rng = self.rng
+        self.sources = [family.draw, uniform.draw, self._changed]
+        self.found, self.missed = np.ones(3), np.ones(3)  # drives of each source; new cells, others
+        self.failures: list[dict[str, float]] = []
+        self.proposed: list[tuple[int, bool, Candidate]] = []  # source; whether its cell is new
 
     def propose(self, count: int) -> list[Candidate]:
         """Return the next roads to drive, in cells without a failure as far as any are found."""
         self.proposed, taken = [], set(self.archive.failed)
+        usable = len(self.sources) if self.failures else len(self.sources) - 1
         for _ in range(count):
+            chances = self.rng.beta(self.found[:usable], self.missed[:usable])
+            source = int(chances.argmax())
             for _ in range(PROPOSALS):
-                candidate = self._draw()
+                candidate = self.sources[source]()
                 cell = self.archive.grid.cell(candidate.features)
                 if cell not in taken:
                     break
+            self.proposed.append((source, cell not in taken, candidate))
             taken.add(cell)
-            self.proposed.append(candidate)
-        return self.proposed
+        return [candidate for *_, candidate in self.proposed]
 
     def learn(self, closeness: Sequence[float]) -> None:
-        """Keep the parameters of the proposed roads with the closeness of their drives."""
-        drives = zip(closeness, self.proposed, strict=True)
-        self.tried += [(one, candidate.parameters) for one, candidate in drives]
+        """Keep failures, and count each source's drives that failed in a new cell."""
+        for (source, is_new, candidate), one in zip(self.proposed, closeness, strict=True):
+            failed = one == 1
+            (self.found if failed and is_new else self.missed)[source] += 1
+            if failed:
+                self.failures.append(candidate.parameters)
 
-    def _parameters(self) -> dict[str, float]:
-        """Return changed parameters of a failure, or of one of the closest drives if few failed."""
-        if len(self.tried) < self.startup or self.rng.random() < AT_RANDOM:
-            return super()._parameters()
-        failures = [one for one in self.tried if one[0] == 1]
-        if len(failures) < PARENTS:
-            failures = sorted(self.tried, key=lambda one: -one[0])[:PARENTS]
-        _, parent = failures[self.rng.integers(len(failures))]
+    def _changed(self) -> Candidate:
+        """Return a road with changed parameters of a failure."""
         ranges = self.space.parameters
-        steps = {key: self.rng.normal(0, STEP) for key in ranges}
-        return {key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()}
+        for _ in range(ATTEMPTS):
+            parent = self.failures[self.rng.integers(len(self.failures))]
+            steps = {key: self.rng.normal(0, STEP) for key in ranges}
+            changed = {
+                key: one.at(one.share(parent[key]) + steps[key]) for key, one in ranges.items()
+            }
+            if (candidate := self.space.draw(self.rng, changed)) is not None:
+                return candidate
+        raise no_road(self.space)
 
 
 class TpeSampler:

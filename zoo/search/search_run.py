@@ -11,7 +11,7 @@ from zoo.search.sampler import ArchiveSampler, RandomSampler, TpeSampler
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_space import Candidate, SearchSpace
 
-STARTUP = 0.12  # share of the budget that is driven at random first
+STARTUP = 0.12  # share of the budget that TPE draws at random first
 USUAL_ROADS = 25  # of the family, for the usual values of features
 
 
@@ -59,12 +59,12 @@ def search(
 
 def make_sampler(
     options: SearchOptions, space: SearchSpace, archive: Archive
-) -> RandomSampler | TpeSampler:
+) -> ArchiveSampler | RandomSampler | TpeSampler:
     """Return the sampler that the options name."""
-    startup = max(BATCH, int(STARTUP * options.budget))
     if options.sampler == "archive":
-        return ArchiveSampler(space, options.seed, archive, startup)
+        return ArchiveSampler(space, options.seed, archive)
     if options.sampler == "tpe":
+        startup = max(BATCH, int(STARTUP * options.budget))
         return TpeSampler(space, options.seed, archive, startup)
     return RandomSampler(space, options.seed, whole_family=options.sampler == "family")
 

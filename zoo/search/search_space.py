@@ -1,7 +1,6 @@
 """The roads and days that a search chooses from: a family's ranges, narrowed by parameters."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -72,7 +71,7 @@ class Candidate:
     """A road with its day.
 
     Attributes:
-        parameters: what the search chose.
+        parameters: what the search chose; for a road of the whole family, what was measured.
         seed: seed of the road.
         content: content of the road's YAML file.
         track: the road.
@@ -128,7 +127,7 @@ class SearchSpace:
                 "noise": Feature("noise, sigma of 255", Parameter(0.0, DAYS["noise"][1])),
             }
 
-    def draw(self, rng: np.random.Generator, parameters: Mapping[str, float]) -> Candidate | None:
+    def draw(self, rng: np.random.Generator, parameters: dict[str, float]) -> Candidate | None:
         """Return a road within narrowed ranges, and its day; None if the car could take none.
 
         Without parameters of the road, it is drawn from the family's whole ranges; without those
@@ -143,9 +142,15 @@ class SearchSpace:
         content = json.loads(json.dumps(drawn))  # numpy's numbers do not fit into YAML
         weather = self._day(parameters)
         features = self._measure(track, weather)
-        return Candidate(dict(parameters), seed, content, track, weather, features)
+        measured = {
+            "radius": features["bend"],
+            "width": features["width"],
+            "grade": features["grade"] / 100,
+            "degrees": self.parameters["degrees"].high,
+        }
+        return Candidate(measured | parameters, seed, content, track, weather, features)
 
-    def _narrowed(self, parameters: Mapping[str, float]) -> RoadFamily:
+    def _narrowed(self, parameters: dict[str, float]) -> RoadFamily:
         ranges = dict(self.family.ranges)
         sharpest, width = parameters["radius"], parameters["width"]
         low, high = ranges["grade"]
@@ -155,7 +160,7 @@ class SearchSpace:
         ranges["degrees"] = ranges["degrees"][0], parameters["degrees"]
         return replace(self.family, ranges=ranges)
 
-    def _day(self, parameters: Mapping[str, float]) -> Weather:
+    def _day(self, parameters: dict[str, float]) -> Weather:
         if self.weather is not None:
             return self.weather
         chosen = DAYS.keys() & parameters.keys()
