@@ -28,6 +28,7 @@ def drive_closed_loop(
     start: Start | None = None,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
     report: Callable[[float], None] | None = None,
+    first_only: bool = False,
 ) -> Drive:
     """Let a policy drive laps in the embedded world.
 
@@ -47,6 +48,7 @@ def drive_closed_loop(
         start: start of the drive; None for the start drawn from the seed.
         show: function called with every frame, uint8 [160, 320, 3] RGB, and its row.
         report: function called at every frame with the share of the laps that is driven, 0..1.
+        first_only: end the drive at its first intervention.
     """
     world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
@@ -88,6 +90,8 @@ def drive_closed_loop(
             show(frame, row)
         if report:
             report(min(world.travelled / world.drive_m(laps), 1.0))
+        if lost and first_only:
+            break
         if lost:
             world.put_back(Start(world.place.distance, speed_mph=speed.set_mph or mph))
             speed.reset()

@@ -15,6 +15,7 @@ from zoo.input_search.import_options import ImportOptions
 from zoo.rerun import RerunOptions
 from zoo.results import ResultsOptions
 from zoo.saliency.__main__ import SaliencyOptions
+from zoo.search.search_options import SearchOptions
 from zoo.sweep.__main__ import SweepOptions
 
 KINDS = {
@@ -30,6 +31,7 @@ KINDS = {
     "rerun": RerunOptions,
     "results": ResultsOptions,
     "saliency": SaliencyOptions,
+    "search": SearchOptions,
     "sweep": SweepOptions,
 }
 

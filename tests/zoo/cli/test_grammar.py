@@ -26,6 +26,7 @@ ARGUMENTS = {
     "rerun": ["run"],
     "results": ["run"],
     "saliency": ["x.ckpt", "image.png"],
+    "search": ["x.ckpt"],
     "sweep": [],
 }
 # A key of each, mistyped, and a value of another type where a key takes no text.
@@ -43,6 +44,7 @@ TYPOS = {
     "rerun": ("trsut=x", "trust", None),
     "results": ("metric=true", "metrics", "metrics=all"),
     "saliency": ("ou=x.png", "out", "published=2013"),
+    "search": ("budgt=9", "budget", "budget=many"),
     "sweep": ("resum=x", "resume", None),
 }
 OWN = sorted(path.stem for path in conf_folder().glob("*.yaml") if path.stem != "config")

@@ -1,0 +1,1 @@
+"""A search for roads and conditions on which a checkpoint fails."""

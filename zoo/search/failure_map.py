@@ -1,0 +1,78 @@
+"""The map of failures over two features, as a plot."""
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+
+from zoo.runs.plots import BLUE
+from zoo.search.failure_archive import Archive
+
+PASSED, YELLOW = "#d6e4f0", "#f2c500"
+# Shares of failures above 0, from light to dark.
+FAILED = ListedColormap(["#fbe3cb", "#f6c38f", "#e79a4b", "#c96a17", "#8f4306"])
+
+
+def failure_map(
+    archive: Archive,
+    points: list[tuple[float, float, bool]],
+    mildest: tuple[float, float] | None,
+    title: str,
+) -> Figure:
+    """Draw the cells by their share of failures, each drive as a point, and the mildest failure.
+
+    Args:
+        archive: cells of the search.
+        points: the two features of each drive, and whether it failed.
+        mildest: features of the mildest failing road; None without a failure.
+        title: title of the plot.
+    """
+    grid = archive.grid
+    figure = Figure(figsize=(7.6, 5.4), layout="constrained")
+    axis = figure.subplots()
+    edges = {name: grid.edges(name) for name in (grid.x, grid.y)}
+    for (column, row), driven in sorted(archive.driven.items()):
+        failed = archive.failed[column, row]
+        left, right = edges[grid.x][column : column + 2]
+        low, high = edges[grid.y][row : row + 2]
+        colour = FAILED(failed / driven) if failed else PASSED
+        axis.fill([left, right, right, left], [low, low, high, high], color=colour, lw=0)
+        middle = np.sqrt(left * right) if grid.scales[grid.x].scale.log else (left + right) / 2
+        ink = "white" if failed > driven / 2 else "black"
+        text = {"ha": "center", "va": "center", "fontsize": 7, "zorder": 4, "color": ink}
+        axis.text(middle, high - 0.2 * (high - low), f"{failed}/{driven}", **text)
+    for failed, colour, marker, label in (
+        (False, BLUE, "o", "driven without intervention"),
+        (True, "black", "x", "intervention"),
+    ):
+        own = np.array([one[:2] for one in points if one[2] == failed]).reshape(-1, 2)
+        shown = {"s": 14 if failed else 8, "color": colour, "marker": marker, "lw": 1.0}
+        axis.scatter(*own.T, alpha=0.8, label=label, zorder=3, **shown)
+    if mildest is not None:
+        axis.scatter(
+            *mildest,
+            s=130,
+            marker="*",
+            color=YELLOW,
+            ec="black",
+            zorder=5,
+            label="mildest intervention",
+        )
+    for name, which in ((grid.x, "x"), (grid.y, "y")):
+        borders, scale = edges[name], grid.scales[name].scale
+        own = [one[which == "y"] for one in points]
+        inside = min([borders[0], *own]), max([borders[-1], *own])
+        axis.set(**{f"{which}lim": inside, f"{which}label": grid.scales[name].label})
+        if scale.log:
+            axis.set(**{f"{which}scale": "log"})
+        ticks = borders[:: max(1, len(borders) // 6)]
+        axis.set(**{f"{which}ticks": ticks, f"{which}ticklabels": [f"{one:.3g}" for one in ticks]})
+        (axis.xaxis if which == "x" else axis.yaxis).set_minor_locator(NullLocator())
+    axis.set_title(title, fontsize="medium")
+    axis.spines[["top", "right"]].set_visible(False)
+    colours = ScalarMappable(Normalize(0, 1), FAILED)
+    bar = figure.colorbar(colours, ax=axis, shrink=0.6)
+    bar.set_label("share of the cell's drives with an intervention, if any")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    return figure

@@ -1,0 +1,218 @@
+"""A search from its options to its files: search.json, map.png and mildest.yaml."""
+
+import datetime
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import yaml
+from rich.console import Console
+from rich.table import Table
+
+from datamodules.errors import InputError
+from zoo.checkpoints.policy import load_policy
+from zoo.cli.closing_lines import print_written
+from zoo.cli.console_progress import progress_bar
+from zoo.runs.code_fingerprint import code_fingerprint
+from zoo.runs.plots import save_figure
+from zoo.runs.whole_file import json_text, write_whole
+from zoo.search.failure_archive import Archive
+from zoo.search.failure_map import failure_map
+from zoo.search.first_failure import TRACK, opened_drivers
+from zoo.search.search_options import SearchOptions
+from zoo.search.search_run import Driven, distance_to_usual, search, usual_features
+from zoo.search.search_space import SearchSpace, weather_text
+
+VERSION = 1
+RESULT, MAP, MILDEST = "search.json", "map.png", f"{TRACK}.yaml"
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the files of a search are written from.
+
+    Attributes:
+        checkpoint: checkpoint file.
+        sha256: hash of the checkpoint file.
+        options: options of the search.
+        space: roads and days.
+        archive: cells of the map.
+        usual: the family's usual value of each feature.
+        folder: folder to write to.
+    """
+
+    checkpoint: str
+    sha256: str
+    options: SearchOptions
+    space: SearchSpace
+    archive: Archive
+    usual: dict[str, float]
+    folder: Path
+
+    def distance(self, one: Driven) -> float:
+        """Return how far a road is from the family's usual one; see `distance_to_usual`."""
+        return distance_to_usual(one.candidate.features, self.usual, self.space)
+
+    def mildest(self, drives: list[Driven]) -> Driven | None:
+        """Return the failure that is nearest to the family's usual road; None without one."""
+        return min((one for one in drives if one.outcome.failed), key=self.distance, default=None)
+
+    def replay(self, one: Driven) -> list[str]:
+        """Return the words after `python -m` that drive a road again, as the mildest."""
+        options = self.options
+        changed = [f"weather={weather_text(one.candidate.weather)}"]
+        changed += [f"speed={options.speed:g}"] if options.speed != 15 else []
+        changed += [f"frame_rate={options.frame_rate!r}"] if options.frame_rate != 15 else []
+        changed += [f"delay_s={options.delay_s!r}"] if options.delay_s else []
+        changed += [f"quality={options.quality}"] if options.quality != "full" else []
+        track = f"track={self.folder / MILDEST}"
+        return ["zoo.evaluate", self.checkpoint, track, *changed]
+
+
+def search_and_report(checkpoint: str, options: SearchOptions, console: Console) -> dict:
+    """Search, write the files, print the figures, and return the content of `search.json`.
+
+    Raises:
+        InputError: the checkpoint or family does not exist, or an option is wrong; or the network
+            steered NaN, after all files are written.
+    """
+    space = options.space()
+    archive = Archive(options.grid(space))
+    load_policy(checkpoint)  # reports a wrong file before processes start
+    folder = _new_folder(options.out)
+    digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
+    report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
+    with (
+        opened_drivers(options.workers) as drive,
+        progress_bar(f"{options.budget} drives", console) as show,
+    ):
+
+        def keep(drives: list[Driven]) -> None:
+            write_whole(folder / RESULT, json_text(result_of(report, drives)))
+            show(len(drives) / options.budget)
+
+        drives = search(checkpoint, options, space, archive, drive, keep)
+    result = result_of(report, drives)
+    mildest = report.mildest(drives)
+    written = [folder / RESULT, _draw(report, drives)]
+    if mildest is not None:
+        written.append(_write_mildest(report, mildest))
+    _print_figures(report, drives, console)
+    print_written(written, report.replay(mildest) if mildest else [], console)
+    steered_nan = sum(one.outcome.nan_frames > 0 for one in drives)
+    if steered_nan:
+        raise InputError(f"{checkpoint}: steered NaN in {steered_nan} of {len(drives)} drives")
+    return result
+
+
+def result_of(report: Report, drives: list[Driven]) -> dict:
+    """Return the content of `search.json`."""
+    space, archive = report.space, report.archive
+    mildest = report.mildest(drives)
+    return {
+        "version": VERSION,
+        "code": code_fingerprint(),
+        "checkpoint": {"file": report.checkpoint, "sha256": report.sha256},
+        "options": asdict(report.options),
+        "features": {
+            key: {"label": one.label, **asdict(one.scale), "usual": report.usual[key]}
+            for key, one in space.features.items()
+        },
+        "cells": {
+            "all": archive.grid.cells**2,
+            "driven": len(archive.driven),
+            "failed": len(archive.failed),
+            "counts": [
+                {"cell": list(cell), "driven": count, "failed": archive.failed[cell]}
+                for cell, count in sorted(archive.driven.items())
+            ],
+        },
+        "failed": sum(one.outcome.failed for one in drives),
+        "drives": [_record(report, one) for one in drives],
+        "mildest": None
+        if mildest is None
+        else {"drive": drives.index(mildest), "command": report.replay(mildest)},
+    }
+
+
+def _record(report: Report, one: Driven) -> dict:
+    return {
+        "seed": one.candidate.seed,
+        "parameters": one.candidate.parameters,
+        "weather": weather_text(one.candidate.weather),
+        "features": one.candidate.features,
+        "distance_to_usual": round(report.distance(one), 4),
+        **asdict(one.outcome),
+    }
+
+
+def _draw(report: Report, drives: list[Driven]) -> Path:
+    grid, options = report.archive.grid, report.options
+    places = [(one.candidate.features[grid.x], one.candidate.features[grid.y]) for one in drives]
+    points = [(*place, one.outcome.failed) for place, one in zip(places, drives, strict=True)]
+    mildest = report.mildest(drives)
+    star = None if mildest is None else places[drives.index(mildest)]
+    title = (
+        f"{Path(report.checkpoint).name} on {report.space.family.name}, sampler={options.sampler}: "
+        f"{len(report.archive.failed)} of {grid.cells**2} cells with an intervention, "
+        f"{len(drives)} drives"
+    )
+    return save_figure(failure_map(report.archive, points, star, title), report.folder / MAP)
+
+
+def _write_mildest(report: Report, mildest: Driven) -> Path:
+    features = ", ".join(f"{key} {value:g}" for key, value in mildest.candidate.features.items())
+    text = (
+        f"# The mildest road of family={report.options.family} on which a search found a failure,\n"
+        f"# with weather={weather_text(mildest.candidate.weather)}, after "
+        f"{mildest.outcome.driven_m:.1f} m.\n"
+        f"# {features}\n"
+    )
+    content = yaml.safe_dump(mildest.candidate.content, sort_keys=False)
+    return write_whole(report.folder / MILDEST, text + content)
+
+
+def _print_figures(report: Report, drives: list[Driven], console: Console) -> None:
+    failed = [one for one in drives if one.outcome.failed]
+    passed = [one for one in drives if not one.outcome.failed]
+    mildest = report.mildest(drives)
+    table = Table("feature", "family's usual", "passed", "failed", "mildest failure")
+    for key, one in report.space.features.items():
+        values = [
+            f"{report.usual[key]:.3g}",
+            _range([drive.candidate.features[key] for drive in passed]),
+            _range([drive.candidate.features[key] for drive in failed]),
+            "" if mildest is None else f"{mildest.candidate.features[key]:.3g}",
+        ]
+        table.add_row(one.label, *values)
+    console.print(table)
+    archive = report.archive
+    console.print(
+        f"{len(drives)} drives, {len(failed)} with an intervention; cells: {len(archive.driven)} "
+        f"of {archive.grid.cells**2} driven, {len(archive.failed)} with an intervention",
+        highlight=False,
+    )
+    if not failed:
+        console.print("no road failed: try a larger budget=, another family= or speed=")
+
+
+def _range(values: list[float]) -> str:
+    """Return the quartiles of values, such as `10 (8..14)`."""
+    if not values:
+        return ""
+    import numpy as np
+
+    low, middle, high = np.percentile(values, [25, 50, 75])
+    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+
+def _new_folder(out: str | None) -> Path:
+    now = datetime.datetime.now()
+    folder = Path(out or f"outputs/searches/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: is not empty; name another folder with out=")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+    return folder
