@@ -111,6 +111,7 @@ def test_a_training_that_is_killed_several_times_resumes(
 
 
 @posix
+@pytest.mark.slow
 def test_a_run_killed_between_its_checkpoints_names_the_one_it_has(
     recorded: Written, tmp_path: Path
 ) -> None:

@@ -371,6 +371,7 @@ def test_a_checkpoint_does_not_name_files_to_delete(
     assert kept.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_a_rerun_does_not_enter_the_folder_that_a_config_names(
     strangers: Path, recorded: Written, tmp_path: Path
 ) -> None:

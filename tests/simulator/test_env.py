@@ -40,7 +40,13 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
         env.close()
 
 
-@pytest.mark.parametrize("name", [environment_id(one) for one in track_names()])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(environment_id(one), marks=() if "lake" in one else pytest.mark.slow)
+        for one in track_names()
+    ],
+)
 @pytest.mark.parametrize(
     "arguments",
     [

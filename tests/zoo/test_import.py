@@ -81,7 +81,7 @@ def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> Non
         ("zoo.replay", ["RECORDING"]),
         ("zoo.saliency", ["RECORDING"]),
         ("zoo.drive", ["sim=lake", "laps=0.005", "port=0"]),
-        ("zoo.doctor", ["RECORDING", "port=4599"]),
+        pytest.param("zoo.doctor", ["RECORDING", "port=4599"], marks=pytest.mark.slow),
     ],
 )
 def test_every_command_takes_the_checkpoint(

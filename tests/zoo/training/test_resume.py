@@ -205,6 +205,7 @@ def test_a_run_that_another_process_trains_is_not_resumed(
     assert all(torch.equal(one, weights(two_epochs, "last")[key]) for key, one in before.items())
 
 
+@pytest.mark.slow
 def test_odd_names_are_trained_in_and_resumed(
     zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
