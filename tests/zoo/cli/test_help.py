@@ -14,6 +14,7 @@ SIMULATOR = ("record", "drive", "client")
 # Texts that each help must contain besides the usage: options, or files that the command writes.
 NAMED = {
     "zoo": ("data.offset=0.275", "experiment: commaai", "seed=1"),
+    "zoo.search": ("family=alpine", "budget=200", "mildest failing road"),
     "zoo.compare": ("out=compare.json", "result.json"),
     "zoo.benchmark": ("suite=v1", "expert_late", "result.json"),
     "zoo.correct": ("track=", "out="),
