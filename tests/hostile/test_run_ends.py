@@ -69,7 +69,8 @@ def test_a_standard_output_of_few_characters(
 
 
 @posix
-@pytest.mark.parametrize("buffered", ["", pytest.param("1", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         more = {"PYTHONUNBUFFERED": buffered}
