@@ -27,10 +27,9 @@ def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     ("parts", "rows", "word"),
     [
         ("feed", 1, "readme"),
-        ("feed,cache,tiny", 5, "docs"),
+        pytest.param("feed,cache,tiny", 5, "docs", marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.slow
 def test_the_short_version_measures_what_it_says(
     parts: str, rows: int, word: str, tmp_path: Path
 ) -> None:
