@@ -32,7 +32,7 @@ ARGUMENTS = {
 # A key of each, mistyped, and a value of another type where a key takes no text.
 TYPOS = {
     "compare": ("ou=x.json", "out", None),
-    "benchmark": ("wrokers=1", "workers", "workers=many"),
+    "benchmark": ("workerss=1", "workers", "workers=many"),
     "correct": ("rouds=2", "rounds", "rounds=many"),
     "doctor": ("prot=4567", "port", "port=here"),
     "drive": ("expos=true", "expose", "laps=many"),
