@@ -5,7 +5,6 @@ and expert_late. Writes result.json and a page. `python -m zoo.benchmark verify 
 drives of a result.json and compares them.
 """
 
-import datetime
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,11 +60,12 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         from zoo.benchmark.suite import read_suite
         from zoo.benchmark.table import print_result
         from zoo.runs.code_fingerprint import code_fingerprint
+        from zoo.runs.new_folder import new_folder
 
         # Report wrong input before processes start.
         suite = read_suite(options.suite, options.split)
         drivers = find_drivers(names, suite)
-    folder = _new_folder(options.out)
+    folder = new_folder(options.out, "benchmarks")
     code_fingerprint()  # kept: files that are edited during the drives are not in it
     drives = drive_suite(drivers, suite, options.workers, console)
     result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
@@ -85,18 +85,6 @@ def _next(result: Path, suite: str) -> list[object]:
     """Return the command that verifies a result; a suite of the user's is named in it."""
     named = [f"suite={suite}"] if suite.endswith((".yaml", ".yml")) else []
     return ["zoo.benchmark", VERIFY, result, *named]
-
-
-def _new_folder(out: str | None) -> Path:
-    now = datetime.datetime.now()
-    folder = Path(out or f"outputs/benchmarks/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}").expanduser()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise InputError(f"{folder}: is not empty; name another folder with out=")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
-    return folder
 
 
 def command(arguments: list[str]) -> None:

@@ -4,7 +4,6 @@ Drives it in the embedded world, with several drives in parallel and without a d
 figures, drives and plots.
 """
 
-import datetime
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,6 +42,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         from zoo.evaluate.robustness import perturbations_named, sweeps
         from zoo.evaluate.track_scores import score_on_tracks
         from zoo.runs.metrics_file import write_metrics_file
+        from zoo.runs.new_folder import new_folder
         from zoo.verdict.evidence import read_evidence
         from zoo.verdict.judgement import judge, print_verdict
 
@@ -53,7 +53,7 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     names = perturbations_named(options.perturb, options.throttle)
     usual = Setup.of(options, options.tracks[0], 0)
     swept = sweeps(names, usual)
-    folder = _new_folder(options.out)
+    folder = new_folder(options.out, "evaluations")
     more = [one for by_value in swept.values() for one in by_value.values()]
     scores = score_on_tracks(checkpoint, options, folder, console, more)
     metrics = {"checkpoint": str(checkpoint), "drives": scores.drives, "tracks": scores.tracks}
@@ -98,18 +98,6 @@ def _how(usual: "Setup") -> str:
     if usual.throttle == "network":
         return f"{laps} with its own throttle"
     return f"{laps} at {usual.speed_mph:g} mph"
-
-
-def _new_folder(out: str | None) -> Path:
-    now = datetime.datetime.now()
-    folder = Path(out or f"outputs/evaluations/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise InputError(f"{folder}: is not empty; name another folder with out=")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
-    return folder
 
 
 def command(arguments: list[str]) -> None:

@@ -1,6 +1,5 @@
 """A search from its options to its files: search.json, map.png and mildest.yaml."""
 
-import datetime
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -14,6 +13,7 @@ from zoo.checkpoints.policy import load_policy
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
+from zoo.runs.new_folder import new_folder
 from zoo.runs.plots import save_figure
 from zoo.runs.whole_file import json_text, write_whole
 from zoo.search.failure_archive import Archive
@@ -79,7 +79,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
     space = options.space()
     archive = Archive(options.grid(space))
     load_policy(checkpoint)  # reports a wrong file before processes start
-    folder = _new_folder(options.out)
+    folder = new_folder(options.out, "searches")
     digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
     report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
     with (
@@ -204,15 +204,3 @@ def _range(values: list[float]) -> str:
 
     low, middle, high = np.percentile(values, [25, 50, 75])
     return f"{middle:.3g} ({low:.3g} to {high:.3g})"
-
-
-def _new_folder(out: str | None) -> Path:
-    now = datetime.datetime.now()
-    folder = Path(out or f"outputs/searches/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            raise InputError(f"{folder}: is not empty; name another folder with out=")
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
-    return folder
