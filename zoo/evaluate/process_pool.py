@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
@@ -54,21 +55,32 @@ def drive_in_processes(
             pool.submit(_drive, drive, number, job): number for number, job in enumerate(jobs)
         }
         waiting = set(numbers)
-        try:
+        with cancelling_pool(pool, processes):
             while waiting:
                 finished, waiting = wait(waiting, LOOK_S, FIRST_COMPLETED)
                 for one in finished:
                     yield numbers[one], one.result()
                     shares[numbers[one]] = 1.0
                 show(sum(shares) / len(jobs))
-        except BrokenProcessPool:
-            raise InputError(
-                "workers: a driving process was killed, perhaps because memory ran out; try "
-                f"workers={max(1, processes // 2)}"
-            ) from None
-        except BaseException:  # a drive's error or Ctrl-C: cancel the jobs that have not begun
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+
+
+@contextmanager
+def cancelling_pool(pool: ProcessPoolExecutor, processes: int) -> Iterator[None]:
+    """Cancel the jobs that have not begun after a drive's error or Ctrl-C.
+
+    Raises:
+        InputError: a process of the pool was killed, for example because memory ran out.
+    """
+    try:
+        yield
+    except BrokenProcessPool:
+        raise InputError(
+            "workers: a driving process was killed, perhaps because memory ran out; try "
+            f"workers={max(1, processes // 2)}"
+        ) from None
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
 
 
 def _begin_process(shares: Shares) -> None:

@@ -5,7 +5,6 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,6 +24,7 @@ from zoo.checkpoints.policy import load_policy
 from zoo.drives.drive_record import Drive
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
+from zoo.evaluate.process_pool import cancelling_pool
 
 BATCH = 8  # drives that are chosen together, for every number of processes
 TRACK = "mildest"  # name of every road, as of the file that replays one
@@ -136,17 +136,11 @@ def opened_drivers(workers: int) -> Iterator[DriveJobs]:
         return
     # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, context, _begin_process) as pool:
-        try:
-            yield lambda jobs: list(pool.map(drive_job, jobs))
-        except BrokenProcessPool:
-            raise InputError(
-                "workers: a driving process was killed, perhaps because memory ran out; try "
-                f"workers={max(1, processes // 2)}"
-            ) from None
-        except BaseException:  # a drive's error or Ctrl-C: cancel the jobs that have not begun
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with (
+        ProcessPoolExecutor(processes, context, _begin_process) as pool,
+        cancelling_pool(pool, processes),
+    ):
+        yield lambda jobs: list(pool.map(drive_job, jobs))
 
 
 def _begin_process() -> None:
