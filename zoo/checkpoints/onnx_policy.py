@@ -11,6 +11,7 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.regular_file import read_regular
 from datamodules.view import View
+from zoo.checkpoints.command import Command
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -56,15 +57,14 @@ class OnnxPolicy:
         self.outputs = self.session.get_outputs()[0].shape[1]
         _check_finite(self)
 
-    def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
-        """Return steering -1..1, and throttle -1..1 (negative brakes) or None without one.
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        """Return the command for a frame.
 
         Args:
             frame: RGB image of the centre camera, uint8 [160, 320, 3].
             speed_mph: the car's speed in mph.
         """
-        out = self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist()
-        return out[0], out[1] if len(out) > 1 else None
+        return Command(*self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist())
 
     def predict(self, images: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
         """Return the outputs for a batch, float32 [N, outputs] in -1..1.

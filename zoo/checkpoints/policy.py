@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.command import Command
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 
@@ -14,7 +15,8 @@ class Policy:
     """A policy with the view and the network of a checkpoint.
 
     >>> policy = load_policy("outputs/.../checkpoints/best.ckpt")  # doctest: +SKIP
-    >>> steering, throttle = policy(frame, 9.0)  # doctest: +SKIP
+    >>> policy(frame, 9.0)  # doctest: +SKIP
+    Command(steering=-0.02, throttle=None, spread=None)
 
     Attributes:
         network: network in evaluation mode, on the CPU; must not be changed.
@@ -31,8 +33,8 @@ class Policy:
         self.forward = quick_forward(self.network, self.view)
 
     @torch.inference_mode()
-    def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
-        """Return steering -1..1, and throttle -1..1 (negative brakes) or None without one.
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        """Return the command for a frame.
 
         Args:
             frame: RGB image of the centre camera, uint8 [160, 320, 3].
@@ -40,7 +42,7 @@ class Policy:
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         out = self.forward(*inputs)[0].clamp(-1, 1).tolist()
-        return out[0], out[1] if len(out) > 1 else None
+        return Command(*out)
 
 
 def load_policy(path: str | Path, threads: int = 1) -> Policy | OnnxPolicy:

@@ -16,10 +16,10 @@ from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS
 from simulator.weather import read_weather
 from simulator.world import World
+from zoo.checkpoints.command import Command, PolicyFunction, call_policy, reset_policy
 from zoo.cli.console_progress import progress_bar
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
 from zoo.drives.drive_record import DriveRow
-from zoo.evaluate.embedded_drive import Policy
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
 from zoo.evaluate.process_pool import drive_in_processes
 
@@ -61,7 +61,7 @@ class LabellingPolicy:
 
     def __init__(
         self,
-        policy: Policy,
+        policy: PolicyFunction,
         world: World,
         expert_mph: float,
         beta: float,
@@ -74,21 +74,25 @@ class LabellingPolicy:
         self.labels: list[ExpertLabel] = []
         self.seed = seed
 
-    def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, float | None]:
-        """Store the expert's label, and return the controls that drive."""
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        """Store the expert's label, and return the command that drives."""
         world = self.world
-        steering, throttle = self.policy(frame, speed_mph)
+        command = call_policy(self.policy, frame, speed_mph)
         label = self.expert(world)
         self.labels.append(ExpertLabel(world.pose(), world.frames, *label))
         second = np.random.default_rng([self.seed, 0, int(world.time)])
         if second.random() < self.beta:
-            return label[0], throttle
+            return command._replace(steering=label[0])
         number, since_s = divmod(world.time, NUDGE_EVERY_S)
         push = np.random.default_rng([self.seed, 1, int(number)])
         begin_s, force = push.uniform(0, NUDGE_EVERY_S - NUDGE_S), push.uniform(-1, 1)
         if begin_s <= since_s < begin_s + NUDGE_S:
-            steering += self.nudge * force
-        return steering, throttle
+            return command._replace(steering=command.steering + self.nudge * force)
+        return command
+
+    def reset(self) -> None:
+        """Reset the model's policy."""
+        reset_policy(self.policy)
 
 
 def worth_keeping(

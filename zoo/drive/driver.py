@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from zoo.checkpoints.command import PolicyFunction
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.notices import Notices
-from zoo.drive.session import DrivingPolicy, Session
+from zoo.drive.session import Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
@@ -100,14 +101,14 @@ class Driver:
 
     def __init__(
         self,
-        policy: DrivingPolicy,
+        policy: PolicyFunction,
         controller: SpeedController,
         steer: SteeringFilter,
         writer: BackgroundWriter,
         notices: Notices,
         record: bool = False,
         checkpoint: str = "",
-        load: Callable[[Path], DrivingPolicy] | None = None,
+        load: Callable[[Path], PolicyFunction] | None = None,
         margin_m: float | None = None,
         track: str | None = None,
     ) -> None:
@@ -181,6 +182,7 @@ class Driver:
             session.rule.restart()
             session.controller.reset()
             session.steer.reset()
+            session.reset_policy()
             self.tally.counts[TAKEOVER] += 1
             count = self.tally.interventions
             self.notices.print_some("person", f"a person drives (intervention {count})")
@@ -205,11 +207,11 @@ class Driver:
     def _drive(
         self, session: Session, telemetry: Telemetry, now_s: float, lost: str | None
     ) -> Reply:
-        steering, throttle = session.predict(self.policy, telemetry)
-        if not math.isfinite(steering):
-            raise ValueError(f"its steering is {steering}")
-        steering = session.steer(float(steering), now_s)
-        throttle = session.controller.throttle(session.speed_mph, steering, throttle, now_s)
+        command = session.predict(self.policy, telemetry)
+        if not math.isfinite(command.steering):
+            raise ValueError(f"its steering is {command.steering}")
+        steering = session.steer(float(command.steering), now_s)
+        throttle = session.controller.throttle(session.speed_mph, steering, command.throttle, now_s)
         if not math.isfinite(throttle):
             raise ValueError(f"its throttle is {throttle}")
         session.steering = steering
@@ -239,6 +241,7 @@ class Driver:
         """Return the value that makes the simulator put the car back, at the speed to hold."""
         session.controller.reset()
         session.steer.reset()
+        session.reset_policy()
         mph = session.controller.set_mph or session.speed_mph
         return {PUT_BACK: number_text(mph, session.decimal or ".")}
 

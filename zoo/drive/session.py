@@ -1,18 +1,12 @@
 """The state of one simulator that is connected to the driver."""
 
 import math
-from collections.abc import Callable
 
-import numpy as np
-
+from zoo.checkpoints.command import Command, PolicyFunction, call_policy, own_session, reset_policy
 from zoo.drive.telemetry_message import Telemetry, parse_number
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.speed_controller import SpeedController
 from zoo.drives.steering_filter import SteeringFilter
-
-# Function of a frame, uint8 [160, 320, 3] RGB, and mph; returns steering -1..1, and throttle -1..1
-# or None.
-DrivingPolicy = Callable[[np.ndarray, float], tuple[float, float | None]]
 
 
 class Session:
@@ -41,9 +35,12 @@ class Session:
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
         self.overridden = False
+        # Policy of all sessions, and this session's own.
+        self._shared: PolicyFunction | None = None
+        self._policy: PolicyFunction | None = None
         # Last input of the policy, and its output.
-        self._asked: tuple[DrivingPolicy, bytes, float] | None = None
-        self._predicted: tuple[float, float | None] = 0.0, None
+        self._asked: tuple[PolicyFunction, bytes, float] | None = None
+        self._command = Command(0.0)
         self._clock_s: float | None = None  # simulator's time; None for the original simulator
         self._ahead_s = 0.0
 
@@ -78,14 +75,21 @@ class Session:
         kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
         return kind if self.sends_cross_track else None
 
-    def predict(self, policy: DrivingPolicy, telemetry: Telemetry) -> tuple[float, float | None]:
-        """Return the policy's steering and throttle.
+    def reset_policy(self) -> None:
+        """Let the policy forget the frames before."""
+        if self._policy is not None:
+            reset_policy(self._policy)
+
+    def predict(self, policy: PolicyFunction, telemetry: Telemetry) -> Command:
+        """Return the policy's command; a policy with memory remembers this session's frames.
 
         The policy is called once for an image that is sent twice, as the original's two loops do
         with most images. The call takes most of the latency.
         """
+        if policy is not self._shared:
+            self._shared, self._policy = policy, own_session(policy)
         asked = policy, telemetry.image, self.speed_mph
         if asked != self._asked:
-            self._predicted = policy(telemetry.frame, self.speed_mph)
+            self._command = call_policy(self._policy, telemetry.frame, self.speed_mph)
             self._asked = asked
-        return self._predicted
+        return self._command

@@ -8,17 +8,16 @@ import numpy as np
 
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World
+from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.drives.interventions import InterventionRule
 from zoo.drives.speed_controller import SpeedController, limit_pedal
 
 SLOWEST_MPH = 3.0  # a drive ends when its mean speed must be lower than this
 
-Policy = Callable[[np.ndarray | None, float], tuple[float, float | None]]
-
 
 def drive_closed_loop(
-    policy: Policy,
+    policy: PolicyFunction,
     world: World,
     speed: SpeedController,
     seed: int,
@@ -36,8 +35,7 @@ def drive_closed_loop(
     ahead, at the speed to hold. A policy that returns NaN is steered straight on.
 
     Args:
-        policy: function of a frame, uint8 [160, 320, 3] RGB (None in a world without a renderer),
-            and mph that returns steering, and throttle or None.
+        policy: policy; it is reset at the start and whenever the car is put back.
         world: world to drive in.
         speed: speed controller.
         seed: random seed of start and weather; 0 starts at the track's first point.
@@ -52,6 +50,7 @@ def drive_closed_loop(
     """
     world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
+    reset_policy(policy)
     lane_m = world.track.width / 2 if margin_m is None else margin_m
     rows: list[DriveRow] = []
     xy: list[tuple[float, float]] = []
@@ -63,14 +62,15 @@ def drive_closed_loop(
     while not world.is_complete(laps) and world.time < longest_s:
         frame = world.frame() if world.pictures is not None else None
         began = time.perf_counter()
-        steering, predicted = policy(frame, world.car.speed_mph)
+        command = call_policy(policy, frame, world.car.speed_mph)
         latency_ms = 1000 * (time.perf_counter() - began)
+        steering = command.steering
         if math.isnan(steering):
             nan_frames += 1
             steering = 0.0
         steering = min(max(float(steering), -1.0), 1.0)
         mph = world.car.speed_mph
-        throttle = limit_pedal(speed.throttle(mph, steering, predicted, world.time), mph)
+        throttle = limit_pedal(speed.throttle(mph, steering, command.throttle, world.time), mph)
         if margin_m is None:
             rule.margin_m = world.place.width / 2
         lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None
@@ -93,6 +93,7 @@ def drive_closed_loop(
         if lost and first_only:
             break
         if lost:
+            reset_policy(policy)
             world.put_back(Start(world.place.distance, speed_mph=speed.set_mph or mph))
             speed.reset()
             rule.restart()

@@ -15,6 +15,7 @@ from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
 from simulator.world_settings import WorldSettings
+from zoo.checkpoints.command import PolicyFunction, call_policy
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import summarize, write_drive
@@ -22,7 +23,7 @@ from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import steering_per_s
 from zoo.drives.speed_controller import PI, Network, SpeedController
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
-from zoo.evaluate.embedded_drive import Policy, drive_closed_loop, start_of
+from zoo.evaluate.embedded_drive import drive_closed_loop, start_of
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.process_pool import drive_in_processes
 from zoo.runs.plots import save_figure
@@ -77,13 +78,14 @@ def speed_controller(speed_mph: float) -> PI:
     return PI(speed_mph, kp=0.1, ki=0.002)
 
 
-def check_throttle(policy: Policy, throttle: str) -> None:
+def check_throttle(policy: PolicyFunction, throttle: str) -> None:
     """Check that a network predicts a throttle if it shall control the throttle.
 
     Raises:
         InputError: `throttle` is `network`, and the network predicts none.
     """
-    if throttle == "network" and policy(np.zeros((160, 320, 3), np.uint8), 0.0)[1] is None:
+    frame = np.zeros((160, 320, 3), np.uint8)
+    if throttle == "network" and call_policy(policy, frame, 0.0).throttle is None:
         raise InputError(
             "throttle=network: this network predicts no throttle; train model=nvidia_speed, or use "
             "throttle=hold"
@@ -172,7 +174,7 @@ def open_setup(setup: Setup, renderer: str) -> World:
 
 
 def drive_setup(
-    policy: Policy,
+    policy: PolicyFunction,
     world: World,
     setup: Setup,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,

@@ -31,10 +31,10 @@ from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
+from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import INTERVENTION_S
 from zoo.evaluate.camera_warp import Warp
-from zoo.evaluate.embedded_drive import Policy
 
 MARGIN_M = 1.0  # NVIDIA's margin
 GREATEST_MARGIN_M = 2.0  # farther off the path, a warped frame differs much from a real one
@@ -105,7 +105,7 @@ def curvature(steering: float) -> float:
 
 
 def replay(
-    policy: Policy,
+    policy: PolicyFunction,
     recording: Recording,
     margin_m: float = MARGIN_M,
     frame_rate: float | None = None,
@@ -117,8 +117,7 @@ def replay(
     do not count as time.
 
     Args:
-        policy: function of a frame, uint8 [160, 320, 3] RGB, and mph that returns the steering, and
-            a throttle, which is ignored.
+        policy: policy, whose throttle is ignored; it is reset whenever the car is put on the path.
         recording: recording in the order in which it was driven.
         margin_m: distance from the recorded path in metres above which an intervention begins.
         frame_rate: rows per second, for a recording whose image names hold no time.
@@ -143,11 +142,12 @@ def replay(
     nan_frames = 0
     warp, car = Warp(), VirtualCar()
     now_s, place = 0.0, _Path()
+    reset_policy(policy)
     for row in range(len(recording)):
         frames = _Frames(recording, row)
         frame = warp(frames, frames.cameras, car.cte_m, car.heading_rad)
         began = time.perf_counter()
-        steering = policy(frame, float(recording.speed_mph[row]))[0]
+        steering = call_policy(policy, frame, float(recording.speed_mph[row])).steering
         latency_ms = 1000 * (time.perf_counter() - began)
         nan_frames += bool(np.isnan(steering))
         steering = float(np.clip(np.nan_to_num(steering), -1, 1))
@@ -168,11 +168,13 @@ def replay(
             show(frame, shown)
         if math.isnan(elapsed[row]):
             car = VirtualCar()
+            reset_policy(policy)
             continue
         seconds = float(elapsed[row])
         metres = float(speed_mps[row] + speed_mps[row + 1]) / 2 * seconds
         if lost:
             car = VirtualCar()
+            reset_policy(policy)
         else:
             steps = max(1, math.ceil(seconds / STEP_S))
             car.step(steering, float(recording.steering[row]), metres, steps)
