@@ -1,8 +1,9 @@
 """`python -m zoo.benchmark CKPT... [key=value ...]`: drive a suite of roads and compare.
 
 CKPT... are the checkpoints of one entry, one for each training seed; or one of zero, mean, expert
-and expert_late. Writes result.json and a page. `python -m zoo.benchmark verify RESULT` repeats some
-drives of a result.json and compares them.
+and expert_late. Writes result.json and a page. With the `out=` of an interrupted benchmark it
+resumes. `python -m zoo.benchmark verify RESULT` repeats some drives of a result.json and compares
+them.
 """
 
 import sys
@@ -20,6 +21,7 @@ from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
+from zoo.cli.stop_errors import StoppedError
 
 COMMAND = Command(__doc__, {"CKPT...": f"{CHECKPOINT}; or a baseline: {', '.join(BASELINES)}"})
 VERIFY = "verify"
@@ -55,6 +57,7 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         from zoo.benchmark.drivers import find_drivers
         from zoo.benchmark.drives import drive_suite
         from zoo.benchmark.entry import entry_result, nan_line, write_entry
+        from zoo.benchmark.finished_drives import NAME, FinishedDrives
         from zoo.benchmark.marks import missed_line, reached_marks
         from zoo.benchmark.marks_page import print_marks, write_marks
         from zoo.benchmark.suite import read_suite
@@ -65,12 +68,23 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         # Report wrong input before processes start.
         suite = read_suite(options.suite, options.split)
         drivers = find_drivers(names, suite)
-    folder = new_folder(options.out, "benchmarks")
+    folder = new_folder(options.out, "benchmarks", resumed_by=NAME)
     code_fingerprint()  # kept: files that are edited during the drives are not in it
-    drives = drive_suite(drivers, suite, options.workers, console)
+    finished = FinishedDrives(folder, drivers, suite)
+    if finished.drives:
+        line = f"{folder}: resumes after {len(finished.drives)} finished drives"
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    try:
+        drives = drive_suite(drivers, suite, finished, options.workers, console)
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"stopped after {len(finished.drives)} of {len(drivers) * len(suite.drives)} drives; "
+            f"the same command with out={folder} resumes"
+        ) from None
     result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
     print_result(result, console)
     written = write_entry(folder, result)
+    finished.remove()
     reached = reached_marks(result.model_dump(), suite.marks)
     if reached:
         print_marks(result.model_dump(), reached, console)

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from zoo.benchmark.drivers import Driver, needs_frames, steering_of
+from zoo.benchmark.finished_drives import FinishedDrives
 from zoo.benchmark.result import DriveRecord
 from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
 from zoo.cli.console_progress import progress_bar
@@ -21,13 +22,18 @@ DECIMALS = 6  # of the rows in a digest
 
 
 def drive_suite(
-    drivers: Sequence[Driver], suite: Suite, workers: int, console: Console
+    drivers: Sequence[Driver],
+    suite: Suite,
+    finished: FinishedDrives,
+    workers: int,
+    console: Console,
 ) -> list[DriveRecord]:
     """Drive every drive of a suite with every driver.
 
     Args:
         drivers: drivers of the entry.
         suite: suite to drive.
+        finished: drives that are not repeated; each further one is added.
         workers: number of processes; 0 for one per core. It does not change the figures.
         console: console that shows the progress.
 
@@ -35,7 +41,7 @@ def drive_suite(
         InputError: the simulator cannot be opened, or a process was killed.
     """
     jobs = [(number, one) for number in range(len(drivers)) for one in suite.drives]
-    return drive_jobs(drivers, jobs, suite.mean_steering, workers, console)
+    return drive_jobs(drivers, jobs, suite.mean_steering, workers, console, finished)
 
 
 def drive_jobs(
@@ -44,29 +50,29 @@ def drive_jobs(
     mean_steering: float | None,
     workers: int,
     console: Console,
+    finished: FinishedDrives | None = None,
 ) -> list[DriveRecord]:
     """Return the drives of some drivers, each named by its number, in the order of the jobs."""
+    drives = {} if finished is None else dict(finished.drives)
     # Laps take longest: begun last, they would leave the other processes without work.
-    order = sorted(range(len(jobs)), key=lambda number: jobs[number][1].group != LAPS)
+    order = sorted(set(range(len(jobs))) - set(drives), key=lambda one: jobs[one][1].group != LAPS)
     arguments = [
         (drivers[jobs[number][0]].file, jobs[number][1].setup, mean_steering) for number in order
     ]
-    with progress_bar(f"driving {len(jobs)} roads", console) as show:
-        found = {
-            order[place]: result
-            for place, result in drive_in_processes(drive_road, arguments, workers, show)
-        }
-    return [
-        DriveRecord(
-            checkpoint=driver,
-            group=one.group,
-            track=one.track,
-            settings=one.settings,
-            figures=found[number][0],
-            digest=found[number][1],
-        )
-        for number, (driver, one) in enumerate(jobs)
-    ]
+    with progress_bar(f"driving {len(order)} roads", console) as show:
+        for place, result in drive_in_processes(drive_road, arguments, workers, show):
+            driver, one = jobs[order[place]]
+            drives[order[place]] = DriveRecord(
+                checkpoint=driver,
+                group=one.group,
+                track=one.track,
+                settings=one.settings,
+                figures=result[0],
+                digest=result[1],
+            )
+            if finished is not None:
+                finished.add(order[place], drives[order[place]])
+    return [drives[number] for number in range(len(jobs))]
 
 
 def drive_road(

@@ -13,10 +13,12 @@ from datamodules.errors import InputError, UsageError
 from simulator.track_names import road_folder
 from tests.zoo.written_checkpoints import write_constant
 from zoo.benchmark.__main__ import command
-from zoo.benchmark.drives import digest_of_drives
+from zoo.benchmark.drives import digest_of_drives, drive_road
+from zoo.benchmark.finished_drives import NAME as UNFINISHED
 from zoo.benchmark.page import NAME as PAGE
 from zoo.benchmark.result import NAME, read_result, write_result
 from zoo.benchmark.summary import summarize_drives
+from zoo.cli.stop_errors import StoppedError
 
 
 def write_suite(folder: Path, **changes: object) -> Path:
@@ -99,6 +101,49 @@ def test_the_same_command_gives_the_same_digest(
     first = read_result(entry).of_checkpoint(0)
     assert again.drives == first
     assert again.digest == digest_of_drives(first)
+
+
+@pytest.fixture
+def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a benchmark that was stopped in its second drive."""
+    left = iter([drive_road])
+
+    def drive_once(*arguments: object) -> object:
+        one = next(left, None)
+        if one is None:
+            raise KeyboardInterrupt
+        return one(*arguments)
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr("zoo.benchmark.drives.drive_road", drive_once)
+        with pytest.raises(StoppedError, match=f"1 of 2 drives.*out={re.escape(str(out))}"):
+            drive(["zero"], suite, out)
+    return out
+
+
+def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
+    interrupted: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = interrupted / UNFINISHED
+    kept.write_text(kept.read_text() + '{"job": 1, "dri')  # as a killed process leaves it
+    resumed = read_result(drive(["zero"], suite, interrupted))
+    assert "1 finished drive" in capsys.readouterr().out
+    assert resumed == read_result(drive(["zero"], suite, tmp_path / "whole"))
+    assert not kept.exists()
+
+
+def test_drives_of_another_driver_are_not_resumed(interrupted: Path, suite: Path) -> None:
+    with pytest.raises(InputError, match=r"drivers: differ .* out="):
+        drive(["expert"], suite, interrupted)
+
+
+@pytest.mark.parametrize("line", ["{", "[]", '{"job": 0}', '{"job": "0", "drive": {}}'])
+def test_damaged_drives_are_not_resumed(interrupted: Path, suite: Path, line: str) -> None:
+    kept = interrupted / UNFINISHED
+    kept.write_text(kept.read_text() + line + "\n")
+    with pytest.raises(InputError, match=f"{UNFINISHED}.*"):
+        drive(["zero"], suite, interrupted)
 
 
 def test_verify_repeats_the_drives(
