@@ -226,6 +226,7 @@ class Driver:
             speed_mph=session.speed_mph,
             cross_track_m=telemetry.cross_track_m,
             intervention=lost is not None,
+            spread=math.nan if command.spread is None else command.spread,
         )
         leads = self._leads(session)
         if leads:

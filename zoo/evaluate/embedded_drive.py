@@ -82,6 +82,7 @@ def drive_closed_loop(
             cross_track_m=world.cte,
             intervention=lost,
             latency_ms=latency_ms,
+            spread=math.nan if command.spread is None else command.spread,
         )
         rows.append(row)
         xy.append((world.car.x, world.car.y))
