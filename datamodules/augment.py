@@ -175,11 +175,11 @@ class Augment:
         seed: int,
         place: tuple[int, int] | None = None,
     ) -> None:
-        """Change images and steering in place.
+        """Change images and steering in place; all of a window's images and steering alike.
 
         Args:
-            images: images, uint8 [n, H, W, C].
-            steering: steering, float32 [n].
+            images: images, uint8 [n, H, W, C]; of windows, [n, sequence, H, W, C].
+            steering: steering, float32 [n]; of windows, [n, sequence + ahead].
             seed: random seed of the batch.
             place: first index of a shard in its batch, and the batch's size; a shard is changed
                 exactly as within the whole batch. None for a whole batch.
@@ -188,6 +188,8 @@ class Augment:
             return
         place = place or (0, len(images))
         from_rgb, to_rgb = CODES.get(self.colour, (None, None))
+        if images.ndim == 4:
+            images, steering = images[:, None], steering[:, None]
         if to_rgb is not None:
             _convert(images, to_rgb)
         # Each transform has its own random stream. With one stream for all, as in albumentations,
@@ -200,7 +202,7 @@ class Augment:
 
 
 class _OneByOne:
-    """A transform of albumentations, applied to a batch in place."""
+    """A transform of albumentations, applied to a batch of windows in place."""
 
     def __init__(self, transform: albumentations.BasicTransform) -> None:
         self.transform = transform
@@ -215,15 +217,20 @@ class _OneByOne:
     ) -> None:
         first, whole = place
         seeds = rng.integers(2**31, size=whole)[first : first + len(images)]
-        for index, (image, seed) in enumerate(zip(images, seeds.tolist(), strict=True)):
-            self.transform.set_random_seed(seed)
-            result = self.compose(image=image, steering=float(steering[index]))
-            image[:] = result["image"].reshape(image.shape)
-            steering[index] = result["steering"]
+        steers = "steering" in self.transform.targets
+        for frames, angles, seed in zip(images, steering, seeds.tolist(), strict=True):
+            # Angles without a frame first, with the last frame before it changes.
+            for at in reversed(range(len(angles) if steers else len(frames))):
+                self.transform.set_random_seed(seed)  # the same draws for the whole window
+                image = frames[min(at, len(frames) - 1)]
+                result = self.compose(image=image, steering=float(angles[at]))
+                if at < len(frames):
+                    image[:] = result["image"].reshape(image.shape)
+                angles[at] = result["steering"]
 
 
 class _AllAtOnce:
-    """One of our transforms, applied to a batch in place."""
+    """One of our transforms, applied to a batch of windows in place."""
 
     def __init__(self, transform: albumentations.BasicTransform) -> None:
         self.transform = transform
@@ -238,13 +245,15 @@ class _AllAtOnce:
     ) -> None:
         first, whole = place
         chosen = np.flatnonzero(rng.random(whole) < self.transform.p)
-        draws = self.transform.draw_batch((len(chosen), *images.shape[1:]), rng)
+        draws = self.transform.draw_batch((len(chosen), *images.shape[2:]), rng)
         ours = slice(*np.searchsorted(chosen, [first, first + len(images)]))
         # One thread: with several, Python's lock lets only one run between OpenCV's calls.
         for index, drawn in zip((chosen[ours] - first).tolist(), draws[ours], strict=True):
-            self.transform.change_one(images[index], **drawn)
+            for image in images[index]:
+                self.transform.change_one(image, **drawn)
             if self.steers:
-                steering[index] = self.transform.apply_to_steering(steering[index], **drawn)
+                for at, angle in enumerate(steering[index]):
+                    steering[index, at] = self.transform.apply_to_steering(angle, **drawn)
 
 
 def _change_of(transform: albumentations.BasicTransform) -> "_OneByOne | _AllAtOnce":
@@ -262,8 +271,8 @@ def _light(image: np.ndarray, factor: float) -> None:
 
 
 def _convert(images: np.ndarray, code: int) -> None:
-    """Convert the colours of images uint8 [N, H, W, 3] in place, all as one tall image."""
-    tall = images.reshape(-1, *images.shape[2:])
+    """Convert the colours of images uint8 [..., H, W, 3] in place, all as one tall image."""
+    tall = images.reshape(-1, *images.shape[-2:])
     cv2.cvtColor(tall, code, tall)
 
 

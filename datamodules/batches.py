@@ -11,9 +11,12 @@ from datamodules.balance import BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, LEFT, RIGHT, Samples
+from datamodules.windows import SINGLE_FRAMES, Windows
 
 # images: uint8 [N, C, H, W], in memory as [N, H, W, C], the fastest layout for convolutions;
 # speed: mph, float32 [N]; targets: steering and throttle, float32 [N, 2].
+# With windows (see `datamodules.windows`), images: [N, sequence, C, H, W], oldest first; speed: of
+# the newest frame; targets: [N, sequence + ahead, 2], for evaluation of the newest frame, [N, 2].
 Batch = dict[str, torch.Tensor]
 
 EVALUATION_BATCH = 256
@@ -31,26 +34,29 @@ class TrainingBatches(Dataset):
 
     def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.samples, key.own
-        mirrored, steering, seed = self.draw(key)
-        images = self.views.take(samples.row[own], samples.camera[own], mirrored)
+        mirrored, steering, throttle, seed = self.draw(key)
+        images = self.views.take(*samples.frames(own), mirrored)
         place = (key.share.start, len(key.samples))
         self.augment.in_place(images, steering, seed, place)
-        return make_batch(images, steering, samples.throttle[own], samples.speed_mph[own])
+        return make_batch(images, steering, throttle, samples.speed_mph[own])
 
     def steering(self, key: BatchKey) -> np.ndarray:
-        """Return the batch's steering, float32 [n], flipped but not augmented."""
-        return self.draw(key)[1]
+        """Return the newest frames' steering, float32 [n], flipped but not augmented."""
+        steering = self.samples.steering[key.own]
+        return np.where(self.draw(key)[0], -steering, steering)
 
-    def draw(self, key: BatchKey) -> tuple[np.ndarray, np.ndarray, int]:
-        """Return mirrored, bool [n], the steering, float32 [n], and the augmentation's seed.
+    def draw(self, key: BatchKey) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Return mirrored, bool [n], the steering and the throttle, and the augmentation's seed.
 
-        They are drawn for the whole batch; `n` samples are this rank's.
+        They are drawn for the whole batch; `n` samples are this rank's. Steering and throttle are
+        float32 [n], of windows [n, sequence + ahead].
         """
         rng = np.random.default_rng([self.seed, key.epoch, key.number])
         drawn = rng.random(len(key.samples)) < self.flip
         mirrored = self.samples.flipped[key.own] ^ drawn[key.share]
-        steering = self.samples.steering[key.own]
-        return mirrored, np.where(mirrored, -steering, steering), int(rng.integers(2**31))
+        steering, throttle = self.samples.labels(key.own)
+        turned = mirrored.reshape(-1, *[1] * (steering.ndim - 1))
+        return mirrored, np.where(turned, -steering, steering), throttle, int(rng.integers(2**31))
 
 
 def unchanged(batch: Batch | list[Batch]) -> Batch | list[Batch]:
@@ -60,13 +66,17 @@ def unchanged(batch: Batch | list[Batch]) -> Batch | list[Batch]:
 
 @dataclass(frozen=True)
 class EvaluationBatches(Dataset):
-    """Batches of rows in order: one camera, recorded labels, no flips, no augmentation."""
+    """Batches of rows in order: one camera, recorded labels, no flips, no augmentation.
+
+    All frames of the rows' windows must have an image.
+    """
 
     views: RowViews
     recording: Recording
     rows: np.ndarray
     camera: int = CENTER
     least: int = 0  # least number of batches; without rows they are empty
+    windows: Windows = SINGLE_FRAMES
 
     def share(self, rank: int, world: int) -> "EvaluationBatches":
         """Return one rank's contiguous rows.
@@ -76,21 +86,27 @@ class EvaluationBatches(Dataset):
         return replace(self, rows=np.array_split(self.rows, world)[rank], least=1)
 
     def sides(self) -> tuple["EvaluationBatches", "EvaluationBatches"]:
-        """Return the left and the right images of rows whose side images are both loaded."""
-        seen = (self.views.file[self.rows][:, [LEFT, RIGHT]] >= 0).all(axis=1)
+        """Return the left and the right images of rows whose side images are all loaded."""
+        loaded = self.views.file[self.windows.frames(self.rows)][..., [LEFT, RIGHT]] >= 0
+        seen = loaded.all(axis=tuple(range(1, loaded.ndim)))
         both = replace(self, rows=self.rows[seen])
         return replace(both, camera=LEFT), replace(both, camera=RIGHT)
 
+    @property
+    def size(self) -> int:
+        """Return the rows of a batch: windows of more frames make smaller batches."""
+        return max(1, EVALUATION_BATCH // self.windows.sequence)
+
     def __len__(self) -> int:
-        return max(self.least, -(-len(self.rows) // EVALUATION_BATCH))
+        return max(self.least, -(-len(self.rows) // self.size))
 
     def __getitem__(self, number: int) -> Batch:
         if number >= len(self):
             raise IndexError(number)
-        rows = self.rows[number * EVALUATION_BATCH : (number + 1) * EVALUATION_BATCH]
+        rows = self.rows[number * self.size : (number + 1) * self.size]
         recording = self.recording
         return make_batch(
-            self.views.take(rows, self.camera),
+            self.views.take(self.windows.frames(rows), self.camera),
             recording.steering[rows],
             (recording.throttle - recording.brake)[rows],
             recording.speed_mph[rows],
@@ -100,14 +116,14 @@ class EvaluationBatches(Dataset):
 def make_batch(
     images: np.ndarray, steering: np.ndarray, throttle: np.ndarray, speed_mph: np.ndarray
 ) -> Batch:
-    """Return arrays as a `Batch`; the images are uint8 [N, H, W, C]."""
+    """Return arrays as a `Batch`; the images are uint8 [N, H, W, C] or [N, sequence, H, W, C]."""
     return {
-        "images": torch.from_numpy(images).permute(0, 3, 1, 2),
+        "images": torch.from_numpy(images).movedim(-1, -3),
         "speed": torch.from_numpy(speed_mph.astype(np.float32)),
         "targets": torch.from_numpy(make_targets(steering, throttle)),
     }
 
 
 def make_targets(steering: np.ndarray, throttle: np.ndarray) -> np.ndarray:
-    """Return targets, float32 [N, 2], steering first."""
-    return np.stack([steering, throttle], axis=1).astype(np.float32)
+    """Return targets, float32 [N, 2], of windows [N, sequence + ahead, 2], steering first."""
+    return np.stack([steering, throttle], axis=-1).astype(np.float32)

@@ -31,7 +31,8 @@ class DeviceChange:
         p: probability that an image is changed, 0..1.
         draw: function from a shape (n, height, width, channels) and a generator to float [n, K].
         change: function from images float32 [n, C, H, W], 0..255, and draws to changed images.
-        steer: function from steering float32 [n] and draws to steering; None if unchanged.
+        steer: function from steering float32 [n] or [K, n] and draws to steering; None if
+            unchanged.
     """
 
     p: float
@@ -66,11 +67,12 @@ class DeviceAugment:
     ) -> tuple[Tensor, np.ndarray]:
         """Return uint8 [n, H, W, C] images and float32 [n] steering, changed by `seed`.
 
-        `place` is as in `Augment.in_place`.
+        `place`, and windows of images, are as in `Augment.in_place`.
         """
         if not self.changes or not len(images):
             return images, steering
-        changed = to_rgb(images.permute(0, 3, 1, 2).float(), self.colour)
+        frames = images.reshape(-1, *images.shape[-3:])
+        changed = to_rgb(frames.permute(0, 3, 1, 2).float(), self.colour)
         place = place or (0, len(images))
         streams = np.random.SeedSequence(seed).spawn(len(self.changes))
         for one, stream in zip(self.changes, streams, strict=True):
@@ -78,7 +80,7 @@ class DeviceAugment:
             changed, steering = _apply(one, changed, steering, rng, place)
         changed = from_rgb(changed, self.colour)
         rounded = changed.round().clamp(0, 255).to(torch.uint8, memory_format=torch.channels_last)
-        return rounded.permute(0, 2, 3, 1), steering
+        return rounded.permute(0, 2, 3, 1).reshape(images.shape), steering
 
 
 def without_equivalent(transforms: list[albumentations.BasicTransform]) -> list[str]:
@@ -95,21 +97,24 @@ def _apply(
 ) -> tuple[Tensor, np.ndarray]:
     first, whole = place
     chosen = np.flatnonzero(rng.random(whole) < one.p)
-    count, channels, height, width = images.shape
+    count, (channels, height, width) = len(steering), images.shape[1:]
+    sequence = len(images) // count
     drawn = one.draw((len(chosen), height, width, channels), rng)
     ours = slice(*np.searchsorted(chosen, [first, first + count]))
     chosen, drawn = chosen[ours] - first, drawn[ours]
     if not len(chosen):
         return images, steering
-    values = torch.from_numpy(drawn.astype(np.float32)).to(images.device, non_blocking=True)
+    each = np.repeat(drawn.astype(np.float32), sequence, axis=0)  # a window's frames change alike
+    values = torch.from_numpy(each).to(images.device, non_blocking=True)
     if len(chosen) == count:
         images = one.change(images, values)
     else:
-        at = torch.from_numpy(chosen).to(images.device, non_blocking=True)
+        frames = (chosen[:, None] * sequence + np.arange(sequence)).ravel()
+        at = torch.from_numpy(frames).to(images.device, non_blocking=True)
         images = images.index_copy(0, at, one.change(images[at], values))
     if one.steer is not None:
         steering = steering.copy()
-        steering[chosen] = one.steer(steering[chosen], drawn)
+        steering[chosen] = one.steer(steering[chosen].T, drawn).T
     return images, steering
 
 

@@ -1,5 +1,7 @@
 """Training batches that are created on the device that trains."""
 
+import math
+
 import numpy as np
 import psutil
 import torch
@@ -43,29 +45,30 @@ class DeviceBatches(Dataset):
 
     def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
-        mirrored, steering, seed = self.batches.draw(key)
-        images = self._images(samples.row[own], samples.camera[own])
+        mirrored, steering, throttle, seed = self.batches.draw(key)
+        images = self._images(*samples.frames(own))
         if mirrored.any():
-            flips = self._copy(mirrored)[:, None, None, None]
-            images = torch.where(flips, images.flip(2), images)
+            flips = self._copy(mirrored).reshape(-1, *[1] * (images.ndim - 1))
+            images = torch.where(flips, images.flip(-2), images)
         place = (key.share.start, len(key.samples))
         images, steering = self.augment(images, steering, seed, place)
-        labels = self._copy(
-            np.column_stack([make_targets(steering, samples.throttle[own]), samples.speed_mph[own]])
-        )
+        targets = make_targets(steering, throttle)
+        flat = targets.reshape(len(own), math.prod(targets.shape[1:]))
+        labels = self._copy(np.column_stack([flat, samples.speed_mph[own]]))
         return {
-            "images": images.permute(0, 3, 1, 2),
-            "speed": labels[:, 2],
-            "targets": labels[:, :2],
+            "images": images.movedim(-1, -3),
+            "speed": labels[:, -1],
+            "targets": labels[:, :-1].unflatten(1, targets.shape[1:]),
         }
 
     def _images(self, rows: np.ndarray, cameras: np.ndarray) -> Tensor:
-        """Return images on the device, uint8 [n, H, W, C]."""
+        """Return images on the device, uint8 [n, H, W, C], of windows [n, sequence, H, W, C]."""
         views = self.batches.views
         if self.resident is None:
             return self._copy(views.take(rows, cameras))
         at = self.starts[views.file[rows, cameras]] + views.position[rows, cameras]
-        return self.resident.index_select(0, self._copy(at))
+        images = self.resident.index_select(0, self._copy(at.ravel()))
+        return images.reshape(*at.shape, *images.shape[1:])
 
     def _copy(self, array: np.ndarray) -> Tensor:
         tensor = torch.from_numpy(array)

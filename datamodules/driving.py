@@ -28,8 +28,10 @@ from datamodules.row_views import RowViews, load_row_views
 from datamodules.samples import CENTER, make_samples
 from datamodules.split import PARTS, Split, split_rows
 from datamodules.view import View
+from datamodules.windows import Windows
 
 AUGMENT_ON = ("auto", "cpu", "device")
+MOST_WINDOW = 10_000  # frames, rows or targets of a window
 
 
 class DrivingData(lightning.LightningDataModule):
@@ -57,6 +59,9 @@ class DrivingData(lightning.LightningDataModule):
         cache: folder of decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
         seed: random seed of order, draws, flips and augmentation.
+        sequence: number of frames in a sample's window (see `Windows`); None for 1.
+        stride: rows from one frame of a window to the next; None for 1.
+        ahead: number of targets after a window's newest frame; None for 0.
 
     Raises:
         InputError: a value is wrong; from `load`, a recording cannot be read.
@@ -88,6 +93,9 @@ class DrivingData(lightning.LightningDataModule):
         cache: str | None = "outputs/cache",
         workers: int = 0,
         seed: int = 1,
+        sequence: int | None = None,
+        stride: int | None = None,
+        ahead: int | None = None,
     ) -> None:
         super().__init__()
         if root is None:
@@ -122,6 +130,14 @@ class DrivingData(lightning.LightningDataModule):
             samples_per_epoch is None or (type(samples_per_epoch) is int and samples_per_epoch > 0),
             "1 or more, or null",
         )
+        for key, count, least in (
+            ("sequence", sequence, 1),
+            ("stride", stride, 1),
+            ("ahead", ahead, 0),
+        ):
+            whole = count is None or (type(count) is int and least <= count <= MOST_WINDOW)
+            _check(key, count, whole, f"{least}..{MOST_WINDOW}, or null")
+        self.windows = Windows(sequence or 1, stride or 1, ahead or 0)
         _check("workers", workers, type(workers) is int and workers >= 0, "0 or more")
         _check("split", split, isinstance(split, str), "blocks, random, recording or a file")
         for key, value in (
@@ -178,13 +194,16 @@ class DrivingData(lightning.LightningDataModule):
         for line in report_lines(recording):
             console.print(line, highlight=False, markup=False, emoji=False)
         self.split: Split = split_rows(recording, **self.split_settings)
+        if self.windows.is_windowed:
+            console.print(self.windows.line(recording, self.split), highlight=False)
         self.samples = make_samples(
             recording,
-            self.split.train,
+            self.windows.whole(recording, self.split.train),
             self.cameras,
             self.offset,
             self.recover_s,
             both_ways=self.flip == "both",
+            windows=self.windows,
         )
         if self.weights is not None:
             number = recording.recording[self.samples.row]
@@ -291,9 +310,10 @@ class DrivingData(lightning.LightningDataModule):
         )
 
     def evaluation_batches(self, part: str) -> EvaluationBatches:
-        """Return all rows of `train`, `val` or `test`, in order."""
+        """Return all rows of `train`, `val` or `test`, in order; with windows, see `rows`."""
         views = self.views if self.features is None else self.features
-        return EvaluationBatches(views, self.recording, getattr(self.split, part))
+        rows = self.windows.past.whole(self.recording, getattr(self.split, part))
+        return EvaluationBatches(views, self.recording, rows, windows=self.windows)
 
     def val_dataloader(self) -> DataLoader | list:
         """Return this rank's validation rows; `SteeringModule` joins the predictions."""

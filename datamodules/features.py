@@ -220,6 +220,6 @@ class FeatureBatches(Dataset):
 
     def __getitem__(self, key: BatchKey) -> Batch:
         samples, own = self.batches.samples, key.own
-        mirrored, steering, _ = self.batches.draw(key)
+        mirrored, steering, throttle, _ = self.batches.draw(key)
         taken = self.features.take(samples.row[own], samples.camera[own] + MIRRORED * mirrored)
-        return make_batch(taken, steering, samples.throttle[own], samples.speed_mph[own])
+        return make_batch(taken, steering, throttle, samples.speed_mph[own])

@@ -1,5 +1,6 @@
 """The views of a recording's rows and cameras, in memory or in mapped files."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,31 +43,32 @@ class RowViews:
     def take(
         self, rows: np.ndarray, cameras: np.ndarray | int, mirrored: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return copies of images, uint8 [n, H, W, C].
+        """Return copies of images, uint8 [n, H, W, C], or of windows, [n, sequence, H, W, C].
 
         Args:
-            rows: row numbers, int64 [n].
-            cameras: camera of each row, int64 [n], or one for all.
-            mirrored: whether to flip an image left to right, bool [n].
+            rows: row numbers, int64 [n] or [n, sequence].
+            cameras: camera of each row, int64 [n] or [n, 1], or one for all.
+            mirrored: whether to flip an image, or a window's images, left to right, bool [n].
         """
         positions = self.position[rows, cameras]
         turned = np.zeros(len(rows), bool) if mirrored is None else mirrored
         if len(self.files) == 1 and self.files[0][0].nbytes < SMALL_BYTES:
             out = self.files[0][positions]
-            out[turned] = out[turned][:, :, ::-1]
+            out[turned] = out[turned][..., ::-1, :]
             return out
-        files = self.file[rows, cameras].tolist()
-        out = np.empty((len(rows), *self.files[0].shape[1:]), self.files[0].dtype)
+        shape, sequence = self.files[0].shape[1:], math.prod(rows.shape[1:])
+        out = np.empty((len(turned) * sequence, *shape), self.files[0].dtype)
+        columns = (self.file[rows, cameras], positions, np.repeat(turned, sequence))
         # One by one: numpy would copy the whole batch four times, and mirrors slowly.
         for at, (file, position, turn) in enumerate(
-            zip(files, positions.tolist(), turned.tolist(), strict=True)
+            zip(*(column.ravel().tolist() for column in columns), strict=True)
         ):
             image = self.files[file][position]
             if turn:
                 cv2.flip(image, 1, out[at])
             else:
                 out[at] = image
-        return out
+        return out.reshape(*rows.shape, *shape)
 
     def resident(self) -> "RowViews":
         """Return the same views with all files in one array in memory."""

@@ -7,6 +7,7 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
 from datamodules.recording import Recording
+from datamodules.windows import SINGLE_FRAMES, Windows
 
 CENTER, LEFT, RIGHT = range(3)
 
@@ -42,6 +43,38 @@ class Samples:
     def __len__(self) -> int:
         return len(self.row)
 
+    def frames(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows and the cameras of samples' frames, int64 [n] each."""
+        return self.row[numbers], self.camera[numbers]
+
+    def labels(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the steering and the throttle of samples, float32 [n] each."""
+        return self.steering[numbers], self.throttle[numbers]
+
+
+@dataclass(frozen=True)
+class WindowSamples(Samples):
+    """Samples with a window of rows each; the columns are those of its newest frame's row.
+
+    Attributes:
+        windows: rows of a sample.
+        row_steering: steering of all rows, corrected for each camera, float32 [N, 3].
+        row_throttle: throttle minus brake of all rows, float32 [N].
+    """
+
+    windows: Windows
+    row_steering: np.ndarray
+    row_throttle: np.ndarray
+
+    def frames(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the frames' rows, int64 [n, sequence], and their cameras, int64 [n, 1]."""
+        return self.windows.frames(self.row[numbers]), self.camera[numbers][:, None]
+
+    def labels(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the steering and the throttle, float32 [n, sequence + ahead] each."""
+        rows = self.windows.targets(self.row[numbers])
+        return self.row_steering[rows, self.camera[numbers][:, None]], self.row_throttle[rows]
+
 
 def make_samples(
     recording: Recording,
@@ -50,33 +83,38 @@ def make_samples(
     offset: float = 0.0,
     recover_s: float | None = None,
     both_ways: bool = False,
+    windows: Windows = SINGLE_FRAMES,
 ) -> Samples:
     """Return a sample for each row and each of its recorded cameras.
 
     Args:
         recording: recording of all rows.
-        rows: row numbers, int64.
+        rows: row numbers, int64; their windows are whole (see `Windows.whole`).
         cameras: names of the cameras to use.
         offset: steering added to left images and subtracted from right ones.
         recover_s: seconds in which the side camera returns to the centreline; derives the
             correction from the rig and each row's speed, in place of `offset`.
         both_ways: whether to add each sample a second time, mirrored.
+        windows: rows of a sample; each frame must have an image of the sample's camera.
 
     Raises:
         InputError: a camera is unknown, or no row has an image of these cameras.
     """
     if not cameras or any(name not in CAMERAS for name in cameras):
         raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
+    row_steering = np.full((len(recording), len(CAMERAS)), np.nan, np.float32)
     parts = []
     for number in sorted(CAMERAS.index(name) for name in set(cameras)):
-        seen = rows[[image is not None for image in recording.images[rows, number]]]
-        speed = recording.speed_mph[seen]
+        has_image = np.array([image is not None for image in recording.images[:, number]], bool)
+        in_frames = has_image[windows.frames(rows)]
+        seen = rows[in_frames.all(axis=tuple(range(1, in_frames.ndim)))]
         correction: float | np.ndarray = {CENTER: 0.0, LEFT: offset, RIGHT: -offset}[number]
         if recover_s is not None and number != CENTER:
-            correction = recovery_steering(CAMERA_OFFSET_M[number], speed, recover_s)
-        steering = np.clip(recording.steering[seen] + correction, -1, 1)
-        parts.append((seen, np.full(len(seen), number), steering))
-    row, camera, steering = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+            offset_m = CAMERA_OFFSET_M[number]
+            correction = recovery_steering(offset_m, recording.speed_mph, recover_s)
+        row_steering[:, number] = np.clip(recording.steering + correction, -1, 1)
+        parts.append((seen, np.full(len(seen), number)))
+    row, camera = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(row):
         raise InputError(f"no row has an image of data.cameras={cameras}; name another camera")
     order = np.lexsort((camera, row))
@@ -84,14 +122,20 @@ def make_samples(
     if both_ways:
         order = np.concatenate([order, order])
         flipped = np.arange(len(order)) >= len(row)
-    row = row[order]
-    return Samples(
-        row=row,
-        camera=camera[order],
-        steering=steering[order].astype(np.float32),
-        throttle=(recording.throttle - recording.brake)[row].astype(np.float32),
-        speed_mph=recording.speed_mph[row].astype(np.float32),
-        flipped=flipped,
+    row, camera = row[order], camera[order]
+    row_throttle = (recording.throttle - recording.brake).astype(np.float32)
+    columns = {
+        "row": row,
+        "camera": camera,
+        "steering": row_steering[row, camera],
+        "throttle": row_throttle[row],
+        "speed_mph": recording.speed_mph[row].astype(np.float32),
+        "flipped": flipped,
+    }
+    if not windows.is_windowed:
+        return Samples(**columns)
+    return WindowSamples(
+        **columns, windows=windows, row_steering=row_steering, row_throttle=row_throttle
     )
 
 

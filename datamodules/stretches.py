@@ -30,17 +30,28 @@ class Stretches:
 def find_stretches(recording: Recording) -> Stretches:
     """Return all stretches of `STRETCH_S` without a pause or standstill; each row may start one."""
     length = max(4, round(STRETCH_S * rows_per_second(recording)))
-    steps = np.diff(recording.time_s)
-    # Without times no pause can be found.
-    paused = np.isfinite(steps) & ((steps > GAP_S) | (steps < 0))
-    other = np.diff(recording.recording) != 0
-    broken = np.concatenate([[0], np.cumsum(paused | other)])
+    broken = np.concatenate([[0], np.cumsum(find_breaks(recording))])
     first = np.arange(max(len(recording) - length + 1, 0))
     first = first[broken[first] == broken[first + length - 1]]
     slow = np.concatenate([[0], np.cumsum(recording.speed_mph < SLOWEST_MPH)])
     first = first[slow[first + length] == slow[first]]
-    follows = np.concatenate([[False], paused & ~other])
+    follows = np.concatenate([[False], _paused(recording) & ~_changes(recording)])
     return Stretches(first, follows[first], length)
+
+
+def find_breaks(recording: Recording) -> np.ndarray:
+    """Return whether a pause or a new recording begins after a row, bool [N - 1]."""
+    return _paused(recording) | _changes(recording)
+
+
+def _paused(recording: Recording) -> np.ndarray:
+    steps = np.diff(recording.time_s)
+    # Without times no pause can be found.
+    return np.isfinite(steps) & ((steps > GAP_S) | (steps < 0))
+
+
+def _changes(recording: Recording) -> np.ndarray:
+    return np.diff(recording.recording) != 0
 
 
 def steering_returns(recording: Recording, first: np.ndarray, length: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from zoo.runs.record_fields import Fields, Whole, check_fields
+from zoo.runs.record_fields import Fields, Number, Whole, check_fields
 
 
 class Config(Fields):
@@ -26,6 +26,7 @@ class Data(Fields):
 
     fingerprint: str | None = None
     rows: Whole | None = None
+    rows_per_s: Number | None = None  # earlier versions did not write it
 
 
 class Card(Fields):

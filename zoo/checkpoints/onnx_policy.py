@@ -3,6 +3,7 @@
 The frame passes through the same `View` as in training; onnxruntime runs only the network.
 """
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,8 @@ from datamodules.errors import InputError
 from datamodules.regular_file import read_regular
 from datamodules.view import View
 from zoo.checkpoints.command import Command
+from zoo.checkpoints.frame_memory import SessionPolicy
+from zoo.models.window import Window
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -20,6 +23,7 @@ SUFFIX = ".onnx"
 MOST_BYTES = 2_000_000_000  # ONNX's limit for a single file
 CARD = "drivezoo"  # key in the metadata; the value is JSON
 IMAGES, SPEED = "images", "speed"  # the graph's inputs
+STATE, NEXT = "state_", "next_"  # beginning of the names of a state's inputs and outputs
 INSTALL = "pip install 'drivezoo[onnx]'"
 
 
@@ -28,7 +32,7 @@ def is_onnx(path: str | Path) -> bool:
     return Path(path).suffix.lower() == SUFFIX
 
 
-class OnnxPolicy:
+class OnnxPolicy(SessionPolicy):
     """A policy of an ONNX file, called as `zoo.checkpoints.policy.Policy`.
 
     Args:
@@ -54,7 +58,9 @@ class OnnxPolicy:
         self.view, self.config, self.data = card["view"], card["config"], card["data"]
         self.name, self.parameters = card["network"], card["parameters"]
         self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
-        self.outputs = self.session.get_outputs()[0].shape[1]
+        self.outputs = self.session.get_outputs()[0].shape[-1]
+        if card["window"] is not None:
+            self.keep_memory(self._first_state(1), card["window"], self.data)
         _check_finite(self)
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
@@ -64,19 +70,43 @@ class OnnxPolicy:
             frame: RGB image of the centre camera, uint8 [160, 320, 3].
             speed_mph: the car's speed in mph.
         """
-        return Command(*self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist())
+        inputs = self._inputs(self.view(frame)[None], np.array([speed_mph]))
+        if self.memory is None:
+            return Command(*self._run(inputs)[0][0].clip(-1, 1).tolist())
+        steps = self.memory.step(self._run, inputs)[0].clip(-1, 1)
+        return Command(*self.in_time(steps).tolist())
 
     def predict(self, images: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
         """Return the outputs for a batch, float32 [N, outputs] in -1..1.
+
+        A network with memory gets each image as the first frame of a drive, and returns
+        [N, 1 + ahead, outputs].
 
         Args:
             images: images after the view, uint8 [N, H, W, C].
             speed_mph: speeds in mph [N].
         """
-        feed = {IMAGES: np.ascontiguousarray(images.transpose(0, 3, 1, 2))}
+        inputs = self._inputs(images, speed_mph)
+        return self._run(inputs, *self._first_state(len(images)))[0].clip(-1, 1)
+
+    def _inputs(self, images: np.ndarray, speed_mph: np.ndarray) -> dict[str, np.ndarray]:
+        inputs = {IMAGES: np.ascontiguousarray(images.transpose(0, 3, 1, 2))}
         if self.takes_speed:
-            feed[SPEED] = speed_mph.astype(np.float32)
-        return self.session.run(None, feed)[0].clip(-1, 1)
+            inputs[SPEED] = speed_mph.astype(np.float32)
+        return inputs
+
+    def _run(self, inputs: dict[str, np.ndarray], *state: np.ndarray) -> list[np.ndarray]:
+        """Return the outputs and the new state."""
+        states = {f"{STATE}{number}": one for number, one in enumerate(state)}
+        return self.session.run(None, inputs | states)
+
+    def _first_state(self, count: int) -> list[np.ndarray]:
+        """Return zeros, the state before the first frame, for `count` cars."""
+        return [
+            np.zeros((count, *one.shape[1:]), STATE_TYPES[one.type])
+            for one in self.session.get_inputs()
+            if one.name.startswith(STATE)
+        ]
 
 
 def _check_finite(policy: OnnxPolicy) -> None:
@@ -147,9 +177,12 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         if card["format"] != FORMAT:
             raise InputError(f"has format {card['format']}, this version reads {FORMAT}")
         view = View.from_dict(card["view"])
-        _check_inputs(session, view)
+        window = card.get("window")
+        window = None if window is None else Window(**window)
+        _check_inputs(session, view, window)
         return {
             "view": view,
+            "window": window,
             "config": dict(card["config"]),
             "data": dict(card["data"]),
             "network": str(card["network"]),
@@ -162,16 +195,31 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         ) from None
 
 
-def _check_inputs(session: "onnxruntime.InferenceSession", view: View) -> None:
+# Memory that a damaged file may ask for; the frames of `MOST_FRAMES` windows are smaller.
+MOST_STATE = 100_000_000
+STATE_TYPES = {"tensor(uint8)": np.uint8, "tensor(float)": np.float32}
+
+
+def _check_inputs(
+    session: "onnxruntime.InferenceSession", view: View, window: Window | None
+) -> None:
     height, width, channels = view.shape
     inputs = {one.name: (one.type, list(one.shape[1:])) for one in session.get_inputs()}
     images = inputs.pop(IMAGES, None)
     speed = inputs.pop(SPEED, None)
-    outputs = [one.shape for one in session.get_outputs()]
+    controls, *states = session.get_outputs()
+    rows = [] if window is None else [1 + window.ahead]
     if (
         images != ("tensor(uint8)", [channels, height, width])
         or speed not in (None, ("tensor(float)", []))
-        or inputs
-        or [shape[1:] for shape in outputs] not in ([[1]], [[2]])
+        or controls.shape[1:] not in ([*rows, 1], [*rows, 2])
     ):
         raise InputError(f"its graph does not take its view, {width} x {height} {view.colour}")
+    returned = {one.name: (one.type, list(one.shape[1:])) for one in states}
+    wanted = {f"{STATE}{number}": returned.get(f"{NEXT}{number}") for number in range(len(states))}
+    if inputs != wanted or (inputs and window is None):
+        raise InputError("its graph does not return the state that it takes")
+    for kind, shape in inputs.values():
+        whole = all(type(size) is int for size in shape)
+        if kind not in STATE_TYPES or not whole or math.prod(shape) > MOST_STATE:
+            raise InputError("its graph takes a state of another type, or too large a state")

@@ -7,11 +7,13 @@ import torch
 
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.command import Command
+from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
+from zoo.models.memory import Memory
 
 
-class Policy:
+class Policy(SessionPolicy):
     """A policy with the view and the network of a checkpoint.
 
     >>> policy = load_policy("outputs/.../checkpoints/best.ckpt")  # doctest: +SKIP
@@ -20,7 +22,8 @@ class Policy:
 
     Attributes:
         network: network in evaluation mode, on the CPU; must not be changed.
-        forward: faster function with the outputs of `network`. `OnnxPolicy` lacks these two.
+        forward: faster function with the outputs of `network`, or of its `step` if it has memory.
+            `OnnxPolicy` lacks these two.
         view, config, data, name, parameters, takes_speed, outputs: as in `OnnxPolicy`.
     """
 
@@ -31,6 +34,8 @@ class Policy:
         self.parameters = sum(one.numel() for one in self.network.parameters())
         self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
         self.forward = quick_forward(self.network, self.view)
+        if isinstance(self.network, Memory):
+            self.keep_memory(self.network.first_state(), self.network.window, self.data)
 
     @torch.inference_mode()
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
@@ -41,7 +46,11 @@ class Policy:
             speed_mph: the car's speed in mph.
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
-        out = self.forward(*inputs)[0].clamp(-1, 1).tolist()
+        if self.memory is None:
+            out = self.forward(*inputs)[0].clamp(-1, 1).tolist()
+        else:
+            steps = self.memory.step(self.forward, *inputs)[0].clamp(-1, 1).numpy()
+            out = self.in_time(steps).tolist()
         return Command(*out)
 
 

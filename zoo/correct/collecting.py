@@ -11,7 +11,6 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from simulator.errors import SimulatorError
-from simulator.expert import Expert, ExpertSettings
 from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS
 from simulator.weather import read_weather
@@ -20,6 +19,7 @@ from zoo.checkpoints.command import Command, PolicyFunction, call_policy, reset_
 from zoo.cli.console_progress import progress_bar
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
 from zoo.drives.drive_record import DriveRow
+from zoo.evaluate.embedded_drive import instant_expert
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
 from zoo.evaluate.process_pool import drive_in_processes
 
@@ -69,8 +69,7 @@ class LabellingPolicy:
         seed: int,
     ) -> None:
         self.policy, self.world, self.beta, self.nudge = policy, world, beta, nudge
-        # The expert does not steer here: its labels may change faster than a steering wheel.
-        self.expert = Expert(world.track, ExpertSettings(expert_mph, steering_per_s=50))
+        self.expert = instant_expert(world, expert_mph)
         self.labels: list[ExpertLabel] = []
         self.seed = seed
 
@@ -93,6 +92,15 @@ class LabellingPolicy:
     def reset(self) -> None:
         """Reset the model's policy."""
         reset_policy(self.policy)
+
+    @property
+    def latency_s(self) -> float:
+        """Return the latency that the model's policy assumes; it has none if that has none."""
+        return self.policy.latency_s  # type: ignore[attr-defined]
+
+    @latency_s.setter
+    def latency_s(self, latency_s: float) -> None:
+        self.policy.latency_s = latency_s  # type: ignore[attr-defined]
 
 
 def worth_keeping(

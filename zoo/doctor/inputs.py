@@ -34,6 +34,8 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     answers = "steering and throttle" if policy.outputs > 1 else "steering"
     crop = f"without {view.crop[0]} rows at the top, {view.crop[1]} at the bottom"
     found = f"{width} x {height} {view.colour}{speed}; {crop}; returns {answers}"
+    if policy.memory is not None:
+        found += f"; trained on {policy.window}"
     yield Finding(OK, "input", found)
     yield _trained_on(policy, recording)
 

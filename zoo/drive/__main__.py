@@ -56,7 +56,9 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     writer = BackgroundWriter(folder, notices)
     # The port is opened before the slow import of torch; simulators that connect wait.
     listener = open_port(settings.host, settings.port)
-    load = functools.partial(load_warm_policy, threads=settings.threads)
+    load = functools.partial(
+        load_warm_policy, threads=settings.threads, needs_spread=settings.speed.needs_spread
+    )
     with loading():
         policy = load(Path(checkpoint))
         from zoo.drive.live_page import LivePage  # imports torch
@@ -143,11 +145,16 @@ def open_port(host: str, port: int) -> "GreenSocket":
         raise InputError(reason) from None
 
 
-def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
-    """Load a policy and call it three times, because the first call is the slowest."""
+def load_warm_policy(path: Path, threads: int, needs_spread: bool = False) -> "Policy | OnnxPolicy":
+    """Load a policy and call it three times, because the first call is the slowest.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded, or predicts no spread although it must.
+    """
     import numpy as np
     import torch
 
+    from zoo.checkpoints.command import call_policy, reset_policy
     from zoo.checkpoints.policy import load_policy
 
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
@@ -155,7 +162,13 @@ def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
     torch.set_num_threads(threads)
     policy = load_policy(path, threads)
     for _ in range(3):
-        policy(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+        command = call_policy(policy, np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+    if needs_spread and command.spread is None:
+        raise InputError(
+            f"drive.speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
+            "model=nvidia_gaussian or of drivezoo doubt, or use drive.speed=pi"
+        )
+    reset_policy(policy)
     return policy
 
 

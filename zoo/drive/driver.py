@@ -51,12 +51,14 @@ class LatestState:
     Attributes:
         frame: latest frame, uint8 [160, 320, 3] RGB, which must not be changed; None before the
             first.
+        spread: standard deviation of the steering.
         lost: `off_road` or `standstill` while the car is in that state, else None.
         put_back: whether the simulator puts the car back after an intervention.
     """
 
     frame: np.ndarray | None
     steering: float
+    spread: float | None
     throttle: float
     speed_mph: float
     cross_track_m: float | None
@@ -161,6 +163,8 @@ class Driver:
             return self._hand_over(session, now_s)
         session.overridden, lost = False, None
         try:
+            if elapsed_s > LONGEST_STEP_S:
+                session.forget()
             telemetry = read_telemetry(data)
             lost = self._judge(session, telemetry, now_s)
             return self._drive(session, telemetry, now_s, lost)
@@ -182,7 +186,7 @@ class Driver:
             session.rule.restart()
             session.controller.reset()
             session.steer.reset()
-            session.reset_policy()
+            session.forget()
             self.tally.counts[TAKEOVER] += 1
             count = self.tally.interventions
             self.notices.print_some("person", f"a person drives (intervention {count})")
@@ -207,14 +211,16 @@ class Driver:
     def _drive(
         self, session: Session, telemetry: Telemetry, now_s: float, lost: str | None
     ) -> Reply:
-        command = session.predict(self.policy, telemetry)
+        command = session.predict(self.policy, telemetry, now_s)
         if not math.isfinite(command.steering):
             raise ValueError(f"its steering is {command.steering}")
         steering = session.steer(float(command.steering), now_s)
-        throttle = session.controller.throttle(session.speed_mph, steering, command.throttle, now_s)
+        throttle = session.controller.throttle(
+            session.speed_mph, steering, command.throttle, now_s, command.spread
+        )
         if not math.isfinite(throttle):
             raise ValueError(f"its throttle is {throttle}")
-        session.steering = steering
+        session.send(steering)
         if self.paused:
             throttle = GENTLE_BRAKE
         throttle = limit_pedal(throttle, session.speed_mph)
@@ -226,6 +232,7 @@ class Driver:
             speed_mph=session.speed_mph,
             cross_track_m=telemetry.cross_track_m,
             intervention=lost is not None,
+            spread=math.nan if command.spread is None else command.spread,
         )
         leads = self._leads(session)
         if leads:
@@ -241,7 +248,7 @@ class Driver:
         """Return the value that makes the simulator put the car back, at the speed to hold."""
         session.controller.reset()
         session.steer.reset()
-        session.reset_policy()
+        session.forget()
         mph = session.controller.set_mph or session.speed_mph
         return {PUT_BACK: number_text(mph, session.decimal or ".")}
 
@@ -332,6 +339,7 @@ class Driver:
         return LatestState(
             frame=self._frame,
             steering=row.steering,
+            spread=row.spread if math.isfinite(row.spread) else None,
             throttle=row.throttle,
             speed_mph=row.speed_mph if math.isfinite(row.speed_mph) else 0.0,
             cross_track_m=row.cross_track_m if math.isfinite(row.cross_track_m) else None,

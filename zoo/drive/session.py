@@ -5,6 +5,7 @@ import math
 from zoo.checkpoints.command import Command, PolicyFunction, call_policy, own_session, reset_policy
 from zoo.drive.telemetry_message import Telemetry, parse_number
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
+from zoo.drives.latency_meter import LatencyMeter, latency_meter
 from zoo.drives.speed_controller import SpeedController
 from zoo.drives.steering_filter import SteeringFilter
 
@@ -41,6 +42,7 @@ class Session:
         # Last input of the policy, and its output.
         self._asked: tuple[PolicyFunction, bytes, float] | None = None
         self._command = Command(0.0)
+        self._meter: LatencyMeter | None = None  # None for a policy that does not predict ahead
         self._clock_s: float | None = None  # simulator's time; None for the original simulator
         self._ahead_s = 0.0
 
@@ -54,6 +56,7 @@ class Session:
         if sent_s is not None:
             if self._clock_s is None or sent_s < self._clock_s:  # the simulator has restarted
                 self._ahead_s = max(wall_s, self.last_s) - sent_s
+                self.forget()
             self._clock_s = sent_s
         return wall_s if self._clock_s is None else self._clock_s + self._ahead_s
 
@@ -75,12 +78,24 @@ class Session:
         kind = self.rule.judge(now_s, mph, telemetry.cross_track_m, telemetry.at_wall)
         return kind if self.sends_cross_track else None
 
-    def reset_policy(self) -> None:
-        """Let the policy forget the frames before."""
+    def forget(self) -> None:
+        """Forget the frames and commands before: after a pause, when a person drove, or put back.
+
+        The policy is called for the next frame, even if it is the last one again.
+        """
+        self._asked = None
         if self._policy is not None:
             reset_policy(self._policy)
+        if self._meter is not None:
+            self._meter.restart()
 
-    def predict(self, policy: PolicyFunction, telemetry: Telemetry) -> Command:
+    def send(self, steering: float) -> None:
+        """Store the steering that is sent."""
+        self.steering = steering
+        if self._meter is not None:
+            self._meter.send(steering)
+
+    def predict(self, policy: PolicyFunction, telemetry: Telemetry, now_s: float) -> Command:
         """Return the policy's command; a policy with memory remembers this session's frames.
 
         The policy is called once for an image that is sent twice, as the original's two loops do
@@ -88,6 +103,10 @@ class Session:
         """
         if policy is not self._shared:
             self._shared, self._policy = policy, own_session(policy)
+            reset_policy(self._policy)  # a policy without sessions may remember an earlier one
+            self._meter = latency_meter(self._policy)
+        if self._meter is not None and telemetry.steering is not None:
+            self._meter.report(telemetry.steering, now_s)
         asked = policy, telemetry.image, self.speed_mph
         if asked != self._asked:
             self._command = call_policy(self._policy, telemetry.frame, self.speed_mph)

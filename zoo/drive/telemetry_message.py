@@ -18,6 +18,7 @@ from datamodules.image import (
     find_scan_fault,
     jpeg_size,
 )
+from datamodules.samples import MAX_STEERING_DEG
 
 NUMBERS = ("steering_angle", "throttle", "speed")
 # Limits of an image, checked before it is decoded in the thread that answers all clients: a
@@ -51,6 +52,7 @@ class Telemetry:
         frame: uint8 [160, 320, 3] RGB, decoded as in training.
         image: bytes of the frame as sent, JPEG or PNG.
         speed_mph: speed of the car, 0 or more; None if it cannot be read.
+        steering: steering of the wheels, -1..1; None if it cannot be read.
         cross_track_m: distance from the centreline in metres, positive is right; NaN if the
             simulator does not send it.
         lane_m: half the width of the road in metres; None if the simulator does not send it.
@@ -62,6 +64,7 @@ class Telemetry:
     frame: np.ndarray
     image: bytes
     speed_mph: float | None
+    steering: float | None
     cross_track_m: float
     lane_m: float | None
     at_wall: bool
@@ -110,11 +113,13 @@ def read_telemetry(data: object) -> Telemetry:
     elif speed < 0:
         oddities.append(("speed is negative; 0 is used", f"{speed:g}"))
         speed = 0.0
+    degrees = parse_number(data.get("steering_angle"))
     cross_track = parse_number(data.get("cte"))
     return Telemetry(
         frame,
         image,
         speed,
+        None if degrees is None else degrees / MAX_STEERING_DEG,
         math.nan if cross_track is None else cross_track,
         lane_m=parse_number(data.get("lane")),
         at_wall=bool(parse_number(data.get("wall"))),

@@ -27,6 +27,7 @@ VERSION = 1  # of drive.json; files of drivezoo 0.1.0 have none
 MOST_BYTES = 256_000_000  # of a drive.csv: days of driving
 
 COLUMNS = tuple(field.name for field in fields(DriveRow))
+FIRST_COLUMNS = COLUMNS[:10]  # of files that earlier versions wrote
 _DECIMALS = {"time_s": 4, "latency_ms": 3}
 
 
@@ -125,24 +126,25 @@ def read_drive(folder: Path | str) -> Drive:
     if not path.exists():
         raise InputError(f"{folder}: holds no {LOG_NAME}; name a folder that zoo.drive wrote")
     header, *rows = _rows(path) or [[]]
-    if tuple(header) != COLUMNS:
+    if tuple(header) not in (COLUMNS, FIRST_COLUMNS):
         raise InputError(
             f"{path}: its columns are not {','.join(COLUMNS)}; name a folder that zoo.drive wrote"
         )
-    columns: dict[str, list[object]] = {name: [] for name in COLUMNS}
+    columns: dict[str, list[object]] = {name: [] for name in header}
     for line, row in enumerate(rows, 2):
-        if len(row) != len(COLUMNS):
+        if len(row) != len(header):
             raise InputError(
-                f"{path}, row {line}: {len(row)} columns, expected {len(COLUMNS)}; delete the row"
+                f"{path}, row {line}: {len(row)} columns, expected {len(header)}; delete the row"
             )
-        for name, text in zip(COLUMNS, row, strict=True):
+        for name, text in zip(header, row, strict=True):
             columns[name].append(_value(path, line, name, text))
     from zoo.drives.drive_file import read_summary_file
 
     path = folder / SUMMARY_NAME
     summary = read_summary_file(path) if path.exists() else {}
+    unknown = [math.nan] * len(rows)
     arrays: dict[str, Any] = {
-        name: np.array(columns[name], TYPES.get(name, np.float64)) for name in COLUMNS
+        name: np.array(columns.get(name, unknown), TYPES.get(name, np.float64)) for name in COLUMNS
     }
     return Drive(
         **arrays,

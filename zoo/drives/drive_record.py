@@ -31,6 +31,9 @@ class DriveRow:
             unknown.
         intervention: whether an intervention began in this step.
         latency_ms: time from the frame's arrival to the reply in milliseconds; NaN if unknown.
+        spread: standard deviation of the steering by which the policy doubts it; NaN if unknown.
+        expert_steering: steering of the embedded world's expert at the same place, -1..1; NaN if
+            unknown.
     """
 
     time_s: float
@@ -43,6 +46,8 @@ class DriveRow:
     cross_track_m: float = math.nan
     intervention: bool = False
     latency_ms: float = math.nan
+    spread: float = math.nan
+    expert_steering: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +55,8 @@ class Drive:
     """A drive: its N time steps as columns, and facts about it.
 
     Attributes:
-        time_s, steering, throttle, speed_mph, cross_track_m, latency_ms: float64 [N], see
-            `DriveRow`.
+        time_s, steering, throttle, speed_mph, cross_track_m, latency_ms, spread, expert_steering:
+            float64 [N], see `DriveRow`.
         client: int64 [N].
         driver, frame: str [N].
         intervention: bool [N].
@@ -86,6 +91,8 @@ class Drive:
     cross_track_m: np.ndarray
     intervention: np.ndarray
     latency_ms: np.ndarray
+    spread: np.ndarray
+    expert_steering: np.ndarray
     folder: Path | None = None
     summary: dict = field(default_factory=dict)
     source: str = ""

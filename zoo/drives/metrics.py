@@ -2,7 +2,8 @@
 
 A metric that is added here appears in `drive.json`, `metrics.json`, the tables of drives and
 `docs/metrics.md`. That page defines the symbols of the formulas: the time `t[i]`, cross-track error
-`e[i]`, steering `s[i]` and speed `v[i]` of row i. Rows without a value are left out.
+`e[i]`, steering `s[i]`, its spread `d[i]` and speed `v[i]` of row i. Rows without a value are left
+out.
 """
 
 import math
@@ -34,6 +35,7 @@ __all__ = ["DRIVES", "METRICS", "REPLAYS", "leaderboard_metrics", "measure"]
 NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv:1604.07316"
 OURS = "drivezoo"
 MPS_PER_MPH = 0.44704
+BAND = 1.96  # standard deviations that hold 95 % of a normal distribution
 
 
 @metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 7.1", column=1)
@@ -233,6 +235,52 @@ def latency_ms(drive: Drive) -> float:
     """
     known = _known(drive.latency_ms)
     return float(np.median(known)) if len(known) else math.nan
+
+
+@metric("spread of the steering, mean", "1", NEITHER, OURS, decimals=3)
+def spread_mean(drive: Drive) -> float | None:
+    """Mean of the standard deviation `d[i]` that the policy predicts for its steering.
+
+    Left out of a drive whose policy predicts none.
+    """
+    known = _known(drive.spread)
+    return float(known.mean()) if len(known) else None
+
+
+@metric("expert within 1.96 spreads", SHARE, NEITHER, OURS, bounds="0 to 1; 0.95 is calibrated")
+def spread_coverage(drive: Drive) -> float | None:
+    """Share of the rows in which the expert's steering is within `s[i] +- 1.96 d[i]`.
+
+    The expert steers at the same place, in the embedded world. `d[i]` is the standard deviation
+    that the policy predicts; that of a normal distribution covers 95 %. A smaller share shows a
+    policy that is too sure. Left out of a drive without spread or expert.
+    """
+    gap = np.abs(drive.expert_steering - drive.steering)
+    known = np.isfinite(gap) & np.isfinite(drive.spread)
+    return _mean(gap[known] <= BAND * drive.spread[known]) if known.any() else None
+
+
+@metric("rank correlation, spread and error", "1", HIGHER, OURS, bounds="-1 to 1")
+def spread_rank_cte(drive: Drive) -> float | None:
+    """Spearman's rank correlation of the spread `d[i]` and `|e[i]|`.
+
+    Above 0, the policy doubts more where the car is farther from the centreline. Unknown if the
+    spread is constant. Left out of a drive without spread.
+    """
+    known = np.isfinite(drive.spread) & np.isfinite(drive.cross_track_m)
+    if not known.any():
+        return None
+    ranks = np.stack([_ranks(drive.spread[known]), _ranks(np.abs(drive.cross_track_m[known]))])
+    if np.ptp(ranks, axis=1).min() == 0:
+        return math.nan
+    return float(np.corrcoef(ranks)[0, 1])
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """Return the ranks of values, float64 [N]; equal values have their mean rank."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    ranks: np.ndarray = (np.cumsum(counts) - (counts - 1) / 2)[place]
+    return ranks
 
 
 def _by_client(drive: Drive, *columns: np.ndarray) -> Iterator[list[np.ndarray]]:

@@ -11,9 +11,10 @@ Written by `python -m zoo.results --metrics > docs/metrics.md` from the function
 
 A drive is a sequence of rows, one for each time step *i*. A row holds the time `t[i]` in seconds,
 the cross-track error `e[i]` in metres (the signed distance of the car from the centreline, positive
-is right), the steering `s[i]` from -1 to 1, the speed `v[i]` in mph, and whether an intervention
-begins. In the embedded world, time is simulated time, and a row is 1/15 s by default
-(`frame_rate=15`). On a socket, a row is one telemetry message.
+is right), the steering `s[i]` from -1 to 1, its spread `d[i]` (a standard deviation, if the policy
+predicts one), the speed `v[i]` in mph, and whether an intervention begins. In the embedded world,
+time is simulated time, and a row is 1/15 s by default (`frame_rate=15`). On a socket, a row is one
+telemetry message.
 
 Every drive has these metrics in its `drive.json`: in the embedded world, on a socket, and in the
 replay of a recording. `metrics.json` has their mean and sample standard deviation (n - 1) over the

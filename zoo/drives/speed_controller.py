@@ -17,12 +17,19 @@ class SpeedController(Protocol):
 
     Attributes:
         set_mph: speed to hold, which may change during a drive; None if none is held.
+        needs_spread: whether the policy must predict the spread of its steering.
     """
 
     set_mph: float | None
+    needs_spread: bool
 
     def throttle(
-        self, speed_mph: float, steering: float, predicted: float | None, now_s: float
+        self,
+        speed_mph: float,
+        steering: float,
+        predicted: float | None,
+        now_s: float,
+        spread: float | None = None,
     ) -> float:
         """Return the throttle; negative brakes. `limit_pedal` limits it to -1..1.
 
@@ -31,6 +38,7 @@ class SpeedController(Protocol):
             steering: steering that is sent, -1..1.
             predicted: throttle of the network, -1..1; None if it predicts none.
             now_s: time of the drive in seconds.
+            spread: standard deviation of the steering; None if the policy predicts none.
         """
 
     def reset(self) -> None:
@@ -48,6 +56,8 @@ class PI:
         bend_mph: speed to hold at full steering; the speed to hold falls linearly with the
             steering. None keeps `set_mph`.
     """
+
+    needs_spread = False
 
     def __init__(
         self, set_mph: float, kp: float, ki: float = 0.0, bend_mph: float | None = None
@@ -67,10 +77,15 @@ class PI:
         self._last_s: float | None = None
 
     def throttle(
-        self, speed_mph: float, steering: float, predicted: float | None, now_s: float
+        self,
+        speed_mph: float,
+        steering: float,
+        predicted: float | None,
+        now_s: float,
+        spread: float | None = None,
     ) -> float:
         """Return the throttle that reduces the speed error."""
-        error = self.target_mph(steering) - speed_mph
+        error = self.target_mph(steering, spread) - speed_mph
         elapsed_s = 0.0 if self._last_s is None else min(now_s - self._last_s, LONGEST_STEP_S)
         self._last_s = now_s
         integral = self._integral + error * elapsed_s * TELEMETRY_HZ
@@ -80,11 +95,48 @@ class PI:
             self._integral = integral
         return wanted
 
-    def target_mph(self, steering: float) -> float:
-        """Return the speed to hold at a steering of -1..1."""
+    def target_mph(self, steering: float, spread: float | None = None) -> float:
+        """Return the speed to hold at a steering of -1..1, whatever its spread."""
         if self.bend_mph is None or self.bend_mph >= self.set_mph:
             return self.set_mph
         return self.set_mph - (self.set_mph - self.bend_mph) * min(abs(steering), 1.0)
+
+
+class Doubt(PI):
+    """PI controller that slows down where the policy doubts its steering.
+
+    The speed to hold falls linearly from `set_mph` at a spread of `sure` to `doubt_mph` at a spread
+    of `unsure`. An unknown spread counts as `unsure`.
+
+    Args:
+        set_mph: speed to hold.
+        kp: see `PI`.
+        ki: see `PI`.
+        doubt_mph: speed to hold at full doubt.
+        sure: spread, a standard deviation of the steering, up to which the car does not slow down.
+        unsure: spread from which the car holds `doubt_mph`; above `sure`.
+    """
+
+    needs_spread = True
+
+    def __init__(
+        self, set_mph: float, kp: float, ki: float, doubt_mph: float, sure: float, unsure: float
+    ) -> None:
+        super().__init__(set_mph, kp, ki)
+        _check("doubt_mph", doubt_mph, least=0)
+        _check("sure", sure, least=0)
+        _check("unsure", unsure, least=sure)
+        if unsure == sure:
+            raise InputError(f"drive.speed.unsure={unsure}: must be above sure={sure}")
+        self.doubt_mph, self.sure, self.unsure = doubt_mph, sure, unsure
+
+    def target_mph(self, steering: float, spread: float | None = None) -> float:
+        """Return the speed to hold at a spread of the steering."""
+        if spread is None or math.isnan(spread):
+            spread = self.unsure
+        share = (spread - self.sure) / (self.unsure - self.sure)
+        least = min(self.doubt_mph, self.set_mph)
+        return self.set_mph - (self.set_mph - least) * min(max(share, 0.0), 1.0)
 
 
 class Constant:
@@ -95,6 +147,7 @@ class Constant:
     """
 
     set_mph: float | None = None
+    needs_spread = False
 
     def __init__(self, throttle: float) -> None:
         _check("throttle", throttle, least=-1, most=1)
@@ -104,7 +157,12 @@ class Constant:
         """Do nothing; there is no state."""
 
     def throttle(
-        self, speed_mph: float, steering: float, predicted: float | None, now_s: float
+        self,
+        speed_mph: float,
+        steering: float,
+        predicted: float | None,
+        now_s: float,
+        spread: float | None = None,
     ) -> float:
         """Return the constant throttle."""
         return self.value
@@ -119,6 +177,7 @@ class Network:
     """
 
     set_mph: float | None = None
+    needs_spread = False
 
     def __init__(self, gain: float = 1.0, fallback: float = 0.2) -> None:
         _check("gain", gain, least=0)
@@ -129,7 +188,12 @@ class Network:
         """Do nothing; there is no state."""
 
     def throttle(
-        self, speed_mph: float, steering: float, predicted: float | None, now_s: float
+        self,
+        speed_mph: float,
+        steering: float,
+        predicted: float | None,
+        now_s: float,
+        spread: float | None = None,
     ) -> float:
         """Return the predicted throttle times the gain, or the fallback."""
         return self.fallback if predicted is None else self.gain * predicted

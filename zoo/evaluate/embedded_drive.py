@@ -6,11 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from simulator.expert import Expert, ExpertSettings
+from simulator.rig import TOP_SPEED_MPH
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World
 from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.drives.interventions import InterventionRule
+from zoo.drives.latency_meter import latency_meter
 from zoo.drives.speed_controller import SpeedController, limit_pedal
 
 SLOWEST_MPH = 3.0  # a drive ends when its mean speed must be lower than this
@@ -32,10 +35,12 @@ def drive_closed_loop(
     """Let a policy drive laps in the embedded world.
 
     After an intervention (see `InterventionRule`) the car is put back on the centreline, pointing
-    ahead, at the speed to hold. A policy that returns NaN is steered straight on.
+    ahead, at the speed to hold. A policy that returns NaN is steered straight on. The rows of a
+    policy that predicts its spread also have the expert's steering.
 
     Args:
-        policy: policy; it is reset at the start and whenever the car is put back.
+        policy: policy; it is reset at the start and whenever the car is put back. If it predicts
+            ahead, its `latency_s` is measured.
         world: world to drive in.
         speed: speed controller.
         seed: random seed of start and weather; 0 starts at the track's first point.
@@ -51,6 +56,8 @@ def drive_closed_loop(
     world.reset(seed, start or start_of(world, seed, speed.set_mph or 0.0), weather)
     speed.reset()
     reset_policy(policy)
+    meter = latency_meter(policy)
+    expert: Expert | None = None
     lane_m = world.track.width / 2 if margin_m is None else margin_m
     rows: list[DriveRow] = []
     xy: list[tuple[float, float]] = []
@@ -61,6 +68,8 @@ def drive_closed_loop(
     rule, lap_began_s = InterventionRule(lane_m), 0.0
     while not world.is_complete(laps) and world.time < longest_s:
         frame = world.frame() if world.pictures is not None else None
+        if meter:
+            meter.report(world.car.steering, world.time)
         began = time.perf_counter()
         command = call_policy(policy, frame, world.car.speed_mph)
         latency_ms = 1000 * (time.perf_counter() - began)
@@ -69,8 +78,16 @@ def drive_closed_loop(
             nan_frames += 1
             steering = 0.0
         steering = min(max(float(steering), -1.0), 1.0)
+        if meter:
+            meter.send(steering)
+        spread = expert_steering = math.nan
+        if command.spread is not None:
+            spread = command.spread
+            expert = expert or instant_expert(world)
+            expert_steering = expert(world)[0]
         mph = world.car.speed_mph
-        throttle = limit_pedal(speed.throttle(mph, steering, command.throttle, world.time), mph)
+        throttle = speed.throttle(mph, steering, command.throttle, world.time, command.spread)
+        throttle = limit_pedal(throttle, mph)
         if margin_m is None:
             rule.margin_m = world.place.width / 2
         lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None
@@ -82,6 +99,8 @@ def drive_closed_loop(
             cross_track_m=world.cte,
             intervention=lost,
             latency_ms=latency_ms,
+            spread=spread,
+            expert_steering=expert_steering,
         )
         rows.append(row)
         xy.append((world.car.x, world.car.y))
@@ -94,6 +113,8 @@ def drive_closed_loop(
             break
         if lost:
             reset_policy(policy)
+            if meter:
+                meter.restart()
             world.put_back(Start(world.place.distance, speed_mph=speed.set_mph or mph))
             speed.reset()
             rule.restart()
@@ -115,6 +136,11 @@ def drive_closed_loop(
         xy=np.array(xy),
         distance_m=np.array(distance_m),
     )
+
+
+def instant_expert(world: World, speed_mph: float = TOP_SPEED_MPH) -> Expert:
+    """Return an expert for labels, which may change faster than a steering wheel turns."""
+    return Expert(world.track, ExpertSettings(speed_mph, steering_per_s=50))
 
 
 def start_of(world: World, seed: int, speed_mph: float) -> Start:

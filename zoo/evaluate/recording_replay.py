@@ -147,10 +147,10 @@ def replay(
         frames = _Frames(recording, row)
         frame = warp(frames, frames.cameras, car.cte_m, car.heading_rad)
         began = time.perf_counter()
-        steering = call_policy(policy, frame, float(recording.speed_mph[row])).steering
+        command = call_policy(policy, frame, float(recording.speed_mph[row]))
         latency_ms = 1000 * (time.perf_counter() - began)
-        nan_frames += bool(np.isnan(steering))
-        steering = float(np.clip(np.nan_to_num(steering), -1, 1))
+        nan_frames += bool(np.isnan(command.steering))
+        steering = float(np.clip(np.nan_to_num(command.steering), -1, 1))
         lost = abs(car.cte_m) > margin_m or car.lost
         shown = DriveRow(
             time_s=now_s,
@@ -160,6 +160,7 @@ def replay(
             cross_track_m=car.cte_m,
             intervention=lost,
             latency_ms=latency_ms,
+            spread=math.nan if command.spread is None else command.spread,
         )
         rows.append(shown)
         xy.append(place.beside(car.cte_m))

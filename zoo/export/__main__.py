@@ -18,7 +18,17 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.onnx_policy import CARD, IMAGES, INSTALL, SPEED, SUFFIX, OnnxPolicy, is_onnx
+from zoo.checkpoints.onnx_policy import (
+    CARD,
+    IMAGES,
+    INSTALL,
+    NEXT,
+    SPEED,
+    STATE,
+    SUFFIX,
+    OnnxPolicy,
+    is_onnx,
+)
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
@@ -113,19 +123,24 @@ def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
     import torch
 
     from zoo.checkpoints.checkpoint import make_card
+    from zoo.models.memory import Memory, Step
 
     network, view = checkpoint.network, checkpoint.view
     height, width, channels = view.shape
+    card = make_card(checkpoint.config, view, checkpoint.data) | {
+        "network": type(network).__name__,
+        "parameters": sum(one.numel() for one in network.parameters()),
+    }
     # A batch of two: the exporter takes a size of one for a constant.
     inputs = {IMAGES: torch.zeros((2, channels, height, width), dtype=torch.uint8)}
     if network.takes_speed:
         inputs[SPEED] = torch.zeros(2)
+    if isinstance(network, Memory):
+        card["window"] = vars(network.window)
+        states = enumerate(network.first_state(2))
+        inputs |= {f"{STATE}{number}": state for number, state in states}
+        network = Step(network)
     model = onnx.load_from_string(_graph_bytes(network, inputs))
-    parameters = sum(one.numel() for one in network.parameters())
-    card = make_card(checkpoint.config, view, checkpoint.data) | {
-        "network": type(network).__name__,
-        "parameters": parameters,
-    }
     onnx.helper.set_model_props(model, {CARD: json.dumps(card)})
     model.doc_string = _how_to_feed(checkpoint)
     onnx.checker.check_model(model)
@@ -134,6 +149,8 @@ def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
 
 def _how_to_feed(checkpoint: "Checkpoint") -> str:
     """Describe inputs and outputs for other programs that run the file."""
+    from zoo.models.memory import Memory
+
     network, view = checkpoint.network, checkpoint.view
     height, width, channels = view.shape
     colour, way = COLOURS[view.colour], view.resize.removesuffix("_first")
@@ -141,10 +158,14 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     steps = steps[::-1] if view.resize.endswith("_first") else steps
     speed = f", and {SPEED}: mph, float32 [batch]" if network.takes_speed else ""
     throttle = " and throttle" if network.outputs > 1 else ""
+    memory = isinstance(network, Memory)
+    state = f", and {STATE}...: 0 at a start, then the {NEXT}... of the frame before"
+    rows = ", for now and each step ahead" if memory and network.ahead else ""
     return (
         f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], a frame of 320 x 160 less "
         f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom, {', then '.join(steps)}"
-        f"{speed} -> {CONTROLS}: steering{throttle}, float32, to be clipped to -1..1"
+        f"{speed}{state * memory} -> {CONTROLS}: steering{throttle}{rows}, float32, to be "
+        "clipped to -1..1"
     )
 
 
@@ -153,6 +174,7 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
     from torch.onnx.errors import OnnxExporterError
 
     buffer = io.BytesIO()
+    outputs = [CONTROLS, *(name.replace(STATE, NEXT) for name in inputs if name.startswith(STATE))]
     try:
         with warnings.catch_warnings():
             # Ignored: this exporter is deprecated, and sizes computed in Python become constants,
@@ -167,8 +189,8 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
                 tuple(inputs.values()),
                 buffer,
                 input_names=list(inputs),
-                output_names=[CONTROLS],
-                dynamic_axes={name: {0: "batch"} for name in (*inputs, CONTROLS)},
+                output_names=outputs,
+                dynamic_axes={name: {0: "batch"} for name in (*inputs, *outputs)},
                 opset_version=OPSET,
                 dynamo=False,
             )

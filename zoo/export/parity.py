@@ -73,7 +73,9 @@ def take_frames(recording: str | None, config: dict) -> Frames:
 def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
     """Compare two policies on each frame, and time them on one thread.
 
-    The exported network also runs on all frames as one batch, since it accepts any batch size.
+    Policies with memory get the frames as one drive, and those that predict ahead are asked for
+    another time at each frame. The exported network also runs on all frames as one batch, since it
+    accepts any batch size.
     """
     policies, times_ms, answers = (policy, exported), ([], []), ([], [])
     threads = torch.get_num_threads()
@@ -82,10 +84,14 @@ def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
         for _ in range(WARM_UP):
             for one in policies:
                 one(frames.frames[0], 0.0)
+        for one in policies:
+            one.reset()
         for number, (frame, speed_mph) in enumerate(
             zip(frames.frames, frames.speeds_mph, strict=True)
         ):
             for which in (0, 1) if number % 2 else (1, 0):
+                if policies[which].window.ahead:
+                    policies[which].latency_s = number % 4 * 0.15
                 began = time.perf_counter()
                 answer = policies[which](frame, speed_mph)
                 times_ms[which].append(1000 * (time.perf_counter() - began))
@@ -95,11 +101,24 @@ def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
     images = np.stack([exported.view(frame) for frame in frames.frames])
     batched = exported.predict(images, np.array(frames.speeds_mph))
     expected, found = (np.array(one, dtype=float) for one in answers)
+    in_batch = expected if policy.memory is None else _first_steps(policy, images)
     return Parity(
-        difference=float(np.abs([found - expected, batched - expected]).max()),
+        difference=float(
+            np.max([np.abs(found - expected).max(), np.abs(batched - in_batch).max()])
+        ),
         checkpoint_ms=statistics.median(times_ms[0]),
         onnx_ms=statistics.median(times_ms[1]),
     )
+
+
+@torch.inference_mode()
+def _first_steps(policy: Policy, images: np.ndarray) -> np.ndarray:
+    """Return the outputs for images, each the first frame of a drive, [N, 1 + ahead, outputs]."""
+    network = policy.network
+    steps, *_ = network.step(
+        torch.from_numpy(images).permute(0, 3, 1, 2), *network.first_state(len(images))
+    )
+    return steps.clamp(-1, 1).numpy()
 
 
 def _frames_of(folder: str | list[str], images: str | None = None) -> Frames:

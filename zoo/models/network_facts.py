@@ -6,13 +6,15 @@ import sys
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
+from zoo.models.memory import frame_outputs
+
 
 def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
-    """Return the multiply-adds of convolutions and dense layers in a forward pass on one image."""
+    """Return the multiply-adds of convolutions and dense layers for one frame."""
     images, speed = torch.zeros(1, *shape), torch.zeros(1)
     network.eval()
     with torch.no_grad(), FlopCounterMode(display=False) as counter:
-        network(images, speed) if network.takes_speed else network(images)
+        frame_outputs(network, images, speed)
     return counter.get_total_flops() // 2
 
 

@@ -3,6 +3,8 @@
 ELU, and a dropout that rises from layer to layer, as in a well-known solution of the course.
 """
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
@@ -10,6 +12,26 @@ from zoo.models.layers import SCALE, Dropout, Normalize, activation_layer, featu
 
 CONVOLUTIONS = [(24, 5, 2), (36, 5, 2), (48, 5, 2), (64, 3, 1), (64, 3, 1)]
 DENSE = [100, 50, 10]
+
+
+def convolutions(
+    channels: int,
+    activation: str,
+    rates: Sequence[float],
+    width: float = 1.0,
+    scale: tuple[float, float] = SCALE,
+) -> nn.Sequential:
+    """Return PilotNet's convolutions: 66 x 200 -> 31 x 98, 14 x 47, 5 x 22, 3 x 20, 1 x 18.
+
+    `rates` are those of the dropout after each one; for the other arguments see `PilotNet`.
+    """
+    layers: list[nn.Module] = [Normalize(scale)]
+    for (out, kernel, stride), rate in zip(CONVOLUTIONS, rates, strict=False):
+        out = max(1, round(out * width))
+        layers += [nn.Conv2d(channels, out, kernel, stride), activation_layer(activation)]
+        layers += [Dropout(rate)]
+        channels = out
+    return nn.Sequential(*layers)
 
 
 class PilotNet(nn.Module):
@@ -35,19 +57,12 @@ class PilotNet(nn.Module):
     ) -> None:
         super().__init__()
         rates = torch.linspace(*dropout, len(CONVOLUTIONS) + len(DENSE)).tolist()
-        layers: list[nn.Module] = [Normalize(scale)]
-        channels = shape[0]
-        for (out, kernel, stride), rate in zip(CONVOLUTIONS, rates, strict=False):
-            out = max(1, round(out * width))
-            layers += [nn.Conv2d(channels, out, kernel, stride), activation_layer(activation)]
-            layers += [Dropout(rate)]
-            channels = out
         self.takes_speed = speed
         self.outputs = 2 if speed else 1
-        self.features = nn.Sequential(*layers)  # 66x200 -> 31x98, 14x47, 5x22, 3x20, 1x18
+        self.features = convolutions(shape[0], activation, rates, width, scale)
 
         units = feature_shape(self.features, shape, "PilotNet").numel() + speed
-        layers = []
+        layers: list[nn.Module] = []
         for out, rate in zip(DENSE, rates[len(CONVOLUTIONS) :], strict=True):
             out = max(1, round(out * width))
             layers += [nn.Linear(units, out), activation_layer(activation), Dropout(rate)]

@@ -7,6 +7,7 @@ import torch
 from torch import nn
 
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.models.memory import Memory, frame_outputs
 from zoo.report.blocks import Block, Rows, Text, gather
 from zoo.report.reported_run import Run
 
@@ -52,10 +53,10 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
     leaves = [module for module in network.modules() if not list(module.children())]
     hooks = [leaf.register_forward_hook(note) for leaf in leaves]
     height, width, channels = shape
-    inputs = [torch.zeros(1, channels, height, width)]
     try:
         with torch.inference_mode():
-            network.eval()(*inputs, *([torch.zeros(1)] if network.takes_speed else []))
+            images = torch.zeros(1, channels, height, width)
+            frame_outputs(network.eval(), images, torch.zeros(1))
     finally:
         for hook in hooks:
             hook.remove()
@@ -85,13 +86,14 @@ def _table(run: Run) -> list[Block]:
     rows.append(["total", "", "", f"{total:,}"])
     inputs = "image and speed" if network.takes_speed else "image"
     outputs = "steering and throttle" if network.outputs == 2 else "steering"
+    window = f" It was trained on {network.window}." if isinstance(network, Memory) else ""
     frozen = "" if trained == total else f" ({total - trained:,} of them frozen)"
     top, bottom = view.crop
     resize = f" (resize: {view.resize})" if view.size else ""
     return [
         Text(
-            f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}. "
-            f"{total:,} parameters{frozen}, "
+            f"{run.config['model']['name']}: {paper(network)}. Input: {inputs}. Output: {outputs}."
+            f"{window} {total:,} parameters{frozen}, "
             f"{multiply_adds(network, (channels, height, width)):,} multiply-adds per frame."
         ),
         Text(

@@ -15,6 +15,7 @@ from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
 from zoo.models.image_layers import Crop
+from zoo.models.memory import frame_outputs
 
 # Layers that move or resize a map, besides convolutions.
 MOVES = (nn.MaxPool2d, nn.AvgPool2d, nn.ZeroPad2d, Crop)
@@ -45,6 +46,8 @@ class Saliency:
     A network without `nn.Conv2d`, such as `tiny`, has no such maps. Its saliency is the gradient
     times the image's deviation from its mean, averaged over noisy copies (SmoothGrad, Smilkov et
     al. 2017, arXiv:1706.03825).
+
+    A network with memory is shown a frame as at a start, without frames before.
 
     Args:
         policy: policy whose view and network are used.
@@ -112,7 +115,7 @@ class Saliency:
         return (gradient * (images[0] - images.mean())).abs().sum(0)
 
     def _steering(self, images: Tensor, speed: Tensor) -> Tensor:
-        return self.network(images, *((speed,) if self.network.takes_speed else ()))[:, 0]
+        return frame_outputs(self.network, images, speed)[:, 0]
 
     def _note(self, layer: nn.Module, inputs: tuple[Tensor], output: Tensor) -> None:
         self.stages.append(Stage(layer, tuple(inputs[0].shape[2:]), output))

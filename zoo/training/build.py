@@ -29,6 +29,7 @@ from zoo.training.embedded_recording import with_recording
 from zoo.training.layers_of_weights import with_layers
 from zoo.training.plan import TrainingPlan
 from zoo.training.steering_module import SteeringModule
+from zoo.training.window_settings import settle_windows
 
 QUICK_EPOCHS = 3
 QUICK_SAMPLES_BEFORE = 3_200  # for configs without quick_samples, of older versions
@@ -37,8 +38,11 @@ OWN_KEYS = ("compile",)  # keys of `trainer` that are not arguments of Lightning
 
 
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
-    """Return the config to train with: set `model.layers`, apply `quick`, record `data.record`."""
-    return with_recording(with_quick(with_layers(config)), console)
+    """Return the config to train with.
+
+    It sets `model.layers` and the windows, applies `quick`, and records `data.record`.
+    """
+    return with_recording(with_quick(settle_windows(with_layers(config))), console)
 
 
 def with_quick(config: DictConfig) -> DictConfig:

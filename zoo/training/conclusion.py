@@ -81,13 +81,12 @@ def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -
     train_mean = float(data.recording.steering[data.split.train].mean())
     found = OpenLoop({}, {}, {}, {})
     for part in PARTS:
-        rows = getattr(data.split, part)
-        if not len(rows):
-            continue
         batches = data.evaluation_batches(part)
+        if not len(batches.rows):
+            continue
         with working(f"predicting {part} rows", console):
             predicted = predict_steering(module, batches)
-            true = data.recording.steering[rows]
+            true = data.recording.steering[batches.rows]
             found.figures[part] = open_loop_metrics(predicted, true)
             found.baselines[part] = baseline_metrics(true, train_mean)
             if part != "train":

@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
-from datamodules.split import write_split
+from datamodules.split import rows_per_second, write_split
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
 from zoo.cli.process_ranks import is_first_process, needs_processes
@@ -86,8 +86,12 @@ def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_confi
     data.load(console)
     with working("measuring train/validation similarity", console):
         leaks = data.leaks()
-    fingerprint = {"fingerprint": data.recording.fingerprint(), "rows": len(data.recording)}
-    card = make_card(OmegaConf.to_container(config, resolve=True), data.view, fingerprint)
+    recorded = {
+        "fingerprint": data.recording.fingerprint(),
+        "rows": len(data.recording),
+        "rows_per_s": rows_per_second(data.recording),
+    }
+    card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
     resumed = find_resume_point(folder, card, console) if resume else None
 
     # Lightning's trainer knows the devices and the processes, which the plan depends on.

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from datamodules.batches import Batch
 from datamodules.errors import InputError
+from zoo.models.memory import Memory
 from zoo.training.open_loop import open_loop_metrics
 
 CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
@@ -70,8 +71,9 @@ class SteeringModule(lightning.LightningModule):
         self._compiled = compile_loss(self._plain_loss()) if compile_loss else None
 
     def forward(self, batch: Batch) -> Tensor:
-        """Return the outputs, float32 [N, outputs], steering first."""
-        return predict(self.network, batch, self.skips_front)
+        """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
+        predicted = predict(self.network, batch, self.skips_front)
+        return self.network.newest(predicted) if isinstance(self.network, Memory) else predicted
 
     def _plain_loss(self) -> Callable[[Batch], Tensor]:
         """Return a function from a batch to its loss, without `self`, to compile."""
@@ -79,7 +81,7 @@ class SteeringModule(lightning.LightningModule):
 
         def batch_loss(batch: Batch) -> Tensor:
             predicted = predict(network, batch, skips_front)
-            return loss(predicted, batch["targets"][:, : network.outputs])
+            return loss(*loss_rows(network, predicted, batch["targets"]))
 
         return batch_loss
 
@@ -124,7 +126,7 @@ class SteeringModule(lightning.LightningModule):
             compiled = self._compiled and count == self._compiled_batch
             loss = (self._compiled if compiled else self._loss)(batch)
         if self.trainer.world_size > 1:
-            return self._rank_loss(loss, batch["targets"], count)
+            return self._rank_loss(loss, true_rows(self.network, batch["targets"]), count)
         # Not summed in place: a compiled step owns the loss that it returns.
         self._loss_sum = self._loss_sum + loss.detach() * count
         self._loss_count += count
@@ -151,7 +153,8 @@ class SteeringModule(lightning.LightningModule):
         return self._samples_before + int(self._loss_count)
 
     def _loss(self, batch: Batch) -> Tensor:
-        return self.loss(self(batch), batch["targets"][:, : self.network.outputs])
+        predicted = predict(self.network, batch, self.skips_front)
+        return self.loss(*loss_rows(self.network, predicted, batch["targets"]))
 
     def on_train_batch_end(self, *_: object) -> None:
         """Count the time of the step."""
@@ -272,9 +275,30 @@ class SteeringModule(lightning.LightningModule):
 
 
 def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tensor:
-    """Return outputs, float32 [N, outputs], steering first; with `skips_front`, of features."""
+    """Return outputs, float32 [N, outputs], steering first; with `skips_front`, of features.
+
+    A network with memory has outputs for K rows of each window, [N, K, outputs].
+    """
+    images = batch["images"]
     if skips_front:
-        return network.rest(batch["images"])
+        return network.rest(images)
     if network.takes_speed:
-        return network(batch["images"], batch["speed"])
-    return network(batch["images"])
+        return network(images, batch["speed"])
+    if isinstance(network, Memory) and images.ndim == 4:  # windows of one frame
+        images = images[:, None]
+    return network(images)
+
+
+def true_rows(network: nn.Module, targets: Tensor) -> Tensor:
+    """Return the targets of all rows that a network predicts for a batch, [rows, 2]."""
+    if not isinstance(network, Memory):
+        return targets
+    targets = targets[:, None] if targets.ndim == 2 else targets
+    return targets[:, network.targets].flatten(0, 1)
+
+
+def loss_rows(network: nn.Module, predicted: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
+    """Return predicted and true outputs for a loss, [rows, outputs] each."""
+    if isinstance(network, Memory):
+        predicted = predicted.flatten(0, 1)
+    return predicted, true_rows(network, targets)[:, : network.outputs]

@@ -1,5 +1,7 @@
 """A policy's quick forward pass: the network's, to the bit."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,7 @@ from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.cli.compose import choices, compose_config
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
+from zoo.models.memory import Memory
 
 MODELS = [name for name in choices("model") if name != "vgg"]  # takes seconds
 SPEED = 20.0
@@ -23,13 +26,24 @@ def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
     torch.manual_seed(1)
     network = make_network(model, view).eval()
     pictures = np.random.default_rng(1).integers(0, 256, (5, *view.shape), np.uint8)
-    inputs = [network_inputs(one, SPEED if network.takes_speed else None) for one in pictures]
-    with torch.inference_mode():
-        wanted = [network(*one) for one in inputs]
+    frames = [network_inputs(one, SPEED if network.takes_speed else None) for one in pictures]
+    wanted = outputs_of(network, network, frames)
     forward = quick_forward(network, view)
-    assert forward is not network
-    with torch.inference_mode():
-        assert all(torch.equal(forward(*one), out) for one, out in zip(inputs, wanted, strict=True))
+    assert isinstance(forward, torch.jit.ScriptModule)
+    assert all(map(torch.equal, outputs_of(network, forward, frames), wanted))
+
+
+@torch.inference_mode()
+def outputs_of(network: nn.Module, forward: Callable, frames: list[tuple]) -> list[Tensor]:
+    """Return the outputs for frames, one after the other; with the state of one with memory."""
+    if not isinstance(network, Memory):
+        return [forward(*one) for one in frames]
+    forward = network.step if forward is network else forward
+    outs, state = [], network.first_state()
+    for one in frames:
+        out, *state = forward(*one, *state)
+        outs.append(out)
+    return outs
 
 
 class Moody(LeNet):

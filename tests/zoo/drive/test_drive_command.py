@@ -101,7 +101,7 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
         (["CKPT", "drive.prot=1"], "prot: no such key; did you mean port"),
         (["CKPT", "prot=1"], "did you mean port"),
         (["CKPT", "drive.speed.setmph=1"], "did you mean speed.set_mph"),
-        (["CKPT", "drive.speed=turns"], "bends, constant, network, pi, proportional"),
+        (["CKPT", "drive.speed=turns"], "bends, constant, doubt, network, pi, proportional"),
         (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "speed.kp: no such key"),
         (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1: must be a number, 0 or more"),
         (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast: must be a number, 0 or more"),

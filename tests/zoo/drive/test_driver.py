@@ -9,11 +9,38 @@ import pytest
 from datamodules.errors import InputError
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
+from zoo.checkpoints.command import Command
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
+from zoo.drive.session import Session
 from zoo.drives.speed_controller import PI, Constant, SpeedController
 from zoo.drives.steering_filter import SteeringFilter
+
+
+class Counting:
+    """A policy with memory: it steers by a hundredth more at each frame since its reset."""
+
+    latency_s = 0.0
+
+    def __init__(self) -> None:
+        self.frames = 0
+
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        self.frames += 1
+        return Command(self.frames / 100, None, 0.05)
+
+    def reset(self) -> None:
+        self.frames = 0
+
+    def new_session(self) -> "Counting":
+        return Counting()
+
+
+def frame(number: int, **more: object) -> dict:
+    """Return the telemetry of a frame that differs from the others."""
+    return {**telemetry(jpeg=picture((9 * number % 250, 90, 0)), speed="9.0000"), **more}
+
 
 MOVING = telemetry(jpeg=picture((102, 0, 0)), speed="9.0000")
 
@@ -162,3 +189,82 @@ def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driv
     driver.policy = lambda frame, speed_mph: (0.7, None)  # as a page switches it
     assert steer("2.0000") == "0.7000"
     assert looks == [1, 2, 2, 2]
+
+
+@pytest.fixture
+def remembering(make: Callable[..., Driver]) -> Driver:
+    driver = make()
+    driver.policy = Counting()
+    return driver
+
+
+def steer(driver: Driver, session: Session, data: object, now_s: float) -> float:
+    return float(driver.answer(session, data, now_s).values["steering_angle"])
+
+
+def test_a_policy_remembers_the_frames_of_its_own_simulator(remembering: Driver) -> None:
+    first, second = remembering.connect("a"), remembering.connect("b")
+    assert [steer(remembering, first, frame(n), n / 15) for n in range(3)] == [0.01, 0.02, 0.03]
+    assert steer(remembering, second, frame(9), 0.2) == 0.01
+    assert steer(remembering, first, frame(9), 0.3) == 0.04
+    assert remembering.policy.frames == 0, "the loaded policy is for new sessions"
+
+
+def test_a_policy_forgets_while_a_person_drives(remembering: Driver) -> None:
+    session = remembering.connect("a")
+    assert [steer(remembering, session, frame(n), n / 15) for n in range(2)] == [0.01, 0.02]
+    remembering.answer(session, None, 0.2)
+    assert steer(remembering, session, frame(1), 0.3) == 0.01, "also if the frame is the last one"
+
+
+def test_a_policy_forgets_when_the_car_is_put_back(remembering: Driver) -> None:
+    session = remembering.connect("a")
+    off = {"cte": "9.0000", "lane": "3.0000", "put_back": "1.0000"}
+    assert steer(remembering, session, frame(0, cte="0.0000"), 0.0) == 0.01
+    reply = remembering.answer(session, frame(1, **off), 0.1)
+    assert reply.values["put_back"]
+    assert reply.values["steering_angle"] == "0.0200"
+    assert steer(remembering, session, frame(2, cte="0.0000"), 0.2) == 0.01
+
+
+def test_a_policy_forgets_after_a_pause_and_a_restart_of_the_simulator(
+    remembering: Driver,
+) -> None:
+    session = remembering.connect("a")
+    times = {"5.0": 0.01, "5.1": 0.02, "7.0": 0.01, "7.1": 0.02, "0.0": 0.01, "0.1": 0.02}
+    for number, (time, steering) in enumerate(times.items()):
+        assert steer(remembering, session, frame(number, time=time), number / 10) == steering
+
+
+@pytest.mark.parametrize("has_sessions", [True, False])
+def test_a_simulator_that_connects_again_is_not_remembered(
+    remembering: Driver, has_sessions: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not has_sessions:
+        monkeypatch.delattr(Counting, "new_session")
+    session = remembering.connect("a")
+    assert [steer(remembering, session, frame(n), n / 15) for n in range(2)] == [0.01, 0.02]
+    remembering.disconnect("a")
+    assert steer(remembering, remembering.connect("a"), frame(2), 0.2) == 0.01
+
+
+def test_the_latency_is_measured_from_the_telemetry(remembering: Driver) -> None:
+    session = remembering.connect("a")
+    sent = [0.0] * 4
+    for number in range(40):
+        degrees = f"{25 * sent[-4]:.4f}".replace(".", ",")
+        reply = remembering.answer(session, frame(number, steering_angle=degrees), number / 10)
+        sent.append(float(reply.values["steering_angle"].replace(",", ".")))
+    own = session._policy
+    assert own.latency_s == pytest.approx(0.3)
+    remembering.answer(session, frame(99, steering_angle="?"), 4.0)
+    assert own.latency_s == pytest.approx(0.3)
+
+
+def test_the_spread_is_recorded_and_shown(remembering: Driver) -> None:
+    reply = remembering.answer(remembering.connect("a"), MOVING, 0.0)
+    remembering.sent(reply, 1.0)
+    assert reply.row.spread == remembering.latest().spread == 0.05
+    remembering.policy = red_policy
+    remembering.sent(remembering.answer(remembering.connect("b"), MOVING, 9.0), 1.0)
+    assert remembering.latest().spread is None

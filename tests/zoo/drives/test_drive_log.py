@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from datamodules.errors import InputError
@@ -15,7 +16,7 @@ from zoo.drives.metrics import METRICS
 from zoo.drives.tally import Tally
 
 ROWS = [
-    DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5),
+    DriveRow(0.0, 1, "policy", "IMG/a,b.jpg", -0.25, 0.5, 9.25, 0.125, False, 1.5, 0.04, -0.2),
     DriveRow(0.5, 2, "person", intervention=True),
 ]
 
@@ -34,6 +35,18 @@ def test_a_drive_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert drive.intervention.tolist() == [False, True]
     assert drive.cross_track_m[0] == 0.125
     assert math.isnan(drive.speed_mph[1])
+    assert (drive.spread[0], drive.expert_steering[0]) == (0.04, -0.2)
+    assert math.isnan(drive.spread[1])
+
+
+def test_a_drive_of_an_earlier_version_has_no_spread(tmp_path: Path) -> None:
+    (tmp_path / "drive.csv").write_text(
+        "time_s,client,driver,frame,steering,throttle,speed_mph,cross_track_m,intervention,"
+        "latency_ms\n0.0000,1,policy,,-0.25000,0.50000,9.25000,0.12500,0,1.500\n"
+    )
+    drive = read_drive(tmp_path)
+    assert (drive.steering[0], drive.latency_ms[0]) == (-0.25, 1.5)
+    assert np.isnan([drive.spread[0], drive.expert_steering[0]]).all()
 
 
 def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:

@@ -122,3 +122,24 @@ def test_autonomy_is_not_known_where_nothing_judged_the_drive() -> None:
     assert math.isnan(measure(Drive.of(rows))["autonomy"])
     rows[1] = DriveRow(60.0, driver=PERSON, intervention=True)
     assert measure(Drive.of(rows))["autonomy"] == pytest.approx(0.9)
+
+
+def test_calibration_compares_the_spread_with_expert_and_error() -> None:
+    spreads, errors = (0.1, 0.1, 0.2, 0.4, math.nan), (0.0, 0.1, -0.5, 2.0, 9.0)
+    rows = [
+        DriveRow(0.1 * row, steering=0.5, spread=one, cross_track_m=error, expert_steering=expert)
+        for row, (one, error, expert) in enumerate(
+            zip(spreads, errors, (0.69, 0.71, 0.12, -0.2, 0.5), strict=True)
+        )
+    ]
+    figures = measure(Drive.of(rows))
+    assert figures["spread_coverage"] == 0.75  # 0.71 is more than 1.96 x 0.1 from 0.5
+    assert figures["spread_mean"] == pytest.approx(0.2)
+    assert figures["spread_rank_cte"] == pytest.approx(0.9487, abs=1e-4)  # scipy's spearmanr
+
+
+def test_a_drive_without_spread_has_no_calibration() -> None:
+    assert not [name for name in measure(drive_by_speed()) if name.startswith("spread")]
+    socket = measure(Drive.of([DriveRow(0.0, spread=0.1), DriveRow(0.1, spread=0.1)]))
+    assert socket["spread_mean"] == 0.1
+    assert not {"spread_coverage", "spread_rank_cte"} & socket.keys()

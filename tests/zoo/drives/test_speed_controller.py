@@ -1,9 +1,11 @@
 """Speed controllers, and the speed that a car reaches by them."""
 
+import math
+
 import pytest
 
 from datamodules.errors import InputError
-from zoo.drives.speed_controller import PI, Constant, Network, SpeedController, limit_pedal
+from zoo.drives.speed_controller import PI, Constant, Doubt, Network, SpeedController, limit_pedal
 
 STEP_S = 1 / 60
 
@@ -76,3 +78,26 @@ def test_the_brake_of_a_slow_car_would_reverse_it() -> None:
 def test_a_set_speed_that_cannot_be_is_named(value: object) -> None:
     with pytest.raises(InputError, match=r"drive\.speed\.set_mph="):
         PI(value, 0.1)
+
+
+def test_doubt_slows_down_by_the_spread() -> None:
+    doubt = Doubt(20, 0.1, 0.0, doubt_mph=5, sure=0.1, unsure=0.3)
+    targets = [doubt.target_mph(0.5, spread) for spread in (0.0, 0.1, 0.2, 0.3, 0.9)]
+    assert targets == pytest.approx([20, 20, 12.5, 5, 5])
+    assert doubt.target_mph(0.5) == doubt.target_mph(0.5, math.nan) == 5, "unknown is full doubt"
+    assert doubt.throttle(10, 0.0, None, 0.0, 0.0) == pytest.approx(1.0)
+    assert doubt.throttle(10, 0.0, None, 0.0, 0.3) == pytest.approx(-0.5)
+
+
+def test_doubt_never_drives_faster_than_the_set_speed() -> None:
+    doubt = Doubt(20, 0.1, 0.0, doubt_mph=5, sure=0.1, unsure=0.3)
+    doubt.set_mph = 3.0
+    assert doubt.target_mph(0.0, 0.9) == 3
+
+
+@pytest.mark.parametrize(("sure", "unsure"), [(0.2, 0.2), (0.3, 0.2), (-0.1, 0.2)])
+def test_doubt_needs_a_spread_that_is_sure_and_a_larger_one_that_is_not(
+    sure: float, unsure: float
+) -> None:
+    with pytest.raises(InputError, match=r"drive\.speed\.(un)?sure="):
+        Doubt(20, 0.1, 0.0, 5, sure, unsure)

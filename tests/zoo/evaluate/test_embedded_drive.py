@@ -6,9 +6,10 @@ import pytest
 from simulator.expert import Expert
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop, open_road
+from zoo.checkpoints.command import Command
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
-from zoo.drives.speed_controller import Constant
+from zoo.drives.speed_controller import Constant, Doubt
 from zoo.evaluate.drive_plots import birds_eye
 from zoo.evaluate.drives_table import mean_and_spread
 from zoo.evaluate.embedded_drive import drive_closed_loop
@@ -153,3 +154,30 @@ def test_the_lane_is_as_wide_as_the_road_at_the_car() -> None:
         half = world.track.width_at(drive.distance_m[number]) / 2
         assert abs(drive.rows[number].cross_track_m) == pytest.approx(half, abs=0.3)
     assert len(lost) > 2
+
+
+def test_a_policy_that_doubts_is_compared_with_the_expert(lake: World) -> None:
+    expert = Expert(lake.track)
+
+    def doubting(frame: np.ndarray | None, speed_mph: float) -> Command:
+        return Command(expert(lake)[0], None, 0.01)
+
+    drive = drive_closed_loop(doubting, lake, speed_controller(15), 1, 0.1)
+    figures = measure(drive)
+    assert (drive.spread == 0.01).all()
+    assert figures["spread_coverage"] > 0.95
+    straight = drive_closed_loop(straight_on, lake, speed_controller(15), 1, 0.02)
+    assert np.isnan([straight.spread, straight.expert_steering]).all()
+
+
+def test_the_speed_follows_the_doubt(lake: World) -> None:
+    expert = Expert(lake.track)
+
+    def doubting(frame: np.ndarray | None, speed_mph: float) -> Command:
+        return Command(expert(lake)[0], None, 0.3 if 200 < lake.place.distance < 300 else 0.0)
+
+    speed = Doubt(15, 0.1, 0.002, doubt_mph=6, sure=0.05, unsure=0.2)
+    drive = drive_closed_loop(doubting, lake, speed, 0, 0.4)
+    within = (drive.distance_m > 230) & (drive.distance_m < 300)
+    assert drive.speed_mph[within].mean() < 7
+    assert drive.speed_mph[drive.distance_m < 200].mean() > 13

@@ -67,14 +67,15 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
 def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_path: Path) -> None:
     torch.manual_seed(1)
     network, view = build(name, *NARROW.get(name, []))
-    checkpoint = Checkpoint(network.eval(), view, {"model": {"name": name}}, {"rows": 3})
+    data = {"rows": 3, "rows_per_s": 15.0}
+    checkpoint = Checkpoint(network.eval(), view, {"model": {"name": name}}, data)
     (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint))
     policy, onnx_policy = Policy(checkpoint), load_policy(tmp_path / "model.onnx")
 
     assert compare(policy, onnx_policy, frames).difference < 1e-5
 
     assert onnx_policy.view == view
-    for attribute in ("name", "parameters", "config", "data", "takes_speed", "outputs"):
+    for attribute in ("name", "parameters", "config", "data", "takes_speed", "outputs", "window"):
         assert getattr(onnx_policy, attribute) == getattr(policy, attribute), attribute
     assert view_line(onnx_policy) == view_line(policy)
     steering = [onnx_policy(frame, 9.0)[0] for frame in frames.frames]

@@ -9,6 +9,7 @@ from tests.zoo.commands import ROOT, run
 from zoo.cli.compose import choices, compose_config
 from zoo.models.layers import Normalize
 from zoo.models.make_network import make_network, published_view
+from zoo.models.memory import Memory
 
 # Only published models stand here; a new model needs no line.
 PARAMETERS = {
@@ -33,12 +34,15 @@ def build(name: str, *overrides: str) -> tuple[torch.nn.Module, View]:
 def test_every_model_steers(name: str) -> None:
     network, view = build(name)
     height, width, channels = view.shape
-    images = torch.randint(0, 256, (2, channels, height, width), dtype=torch.uint8)
+    window = (network.sequence,) if isinstance(network, Memory) else ()
+    images = torch.randint(0, 256, (2, *window, channels, height, width), dtype=torch.uint8)
     speed = (torch.tensor([9.0, 20.0]),) if network.takes_speed else ()
 
     out = network.eval()(images, *speed)
 
-    assert out.shape == (2, network.outputs)
+    assert out.shape[0] == 2
+    assert out.shape[-1] == network.outputs
+    assert out.ndim == (3 if window else 2)
     assert torch.isfinite(out).all()
     assert torch.equal(out, network(images.float(), *speed)), "uint8 and float must see the same"
 

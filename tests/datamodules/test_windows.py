@@ -1,0 +1,284 @@
+"""Windows of rows: what is in one, what it never crosses, and that it changes as one."""
+
+import albumentations
+import numpy as np
+import pytest
+import torch
+
+from datamodules.augment import Augment, Brightness, Shadow, Shift
+from datamodules.balance import BatchKey
+from datamodules.bend import Bend
+from datamodules.device_augment import DeviceAugment
+from datamodules.device_batches import DeviceBatches
+from datamodules.driving import DrivingData
+from datamodules.errors import InputError
+from datamodules.samples import make_samples
+from datamodules.split import PARTS
+from datamodules.view import View
+from datamodules.windows import Windows
+from tests.recordings import recording_in_memory, write_recording
+
+VIEW = View((60, 25), "yuv", (33, 100))
+WINDOWS = {"sequence": 3, "stride": 2, "ahead": 1}
+SETTINGS = {"batch_size": 16, "block_s": 3.0, "gap_s": 0.1, "straight_cap": None}
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("windows") / "lake", rows=600)
+
+
+@pytest.fixture
+def load(lake, tmp_path, console):
+    """Create and load a datamodule of a recording of 600 rows."""
+
+    def make(**settings) -> DrivingData:
+        settings = SETTINGS | {"root": str(lake.folder), "view": VIEW} | settings
+        data = DrivingData(cache=str(tmp_path / "cache"), **settings)
+        data.load(console)
+        return data
+
+    return make
+
+
+def some(data: DrivingData, rank: int = 0, world: int = 1) -> BatchKey:
+    """Return the key of a batch of samples from all over the recording."""
+    return BatchKey(0, 0, np.arange(len(data.samples))[:: len(data.samples) // 24], rank, world)
+
+
+def singles(data: DrivingData, rows: list[int], camera: int) -> BatchKey:
+    """Return the key of the samples of these rows, in order."""
+    known = {pair: at for at, pair in enumerate(zip(data.samples.row, data.samples.camera))}  # noqa: B905
+    return BatchKey(0, 0, np.array([known[row, camera] for row in rows]))
+
+
+@pytest.mark.parametrize("recover_s", [None, 2.0])
+def test_a_window_is_a_row_those_before_it_and_targets_ahead(load, recover_s):
+    data = load(flip=0.0, recover_s=recover_s, **WINDOWS)
+    plain = load(flip=0.0, recover_s=recover_s)
+    key = some(data)
+    batch = data.training_batches()[key]
+    count = len(key.samples)
+    assert batch["images"].shape == (count, 3, 3, 33, 100)
+    assert batch["images"].flatten(0, 1).is_contiguous(memory_format=torch.channels_last)
+    assert batch["targets"].shape == (count, 4, 2)
+    for at, number in enumerate(key.samples):
+        row, camera = data.samples.row[number], data.samples.camera[number]
+        rows = [row - 4, row - 2, row, row + 2]
+        one_by_one = plain.training_batches()[singles(plain, rows, camera)]
+        assert torch.equal(batch["images"][at], one_by_one["images"][:3])
+        assert torch.equal(batch["targets"][at], one_by_one["targets"])
+        assert batch["speed"][at] == one_by_one["speed"][2]
+
+
+@pytest.mark.parametrize("settings", [{}, {"sequence": 1, "stride": 1, "ahead": 0}])
+def test_without_windows_batches_are_single_frames(load, settings):
+    batch = load(**settings).training_batches()[BatchKey(0, 0, np.arange(5))]
+    assert batch["images"].shape == (5, 3, 33, 100)
+    assert batch["targets"].shape == (5, 2)
+
+
+def test_windows_of_one_frame_are_single_frames(load):
+    """Flips and augmentation, too, have the same random draws."""
+    augment = {"brightness": Brightness(), "shift": Shift(), "blur": albumentations.GaussianBlur()}
+    data, plain = load(ahead=1, augment=augment), load(augment=augment)
+    key = some(data)
+    pairs = zip(data.samples.row[key.samples], data.samples.camera[key.samples], strict=True)
+    same = np.concatenate([singles(plain, [row], camera).samples for row, camera in pairs])
+    window = data.training_batches()[key]
+    single = plain.training_batches()[BatchKey(0, 0, same)]
+    assert torch.equal(window["images"][:, 0], single["images"])
+    assert torch.equal(window["targets"][:, 0], single["targets"])
+    assert torch.equal(window["speed"], single["speed"])
+
+
+@pytest.mark.parametrize("flip", [1.0, "both"])
+def test_a_window_is_flipped_as_one(load, flip):
+    data, mirrored = load(flip=0.0, **WINDOWS), load(flip=flip, **WINDOWS)
+    key = some(data)
+    own = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples
+    one, other = data.training_batches()[key], mirrored.training_batches()[BatchKey(0, 0, own)]
+    assert torch.equal(other["images"], one["images"].flip(-1))
+    assert torch.equal(other["targets"], one["targets"] * torch.tensor([-1.0, 1.0]))
+
+
+def test_the_cap_and_the_histogram_are_of_the_newest_frame(load):
+    data = load(straight_cap=0.25, flip=0.0, **WINDOWS)
+    batches = data.training_batches()
+    for key in data.sampler():
+        targets = batches[key]["targets"][:, 2, 0].numpy()
+        assert (np.abs(targets) < 0.1).sum() <= len(targets) // 4
+        np.testing.assert_array_equal(batches.steering(key), targets)
+
+
+class Turn(albumentations.ImageOnlyTransform):
+    """A transform as of another package, which steers."""
+
+    @property
+    def targets(self) -> dict:
+        return {**super().targets, "steering": self.apply_to_steering}
+
+    def get_params(self) -> dict:
+        return {"value": self.py_random.randrange(50)}
+
+    def apply(self, img: np.ndarray, value: int, **_: object) -> np.ndarray:
+        return img + np.uint8(value)
+
+    def apply_to_steering(self, steering: float, value: int, **_: object) -> float:
+        return steering + value / 100
+
+
+TRANSFORMS = {
+    "brightness": lambda: Brightness(p=0.6),
+    "shadow": lambda: Shadow(num_shadows_limit=(1, 2), p=0.6),
+    "shift": lambda: Shift(p=0.6),
+    "bend": lambda: Bend(p=0.6),
+    "blur": lambda: albumentations.GaussianBlur(p=0.6),
+    "noise": lambda: albumentations.GaussNoise(p=0.6),
+    "turn": lambda: Turn(p=0.6),
+}
+
+
+def random_windows() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    images = rng.integers(0, 256, (7, 3, 24, 40, 3), dtype=np.uint8)
+    return images, rng.uniform(-0.5, 0.5, (7, 5)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_a_window_is_augmented_as_one(name):
+    """Each of its frames, and each target, is changed as if it were alone with the same draws."""
+    augment = Augment([TRANSFORMS[name]()], "yuv")
+    images, steering = random_windows()
+    changed, turned = augment(images, steering, seed=3)
+    assert (changed != images).any()
+    for at in range(5):
+        frame = images[:, min(at, 2)]
+        alone, angle = augment(np.ascontiguousarray(frame), steering[:, at].copy(), seed=3)
+        if at < 3:
+            np.testing.assert_array_equal(changed[:, at], alone)
+        np.testing.assert_array_equal(turned[:, at], angle)
+
+
+@pytest.mark.parametrize("name", ["brightness", "shadow", "shift", "bend"])
+def test_a_window_on_the_device_is_augmented_as_one(name):
+    augment = DeviceAugment([TRANSFORMS[name]()], "yuv")
+    images, steering = random_windows()
+    changed, turned = augment(torch.from_numpy(images), steering, seed=3)
+    assert changed.shape == images.shape
+    for at in range(5):
+        frame = torch.from_numpy(images[:, min(at, 2)].copy())
+        alone, angle = augment(frame, steering[:, at], seed=3)
+        if at < 3:
+            assert torch.equal(changed[:, at], alone)
+        np.testing.assert_array_equal(turned[:, at], angle)
+
+
+@pytest.mark.parametrize("room", [None, 0], ids=["resident", "copied"])
+def test_the_batches_of_a_device_are_the_cpus(load, room):
+    data = load(**WINDOWS)
+    ours = data.training_batches()
+    on_device = DeviceBatches(ours, torch.device("cpu"), room)
+    for rank in range(2):
+        key = some(data, rank, 2)
+        for name, tensor in ours[key].items():
+            assert torch.equal(on_device[key][name], tensor), name
+
+
+@pytest.mark.parametrize("world", [2, 3])
+def test_shards_together_are_the_batch_of_one_process(load, world):
+    data = load(augment={"shift": Shift(), "blur": albumentations.GaussianBlur()}, **WINDOWS)
+    batches = data.training_batches()
+    for samples in (np.arange(40, 60), np.arange(7, 8)):
+        whole = batches[BatchKey(0, 3, samples)]
+        shards = [batches[BatchKey(0, 3, samples, rank, world)] for rank in range(world)]
+        for name, tensor in whole.items():
+            assert torch.equal(torch.cat([one[name] for one in shards]), tensor), name
+
+
+def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
+    data, plain = load(**WINDOWS), load()
+    for part in PARTS:
+        batches, alone = data.evaluation_batches(part), plain.evaluation_batches(part)
+        held = set(alone.rows.tolist())
+        assert 0 < len(batches.rows) < len(held)
+        wanted = [row for row in alone.rows if {row - 4, row - 3, row - 2, row - 1} <= held]
+        assert batches.rows.tolist() == wanted
+        images = torch.cat([batch["images"] for batch in batches])
+        frames = dict(zip(alone.rows, torch.cat([one["images"] for one in alone]), strict=True))
+        for row, window in zip(batches.rows, images, strict=True):
+            past = torch.stack([frames[row - 4], frames[row - 2], frames[row]])
+            assert torch.equal(window, past)
+        targets = torch.cat([batch["targets"] for batch in batches])
+        assert torch.equal(
+            targets[:, 0].double(), torch.tensor(data.recording.steering[wanted]).float().double()
+        )
+
+
+def test_sides_need_the_side_images_of_all_frames(load):
+    data = load(**WINDOWS)
+    row = data.evaluation_batches("val").rows[4]
+    data.views.file[row - 2, 1] = -1
+    left, right = data.evaluation_batches("val").sides()
+    missing = {row - 2, row, row + 2}
+    assert left.rows.tolist() == [
+        one for one in data.evaluation_batches("val").rows if one not in missing
+    ]
+    assert right[0]["images"].shape[1:] == (3, 3, 33, 100)
+
+
+def test_a_window_crosses_no_pause_recording_skipped_row_or_part():
+    recording = recording_in_memory(np.zeros(40), sizes=(15, 25))
+    recording.time_s[25:] += 5.0
+    recording.line[33:] += 1  # a row with a bad image is left out
+    part = np.setdiff1d(np.arange(40), [5])
+    windows = Windows(sequence=2, stride=2, ahead=1)
+    # Runs: 0-4, 6-14, 15-24, 25-32, 33-39; a window is row - 2, row, row + 2.
+    runs = ((0, 4), (6, 14), (15, 24), (25, 32), (33, 39))
+    wanted = [row for first, last in runs for row in range(first + 2, last - 1)]
+    assert windows.whole(recording, part).tolist() == wanted
+    rows = windows.past.whole(recording, part)
+    assert rows.tolist() == [row for first, last in runs for row in range(first + 2, last + 1)]
+
+
+def test_every_frame_has_an_image_of_the_samples_camera():
+    recording = recording_in_memory(np.zeros(12))
+    recording.images[6, 1] = None
+    windows = Windows(sequence=3)
+    rows = windows.whole(recording, np.arange(12))
+    samples = make_samples(recording, rows, ["center", "left"], windows=windows)
+    assert samples.row[samples.camera == 0].tolist() == list(range(2, 12))
+    assert samples.row[samples.camera == 1].tolist() == [2, 3, 4, 5, 9, 10, 11]
+
+
+def test_weights_are_those_of_the_newest_rows_recording(lake, load, tmp_path):
+    other = write_recording(tmp_path / "other", rows=300, seed=1)
+    root = [str(lake.folder), str(other.folder)]
+    data = load(root=root, weights=[1, 5], **WINDOWS)
+    drawn = np.concatenate([key.samples for key in data.sampler()])
+    number = data.recording.recording[data.samples.row]
+    assert (number[drawn] == 1).sum() == pytest.approx(5 * (number == 1).sum(), abs=1)
+
+
+def test_loading_prints_how_many_rows_have_a_window(load, console):
+    data = load(**WINDOWS)
+    line = next(one for one in console.file.getvalue().splitlines() if "windows of 3" in one)
+    assert f"{len(data.evaluation_batches('val').rows)} of {len(data.split.val)} val" in line
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"sequence": 0}, "data.sequence=0"),
+        ({"stride": 1.5}, "data.stride=1.5"),
+        ({"ahead": -1}, "data.ahead=-1"),
+        ({"sequence": 10**30}, "data.sequence"),
+        ({"sequence": 100}, "no val row"),
+        ({"sequence": 500}, "no train row"),
+        ({"sequence": 9, "split": "random"}, "data.split=blocks"),
+    ],
+)
+def test_wrong_windows_are_refused_in_one_line(load, settings, named):
+    with pytest.raises(InputError, match=named) as error:
+        load(**settings)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,104 @@
+"""What a policy keeps from frame to frame, and the time that its steering is for."""
+
+import copy
+from collections.abc import Callable, Sequence
+from typing import Any, Self
+
+import numpy as np
+
+from zoo.models.window import Window
+
+
+class FrameMemory:
+    """The state of a network of `zoo.models.memory` while it drives one car.
+
+    A network that was trained on every second row keeps two states, which take turns: each sees
+    every second frame.
+
+    Args:
+        first: state before the first frame.
+        stride: number of states.
+    """
+
+    def __init__(self, first: Sequence[Any], stride: int = 1) -> None:
+        self.first, self.stride = tuple(first), stride
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the frames before."""
+        self._states = [self.first] * self.stride
+        self._turn = 0
+
+    def step(self, step: Callable[..., Sequence[Any]], *inputs: Any) -> Any:
+        """Call `step` with the inputs and a state; keep the new state and return the outputs."""
+        outputs, *state = step(*inputs, *self._states[self._turn])
+        self._states[self._turn] = tuple(state)
+        self._turn = (self._turn + 1) % self.stride
+        return outputs
+
+
+class SessionPolicy:
+    """What policies with and without memory share: a state for each session.
+
+    Attributes:
+        memory: state of a network with memory; None of one that looks at a single frame.
+        window: frames that it was trained on, and steps that it predicts.
+        latency_s: seconds from a command to the wheels, which a driver sets before each call; only
+            policies that predict steps ahead have it.
+    """
+
+    memory: FrameMemory | None = None
+    window = Window()
+    latency_s: float
+    _steps_per_s = 0.0
+
+    def keep_memory(self, first: Sequence[Any], window: Window, data: dict) -> None:
+        """Keep the state of a network with memory.
+
+        Args:
+            first: state before the first frame.
+            window: network's window.
+            data: checkpoint's `data`, with `rows_per_s`; without it the policy ignores latency.
+        """
+        self.memory, self.window = FrameMemory(first, window.stride), window
+        if window.ahead:
+            self.latency_s = 0.0
+            self._steps_per_s = float(data.get("rows_per_s") or 0.0) / window.stride
+
+    def reset(self) -> None:
+        """Forget the frames before."""
+        if self.memory is not None:
+            self.memory.reset()
+
+    def new_session(self) -> Self:
+        """Return the policy for one more car, without frames before."""
+        other = copy.copy(self)
+        if self.memory is not None:
+            other.memory = FrameMemory(self.memory.first, self.memory.stride)
+        return other
+
+    def in_time(self, outputs: np.ndarray) -> np.ndarray:
+        """Return the outputs for the time at which they reach the wheels, [outputs].
+
+        Args:
+            outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
+        """
+        if len(outputs) == 1:
+            return outputs[0]
+        return outputs_at(outputs, self.latency_s * self._steps_per_s)
+
+
+def outputs_at(outputs: np.ndarray, steps: float) -> np.ndarray:
+    """Return the outputs for a time ahead, interpolated between two steps.
+
+    Args:
+        outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
+        steps: time ahead, in steps; a time after the last step counts as the last step.
+
+    >>> outputs_at(np.array([[0.0], [0.4], [0.2]]), 1.5).round(1).tolist()
+    [0.3]
+    """
+    steps = min(max(steps, 0.0), len(outputs) - 1.0)
+    before = int(steps)
+    after = min(before + 1, len(outputs) - 1)
+    return outputs[before] + (steps - before) * (outputs[after] - outputs[before])
