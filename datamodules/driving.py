@@ -31,7 +31,7 @@ from datamodules.view import View
 from datamodules.windows import Windows
 
 AUGMENT_ON = ("auto", "cpu", "device")
-MOST_WINDOW = 10_000  # frames, rows or targets of a window
+MOST_WINDOW = 256  # frames, rows or targets of a window
 
 
 class DrivingData(lightning.LightningDataModule):

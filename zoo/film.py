@@ -44,6 +44,7 @@ class Shot:
     autonomy: float | None = None
     cte_m: float | None = None
     note: str | None = None
+    spread: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +145,7 @@ def _frames(shots: list[Shot], faults: list[str], console: Console) -> Iterator[
                 shot.autonomy,
                 shot.cte_m,
                 shot.note,
+                shot.spread,
             )
 
 
@@ -176,6 +178,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
                 autonomy(interventions, driven_s) if judged or interventions else None,
                 float(drive.cross_track_m[row]),
                 notes.get(str(drive.driver[row])),
+                float(drive.spread[row]),
             )
         )
     if not shots:

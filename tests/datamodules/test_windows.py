@@ -274,7 +274,7 @@ def test_loading_prints_how_many_rows_have_a_window(load, console):
         ({"ahead": -1}, "data.ahead=-1"),
         ({"sequence": 10**30}, "data.sequence"),
         ({"sequence": 100}, "no val row"),
-        ({"sequence": 500}, "no train row"),
+        ({"sequence": 100, "stride": 5}, "no train row"),
         ({"sequence": 9, "split": "random"}, "data.split=blocks"),
     ],
 )

@@ -202,6 +202,16 @@ def test_the_overlay_draws_only_known_values() -> None:
     assert (draw_overlay(GREY, 0.0, 0.0, 9.0)[18:92] == 90).all()
 
 
+def test_a_spread_is_drawn_as_a_band_around_the_steering() -> None:
+    sure = draw_overlay(GREY, 0.4, None, None)
+    assert np.array_equal(draw_overlay(GREY, 0.4, None, None, spread=float("nan")), sure)
+    doubting = draw_overlay(GREY, 0.4, None, None, spread=0.1)
+    columns = np.flatnonzero((doubting != sure)[428:430].any((0, 2)))
+    # 150 pixels right of the middle is full lock; the band is 1.96 spreads wide on each side.
+    assert (columns.min(), columns.max()) == (480 + round(150 * 0.204), 480 + round(150 * 0.596))
+    assert np.array_equal(doubting[:300], sure[:300])
+
+
 def test_steering_turns_the_wheel_and_pedals_have_their_colours() -> None:
     left, right = (draw_overlay(GREY, value, None, None) for value in (-0.3, 0.3))
     assert not np.array_equal(left[380:, :120], right[380:, :120])

@@ -58,7 +58,12 @@ class PredictedAgainstTrue(lightning.Callback):
 
 
 def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figure:
-    """Plot the first `count` network inputs of an epoch, whatever the batch size."""
+    """Plot the first `count` network inputs of an epoch, whatever the batch size.
+
+    Windows are rows of frames, of `count` frames or a few more.
+    """
+    sequence = data.windows.sequence
+    count = -(-count // sequence)
     keys = iter(data.sampler())
     indices: list[np.ndarray] = []
     while sum(map(len, indices)) < min(count, len(data.samples)):
@@ -67,11 +72,17 @@ def figure_of_fed_batch(data: lightning.LightningDataModule, count: int) -> Figu
             break
         indices.append(key.samples)
     batch = data.training_batches()[BatchKey(0, 0, np.concatenate(indices)[:count])]
-    images = batch["images"].permute(0, 2, 3, 1).numpy()
-    height, width, channels = images.shape[1:]
+    images = batch["images"].movedim(-3, -1).numpy()
+    height, width, channels = images.shape[-3:]
     kind = f"{width} x {height} {data.view.colour}, {channels} channel{'s' * (channels > 1)}"
     title = f"network inputs: {kind}; steering above each image"
-    return plots.fed_batch(images, batch["targets"][:, 0].numpy(), data.view.colour, title)
+    steering = batch["targets"][..., 0].numpy()
+    if sequence > 1:
+        title += "; a window in each row, oldest frame first"
+        steering = steering[:, :sequence]
+    elif data.windows.is_windowed:
+        images, steering = images[:, 0], steering[:, 0]
+    return plots.fed_batch(images, steering, data.view.colour, title)
 
 
 def figure_of_steering(data: lightning.LightningDataModule) -> Figure:

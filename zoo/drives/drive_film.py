@@ -143,7 +143,13 @@ class DriveFilm(AbstractContextManager):
             return
         share = autonomy(self.interventions, row.time_s)
         image = draw_overlay(
-            frame, row.steering, row.throttle, row.speed_mph, share, row.cross_track_m
+            frame,
+            row.steering,
+            row.throttle,
+            row.speed_mph,
+            share,
+            row.cross_track_m,
+            spread=row.spread,
         )
         try:
             self._film.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))

@@ -11,6 +11,7 @@ import numpy as np
 
 POLICY, PERSON, FALLBACK = "policy", "person", "fallback"
 EMBEDDED, SOCKET, REPLAY = "embedded", "socket", "replay"  # sources of drives
+BAND = 1.96  # standard deviations on each side that hold 95 % of a normal distribution
 # dtypes of the columns that are not float64
 TYPES = {"client": np.int64, "driver": np.str_, "frame": np.str_, "intervention": np.bool_}
 

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from datamodules.samples import MAX_STEERING_DEG
+from zoo.drives.drive_record import BAND
 
 SCALE = 3  # 960 x 480
 WHEEL_RATIO = 6.0  # angle of the drawn steering wheel per angle of the front wheels
@@ -20,7 +21,7 @@ WHITE, GREY, GREEN, RED, AMBER = (
     (255, 92, 80),
     (255, 184, 64),
 )
-BAND = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
+PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
 _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
 
 
@@ -32,6 +33,7 @@ def draw_overlay(
     autonomy: float | None = None,
     cte_m: float | None = None,
     note: str | None = None,
+    spread: float | None = None,
 ) -> np.ndarray:
     """Return an enlarged camera frame with the drive's state drawn in.
 
@@ -45,24 +47,27 @@ def draw_overlay(
         autonomy: NVIDIA's autonomy so far, 0..1.
         cte_m: cross-track error in metres, positive is right of the centreline.
         note: short text, such as the name of the driver.
+        spread: standard deviation of the steering; a band shows where 95 % of a normal distribution
+            would be.
 
     Returns:
         uint8 [3 H, 3 W, 3], RGB.
     """
-    steering, throttle, speed_mph, autonomy, cte_m = (
+    steering, throttle, speed_mph, autonomy, cte_m, spread = (
         value if value is not None and math.isfinite(value) else None
-        for value in (steering, throttle, speed_mph, autonomy, cte_m)
+        for value in (steering, throttle, speed_mph, autonomy, cte_m, spread)
     )
     height, width = frame.shape[0] * SCALE, frame.shape[1] * SCALE
     image = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
     if any(value is not None for value in (steering, throttle, speed_mph)):
-        _darken(image, height - BAND, height)
+        _darken(image, height - PANEL, height)
     if steering is not None:
         _draw_wheel(image, (70, height - 54), 40, steering * MAX_STEERING_DEG * WHEEL_RATIO)
         degrees = f"{steering * MAX_STEERING_DEG + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
         _write(image, degrees, 128, height - 57, 26, WHITE)
-        _write(image, "STEERING", 128, height - 26, 13, GREY)
-        _draw_steering_bar(image, (width // 2, height - 40), 150, steering)
+        doubt = "" if spread is None else f" ±{BAND * spread * MAX_STEERING_DEG:.1f}°"
+        _write(image, f"STEERING{doubt}", 128, height - 26, 13, GREY)
+        _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
     if speed_mph is not None:
         _write(image, f"{speed_mph:.1f}", width - 84, height - 50, 38, WHITE, "right")
         _write(image, "mph", width - 76, height - 43, 17, GREY)
@@ -113,10 +118,15 @@ def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_d
 
 
 def _draw_steering_bar(
-    image: np.ndarray, centre: tuple[int, int], half: int, steering: float
+    image: np.ndarray, centre: tuple[int, int], half: int, steering: float, spread: float
 ) -> None:
-    """Draw a bar from the middle to the steering; its ends are full lock."""
+    """Draw a bar from the middle to the steering, with its band; its ends are full lock."""
     middle = np.array(centre, float)
+    if spread > 0:
+        first, last = np.clip((steering - BAND * spread, steering + BAND * spread), -1, 1)
+        left, right = round(centre[0] + half * first), round(centre[0] + half * last)
+        patch = image[centre[1] - 13 : centre[1] + 14, left : right + 1]
+        patch[:] = (0.6 * patch + 0.4 * np.array(AMBER)).astype(np.uint8)
     _line(image, middle - (half, 0), middle + (half, 0), (110, 116, 124), 4)
     if abs(steering) > 0.004:
         _line(image, middle, middle + (half * float(np.clip(steering, -1, 1)), 0), AMBER, 8)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from zoo.drives import tally
-from zoo.drives.drive_record import PERSON, POLICY, SOCKET, Drive
+from zoo.drives.drive_record import BAND, PERSON, POLICY, SOCKET, Drive
 from zoo.drives.interventions import STALLED_BELOW_MPH
 from zoo.drives.metric_registry import (
     COUNT,
@@ -35,7 +35,6 @@ __all__ = ["DRIVES", "METRICS", "REPLAYS", "leaderboard_metrics", "measure"]
 NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv:1604.07316"
 OURS = "drivezoo"
 MPS_PER_MPH = 0.44704
-BAND = 1.96  # standard deviations that hold 95 % of a normal distribution
 
 
 @metric("autonomy", SHARE, HIGHER, f"{NVIDIA}, section 7.1", column=1)

@@ -89,14 +89,17 @@ def fed_batch(images: np.ndarray, steering: np.ndarray, colour: str, title: str)
     """Plot a grid of the network's input images, each with its label.
 
     Args:
-        images: images after the view and augmentation, uint8 [N, H, W, C].
-        steering: labels, float [N] in -1..1.
+        images: images after the view and augmentation, uint8 [N, H, W, C]; or windows, each a row
+            of the grid, [N, sequence, H, W, C].
+        steering: labels, float [N] or [N, sequence] in -1..1.
         colour: the view's colour, such as `rgb`.
         title: title of the plot.
     """
+    in_row = images.shape[1] if images.ndim == 5 else None
+    images = images.reshape(-1, *images.shape[-3:])
     count = len(images)
     height, width = images.shape[1:3]
-    columns = max(1, min(count, round(np.sqrt(count * 1.4 * height / width))))
+    columns = in_row or max(1, min(count, round(np.sqrt(count * 1.4 * height / width))))
     rows = -(-count // columns)
     # One image for the whole grid: an axis for each would take two seconds at every start.
     gap = max(1, round(0.06 * width)), max(2, round(0.28 * columns * width / 13))
@@ -107,7 +110,7 @@ def fed_batch(images: np.ndarray, steering: np.ndarray, colour: str, title: str)
     figure.suptitle(title)
     axis = figure.add_axes((0.01, 0.0, 0.98, 13.0 * aspect / (13.0 * aspect + 0.5)))
     axis.axis("off")
-    for index, (image, label) in enumerate(zip(images, steering, strict=True)):
+    for index, (image, label) in enumerate(zip(images, steering.ravel(), strict=True)):
         left, top = index % columns * step_x, index // columns * step_y + gap[1]
         sheet[top : top + height, left : left + width] = view_to_rgb(image, colour)
         # A line from the bottom centre in the label's direction; full lock is 45 degrees.

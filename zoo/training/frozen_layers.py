@@ -44,7 +44,8 @@ def plan_cached_features(
 
     Raises:
         InputError: the setting is not auto, true or false; or it is true and nothing is frozen,
-            images are augmented, or there is no space; or features exceed half precision.
+            images are augmented, batches are windows, or there is no space; or features exceed
+            half precision.
     """
     setting = config.model.get("cache_features", False)
     if setting not in ("auto", True, False):
@@ -71,6 +72,15 @@ def plan_cached_features(
             f"frozen blocks are computed again in every epoch, because of augment=[{listed}]; "
             "with augment=[] they are computed once",
         )
+        return None
+    if data.windows.is_windowed:
+        if setting is True:
+            raise InputError(
+                f"{KEY}=true: features are cached for single frames, and data.sequence="
+                f"{data.windows.sequence} data.ahead={data.windows.ahead} make windows; set "
+                f"{KEY}=false"
+            )
+        _print(console, "frozen blocks are computed again in every epoch, because of windows")
         return None
     plan = plan_features(
         data.recording,

@@ -112,7 +112,10 @@ def make_plan(
         precision=precision,
         threads=_threads(parameters, world),
         batch_device=batch_device,
-        batches_per_step=GROUP if is_overhead and _may_step_together(trainer) else 1,
+        # Windows take more memory: a group has about as many images as one of single frames.
+        batches_per_step=max(1, GROUP // data.windows.sequence)
+        if is_overhead and _may_step_together(trainer)
+        else 1,
         compiled_batch=compiled_batch,
         features=plan_cached_features(config, network, data, device, console),
     )

@@ -1,7 +1,8 @@
-"""`python -m tests.zoo.drive.serve FOLDER [PATIENCE_S]`: a driver as a process for tests.
+"""`python -m tests.zoo.drive.serve FOLDER [PATIENCE_S|doubt]`: a driver as a process for tests.
 
-Its policy needs no torch: it steers by the image's redness, and fails for two colours. At the end
-it prints the number of sessions and tasks that it holds for clients; see `Served.held`.
+Its policy needs no torch: it steers by the image's redness, and fails for two colours. With `doubt`
+it also predicts a spread, and the driver serves the live page. At the end the process prints the
+number of sessions and tasks that it holds for clients; see `Served.held`.
 """
 
 import contextlib
@@ -27,6 +28,11 @@ def red_policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
     if frame.mean() < 5:
         raise RuntimeError("it is dark")
     return float(frame[..., 0].mean()) / 255, None
+
+
+def doubting_policy(frame: np.ndarray, speed_mph: float) -> tuple[float, None, float]:
+    """Return the mean of the blue channel, 0..1, as spread of the steering."""
+    return *red_policy(frame, speed_mph), float(frame[..., 2].mean()) / 255
 
 
 def picture(
@@ -86,7 +92,7 @@ def served(folder: Path, *command: str) -> Iterator[Served]:
         process.wait()
 
 
-def main(folder: str, patience_s: str | None = None) -> None:
+def main(folder: str, option: str | None = None) -> None:
     import gc
 
     from engineio.socket import Socket
@@ -103,11 +109,17 @@ def main(folder: str, patience_s: str | None = None) -> None:
 
     stop, notices = StopOnSignal(), Notices()
     writer = BackgroundWriter(Path(folder), notices)
-    driver = Driver(red_policy, Constant(0.2), SteeringFilter(), writer, notices, record=True)
-    server = DriveServer(driver, listen("127.0.0.1", 0))
+    policy = doubting_policy if option == "doubt" else red_policy
+    driver = Driver(policy, Constant(0.2), SteeringFilter(), writer, notices, record=True)
+    page = None
+    if option == "doubt":
+        from zoo.drive.live_page import LivePage
+
+        page = LivePage(driver)
+    server = DriveServer(driver, listen("127.0.0.1", 0), page)
     line = f"listening on http://127.0.0.1:{server.port}"
-    if patience_s is not None:
-        connections.HEAD_S = connections.QUIET_S = polling_sessions.QUIET_S = float(patience_s)
+    if option and page is None:
+        connections.HEAD_S = connections.QUIET_S = polling_sessions.QUIET_S = float(option)
     server.serve(lambda: notices.print(line), lambda: stop.asked)
     gc.collect()
     tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())

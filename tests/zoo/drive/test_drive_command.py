@@ -105,6 +105,8 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
         (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "speed.kp: no such key"),
         (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1: must be a number, 0 or more"),
         (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast: must be a number, 0 or more"),
+        (["CKPT", "speed=doubt"], "predicts no spread of its steering; drive a checkpoint"),
+        (["CKPT", "drive.speed=doubt", "speed.unsure=0"], "drive.speed.unsure=0: must be a number"),
         (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0: must be a number above 0"),
         (["CKPT", "drive.port=99999"], "port=99999: must be a whole number in 0..65535"),
         (["CKPT", "drive.margin=0"], "margin=0: must be a number of 0.2 or more, or null"),

@@ -331,3 +331,28 @@ def test_the_page_turns_red_when_the_car_leaves_the_road(folder: Path, tmp_path:
         shown(36, "Left the road, put back", "bad", cte="5.7200", put_back="1.0000")
         assert browser.value(said("interventions")) == "3"
         assert browser.errors == []
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; apt install chromium")
+def test_the_page_shows_the_band_of_a_policy_that_doubts(tmp_path: Path) -> None:
+    content = "document.getElementById('{}').textContent".format
+    serve = ("tests.zoo.drive.serve", str(tmp_path / "drive"), "doubt")
+    with (
+        served(tmp_path / "drive", *serve) as driver,
+        OldClient(driver.port) as simulator,
+        Browser(tmp_path / "profile", 1280, 800, "dark") as browser,
+    ):
+        browser.open(f"http://127.0.0.1:{driver.port}/")
+        browser.wait_for(f"{content('strip-name')} === 'Steering'")
+        for number in range(60):
+            red = round(60 + 40 * np.sin(number / 6))
+            simulator.telemetry(jpeg=picture((red, 40, 8 if number < 30 else 25)), speed="9.0000")
+            simulator.reply()
+            time.sleep(0.1)
+        browser.wait_for(f"{content('strip-name')}.includes('95 % band')")
+        band_deg = float(str(browser.value(content("band"))).strip("± °"))
+        assert band_deg == pytest.approx(1.96 * 25 / 255 * 25, abs=0.5)
+        size = "document.documentElement.{}"
+        assert browser.value(size.format("scrollHeight")) == 800, "it fits without scrolling"
+        browser.screenshot(tmp_path / "page.png")
+        assert browser.errors == []

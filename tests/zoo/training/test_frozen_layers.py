@@ -176,6 +176,7 @@ def test_a_run_that_goes_on_is_fed_the_features_of_its_own_front(
     [
         ("augment=[brightness,shift]", r"augment=\[brightness,shift\] changes every image"),
         ("model.trainable_blocks=5", r"no block of the network is frozen"),
+        ("data.sequence=2", r"cache_features=true: .*data.sequence=2.* set .*cache_features=false"),
         ("model.cache_features=maybe", r"cache_features=maybe is not auto, true or false"),
     ],
 )
@@ -194,6 +195,7 @@ def test_what_cannot_be_cached_is_refused_in_words(
             ("augment=[brightness]",),
             "computed again in every epoch, because of augment=[brightness]",
         ),
+        (("data.sequence=2",), "because of windows"),
         (("trainer.max_epochs=1",), "of 240"),
         (("model.trainable_blocks=5",), ""),
     ],

@@ -9,6 +9,7 @@ const SILENT_S = 1.5; // without telemetry, after which the status warns
 const LOST_S = 3; // that the status shows an intervention after which the car was put back at once
 const CHART_S = 30;
 const MAX_STEERING_DEG = 25; // of the front wheels, at a steering of 1
+const BAND = 1.96; // spreads on each side that hold 95 % of a normal distribution
 const WHEEL_RATIO = 6; // angle of the drawn steering wheel per angle of the front wheels
 
 const $ = (id) => document.getElementById(id);
@@ -20,7 +21,7 @@ let movedAt = 0; // state.time_s of the last telemetry
 let lostAt = -Infinity; // state.time_s of the last intervention that the driver counted
 let lostWords = "";
 const counts = []; // [time_s, telemetry] of the last 2 s
-const trace = []; // [time_s, steering or null]
+const trace = []; // [time_s, steering or null, half the width of its band]
 
 async function get(path) {
   const response = await fetch(path, { cache: "no-store", signal: AbortSignal.timeout(5000) });
@@ -62,9 +63,12 @@ function show(next) {
   if (state === null || next.telemetry !== state.telemetry) movedAt = next.time_s;
   noteLost(next);
   state = next;
-  const { steering, throttle, speed_mph: speed, cross_track_m: offset } = state;
-  note(state.time_s, state.telemetry, steering);
+  const { steering, spread, throttle, speed_mph: speed, cross_track_m: offset } = state;
+  const band = spread === null ? 0 : BAND * spread;
+  note(state.time_s, state.telemetry, steering, band);
   text("angle", steering === null ? dash : `${number(steering * MAX_STEERING_DEG, 1, true)}°`);
+  text("band", spread === null ? "" : `± ${number(band * MAX_STEERING_DEG, 1)}°`);
+  text("strip-name", spread === null ? "Steering" : "Steering with its 95 % band");
   $("wheel").style.transform = `rotate(${(steering ?? 0) * MAX_STEERING_DEG * WHEEL_RATIO}deg)`;
   text("speed-value", number(speed, 1));
   text("pedal-name", throttle < 0 ? "Brake" : "Throttle");
@@ -161,9 +165,9 @@ function shortName(path) {
   return parts.slice(-3).join(" / ") || "no checkpoint";
 }
 
-function note(time, telemetry, steering) {
+function note(time, telemetry, steering, band) {
   const moves = state.clients > 0 && time - movedAt < SILENT_S && !state.overridden;
-  trace.push([time, moves ? steering : null]);
+  trace.push([time, moves ? steering : null, band]);
   while (trace[0][0] < time - CHART_S) trace.shift();
   counts.push([time, telemetry]);
   while (counts[0][0] < time - 2) counts.shift();
@@ -188,7 +192,7 @@ function drawChart() {
   const pen = canvas.getContext("2d");
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, width, height);
-  const most = Math.max(...trace.map(([, steering]) => Math.abs(steering ?? 0)));
+  const most = Math.max(...trace.map(([, steering, band]) => Math.abs(steering ?? 0) + band));
   const range = [0.2, 0.4, 0.6, 0.8, 1].find((one) => most <= one * 0.95) ?? 1;
   const [top, bottom] = [40, height - 16]; // below the heading
   const middle = (top + bottom) / 2;
@@ -211,6 +215,7 @@ function drawChart() {
   pen.fillText("0°", right + 12, middle);
   pen.fillText(`${degrees}° right`, right + 12, y(range));
   pen.strokeStyle = pen.fillStyle = colour("--accent");
+  drawBand(pen, x, (steering) => y(Math.min(Math.max(steering, -range), range)));
   pen.lineWidth = 3;
   pen.lineJoin = pen.lineCap = "round";
   pen.beginPath();
@@ -225,6 +230,23 @@ function drawChart() {
     pen.arc(right, y(trace[trace.length - 1][1]), 5, 0, 7);
     pen.fill();
   }
+}
+
+function drawBand(pen, x, y) {
+  const sides = []; // [time_s, upper end, lower end]
+  pen.globalAlpha = 0.3;
+  for (const [time, steering, band] of [...trace, [0, null, 0]]) {
+    if (steering !== null && band > 0) {
+      sides.push([time, steering - band, steering + band]);
+    } else if (sides.length) {
+      pen.beginPath();
+      for (const [at, upper] of sides) pen.lineTo(x(at), y(upper));
+      for (const [at, , lower] of sides.reverse()) pen.lineTo(x(at), y(lower));
+      pen.fill();
+      sides.length = 0;
+    }
+  }
+  pen.globalAlpha = 1;
 }
 
 let messageEnds = 0;
