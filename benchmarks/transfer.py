@@ -2,12 +2,13 @@
 
 It trains EfficientNet-Lite0 on 10, 30 and 100 % of the training rows of a recording: from scratch,
 with frozen random blocks, with frozen ImageNet blocks, and fine-tuned from ImageNet. All trainings
-draw the same number of samples and have the same validation and test rows. Each network drives
-the track of the recording and one that no training uses.
+draw the same number of samples and have the same validation and test rows. After the trainings
+each network drives the track of the recording and one that no training uses.
 
 The script writes `docs/transfer.csv`, one training per line, and from it the figure and the table
 of `docs/models/efficientnet_lite0.md`; `runs=false` writes these alone. Runs are kept in
-`outputs/transfer`. A finished training is not repeated, so that an interrupted command resumes.
+`outputs/transfer`. Finished trainings and drives are not repeated, so that an interrupted command
+resumes; figure and table then name what was not run.
 """
 
 import csv
@@ -54,9 +55,8 @@ COMMON = (
     "callbacks=published",
     "callbacks.best.monitor=train/loss",
     "optim.lr=0.001",
-    f"score.track=[{','.join(TRACKS)}]",
-    "score.candidate_laps=0",
-    "score.film=false",
+    "data.batch_size=32",
+    "score=none",
 )
 
 
@@ -68,7 +68,7 @@ class TransferOptions:
         samples: number of samples that each training draws.
         seeds: number of training seeds.
         size: height and width of the view, pixels.
-        laps: laps of each drive.
+        laps: laps of each drive; 0 does not drive.
         only: part of the names of settings; null for all.
         threads: number of OpenMP threads of a training.
         runs: whether to train; false writes figure and table from `docs/transfer.csv` alone.
@@ -94,7 +94,7 @@ class Training:
     def folder(self, options: TransferOptions) -> Path:
         """Return the run's folder; options that change its figures are in its name."""
         height, width = options.size
-        length = f"{options.samples}-{height}x{width}-{options.laps:g}"
+        length = f"{options.samples}-{height}x{width}"
         name = f"{self.setting.replace(' ', '_')}-{100 * self.share:.0f}"
         return RUNS / length / name / str(self.seed)
 
@@ -109,7 +109,6 @@ class Training:
             f"data.split={split_file(self.share)}",
             f"data.samples_per_epoch={options.samples // EPOCHS}",
             f"trainer.max_epochs={EPOCHS}",
-            f"score.laps={options.laps:g}",
             f"seed={self.seed}",
         ]
 
@@ -158,47 +157,43 @@ def trainings(options: TransferOptions) -> list[Training]:
     ]
 
 
+def drive_file(folder: Path, track: str, laps: float) -> Path:
+    """Return the path of a drive's figures."""
+    return folder / f"transfer-{track}-{laps:g}.json"
+
+
 def csv_row(training: Training, options: TransferOptions) -> dict:
-    """Return a finished training's line of `docs/transfer.csv`."""
+    """Return a training's line of `docs/transfer.csv`; cells of missing drives are empty."""
     folder = training.folder(options)
     metrics = json.loads((folder / "metrics.json").read_text())
-    figures = {
-        f"{part}_{name}": round(metrics["open_loop"][part][name], 6)
-        for part in ("val", "test")
-        for name in ("mse", "balanced_mae")
-    }
-    for track in TRACKS:
-        driven = metrics["drive"]["tracks"][track]
-        for key in ("autonomy", "interventions", "cte_mean_m"):
-            figures[f"{track}_{key}"] = round(driven[key][0], 4)
-    with split_file(training.share).open(newline="") as file:
-        rows = sum(row["part"] == "train" for row in csv.DictReader(file))
-    return {
+    with (folder / "split.csv").open(newline="") as file:
+        train_rows = sum(line["part"] == "train" for line in csv.DictReader(file))
+    row = {
         "setting": training.setting,
         "share": training.share,
         "seed": training.seed,
         "samples": options.samples,
         "size": "x".join(map(str, options.size)),
-        "laps": options.laps,
-        "train_rows": rows,
+        "train_rows": train_rows,
         "val_zero_mse": round(metrics["baselines"]["val"]["always zero"]["mse"], 6),
-        **figures,
-        "command": shlex.join(["python", "-m", "zoo", *training.words(options)]),
     }
+    for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
+        row[f"{part}_{name}"] = round(metrics["open_loop"][part][name], 6)
+    row["laps"] = f"{options.laps:g}"
+    for track in TRACKS:
+        path = drive_file(folder, track, options.laps)
+        driven = json.loads(path.read_text()) if path.is_file() else {}
+        for name in ("autonomy", "interventions", "cte_mean_m"):
+            row[f"{track}_{name}"] = round(driven[name], 4) if driven else ""
+    return row | {"command": shlex.join(["python", "-m", "zoo", *training.words(options)])}
 
 
 def merge(rows: list[dict]) -> list[dict]:
     """Return the lines of `docs/transfer.csv`, with new ones in place of their older versions."""
 
     def key(row: dict) -> tuple:
-        return (
-            int(row["samples"]),
-            row["size"],
-            float(row["laps"]),
-            SETTINGS.index(row["setting"]),
-            float(row["share"]),
-            int(row["seed"]),
-        )
+        place = SETTINGS.index(row["setting"]), float(row["share"]), int(row["seed"])
+        return int(row["samples"]), row["size"], *place
 
     kept = {key(row): row for row in read_csv()} if CSV.is_file() else {}
     kept |= {key(row): row for row in rows}
@@ -215,20 +210,39 @@ def write_csv(rows: list[dict]) -> None:
 
 
 def make_runs(options: TransferOptions) -> None:
-    """Make the missing trainings, and write `docs/transfer.csv` after each.
+    """Train and drive what is missing; write `docs/transfer.csv` after each step.
 
     Raises:
         InputError: a training failed.
     """
     write_splits()
-    for training in trainings(options):
+    chosen = trainings(options)
+    for training in chosen:
         folder = training.folder(options)
         if not (folder / "metrics.json").is_file():
-            words = training.words(options)
-            if train_logged(folder, words, options.threads):
+            if train_logged(folder, training.words(options), options.threads):
                 raise InputError(f"{folder}: the training failed; see its log.txt")
             print(f"{folder}: finished", flush=True)
         write_csv(merge([csv_row(training, options)]))
+    for training, track in itertools.product(chosen, TRACKS if options.laps else ()):
+        path = drive_file(training.folder(options), track, options.laps)
+        if not path.is_file():
+            drive_and_keep(path, track, options.laps)
+        write_csv(merge([csv_row(training, options)]))
+
+
+def drive_and_keep(path: Path, track: str, laps: float) -> None:
+    """Drive the best checkpoint beside `path`, and write the figures there."""
+    import torch
+
+    from zoo.evaluate.many_drives import Setup, drive_once
+    from zoo.runs.whole_file import json_text, write_whole
+
+    torch.set_num_threads(1)  # one frame is too little work for two threads
+    checkpoint = path.parent / "checkpoints" / "best.ckpt"
+    figures = drive_once(str(checkpoint), Setup(track, laps=laps), None)
+    write_whole(path, json_text(figures))
+    print(f"{path}: autonomy {figures['autonomy']:.3f}", flush=True)
 
 
 def main(arguments: list[str]) -> None:

@@ -12,13 +12,13 @@ from benchmarks.marked_page import markdown_table, write_between
 from zoo.runs.plots import BLUE, GREY, ORANGE, save_figure
 
 CSV, PAGE = Path("docs/transfer.csv"), Path("docs/models/efficientnet_lite0.md")
-PLOT = Path("docs/images/transfer.png")
+PLOT = Path("docs/transfer.png")
 BEGIN, END = "<!-- transfer -->", "<!-- end of transfer -->"
 SHARES = (0.1, 0.3, 1.0)
 SETTINGS = ("scratch", "frozen random", "frozen ImageNet", "fine-tuned ImageNet")
 COLOURS = dict(zip(SETTINGS, ("black", GREY, ORANGE, BLUE), strict=True))
 TRACKS = ("udacity_lake", "udacity_jungle")  # of the recording, and never seen
-GROUP = ("samples", "size", "laps")  # trainings that differ in these are not compared
+GROUP = ("samples", "size")  # trainings that differ in these are not compared
 
 
 def read_csv() -> list[dict]:
@@ -34,7 +34,7 @@ def write_page(rows: list[dict]) -> list[Path]:
     """
     shown = largest_group(rows)
     save_figure(plot(shown), PLOT)
-    image = f"![what ImageNet weights help]({Path('..', PLOT.relative_to('docs'))})"
+    image = f"![what ImageNet weights help](../{PLOT.name})"
     write_between(PAGE, BEGIN, END, f"{made(shown)}\n\n{image}\n\n{table(shown)}")
     return [PAGE, PLOT]
 
@@ -48,18 +48,30 @@ def largest_group(rows: list[dict]) -> list[dict]:
 
 
 def made(rows: list[dict]) -> str:
-    """Return the sentence on what was run, and which trainings are missing."""
+    """Return what was run, and which trainings and drives are missing."""
     first = rows[0]
     seeds = max(int(row["seed"]) for row in rows)
+    laps = sorted({float(row["laps"]) for row in rows})
+    planned = [
+        (setting, share, seed)
+        for seed in range(1, seeds + 1)
+        for share in SHARES
+        for setting in SETTINGS
+    ]
     done = {(row["setting"], float(row["share"]), int(row["seed"])) for row in rows}
-    planned = [(a, b, c) for c in range(1, seeds + 1) for b in SHARES for a in SETTINGS]
-    missing = [f"{a} at {100 * b:.0f} % (seed {c})" for a, b, c in planned if (a, b, c) not in done]
+    untrained = [one for one in planned if one not in done]
+    undriven = sum(row[f"{track}_autonomy"] == "" for row in rows for track in TRACKS)
     text = (
         f"{len(rows)} trainings of {int(first['samples']):,} samples each, view "
-        f"{first['size'].replace('x', ' x ')}, with {count_of(seeds, 'training seed')}; drives of "
-        f"{float(first['laps']):g} laps."
+        f"{first['size'].replace('x', ' x ')}, {count_of(seeds, 'training seed')}; drives of "
+        f"{' and '.join(f'{one:g}' for one in laps)} laps."
     )
-    return text + (f" Not run: {', '.join(missing)}." if missing else "")
+    if untrained:
+        names = (f"{name}, {100 * share:.0f} %, seed {seed}" for name, share, seed in untrained)
+        text += f" Not trained: {'; '.join(names)}."
+    if undriven:
+        text += f" Not driven: {undriven} of {len(rows) * len(TRACKS)} drives."
+    return text
 
 
 def count_of(count: int, noun: str) -> str:
@@ -86,7 +98,7 @@ def table(rows: list[dict]) -> str:
                         f"{100 * share:.0f} % ({int(runs[0]['train_rows']):,})",
                         str(len(runs)),
                         f"{np.mean(relative_errors(runs)):.2f}",
-                        *(mean_with_interval(autonomies(runs, track)) for track in TRACKS),
+                        *(_autonomy(runs, track) for track in TRACKS),
                     ]
                 )
     return markdown_table(head, lines, left=2)
@@ -103,8 +115,14 @@ def relative_errors(runs: list[dict]) -> list[float]:
 
 
 def autonomies(runs: list[dict], track: str) -> list[float]:
-    """Return each training's autonomy on a track, percent."""
-    return [100 * float(run[f"{track}_autonomy"]) for run in runs]
+    """Return the autonomy of the trainings that drove a track, percent."""
+    driven = [run[f"{track}_autonomy"] for run in runs]
+    return [100 * float(one) for one in driven if one != ""]
+
+
+def _autonomy(runs: list[dict], track: str) -> str:
+    driven = autonomies(runs, track)
+    return mean_with_interval(driven) if driven else "-"
 
 
 def plot(rows: list[dict]) -> Figure:

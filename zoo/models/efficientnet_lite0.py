@@ -2,7 +2,8 @@
 
 Lite0 (Liu 2020, tensorflow/tpu, models/official/efficientnet/lite) is B0 for small processors: no
 squeeze-and-excitation, and ReLU6 in place of swish. Here it ends before its classifier, the last
-1 x 1 convolution to 1,280 channels and the dense layer. Padding, batch normalization and the scale
+1 x 1 convolution to 1,280 channels and the dense layer. A 1 x 1 convolution to fewer channels
+stands before the head, which keeps where in the image a feature is. Padding, batch normalization and the scale
 of pixels are those that the public weights were trained with.
 """
 
@@ -65,7 +66,7 @@ class NormedConv(nn.Module):
 
 
 class InvertedResidual(nn.Module):
-    """MobileNetV2's block: expand channels, convolve each alone, project; added to its input."""
+    """MobileNetV2's block: expand the channels, convolve each alone, project; add the input."""
 
     def __init__(self, inputs: int, outputs: int, kernel: int, stride: int, expansion: int) -> None:
         super().__init__()
@@ -94,6 +95,7 @@ class EfficientNetLite0(Transfer):
         activation: `elu` or `relu`, in the head.
         dropout: rate before the output.
         units: number of units in the head's hidden layer.
+        channels: number of channels that the head gets.
         scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
@@ -107,16 +109,17 @@ class EfficientNetLite0(Transfer):
         activation: str = "elu",
         dropout: float = 0.5,
         units: int = 128,
+        channels: int = 32,
         scale: tuple[float, float] = SCALE,
     ) -> None:
         check_trainable_blocks(trainable_blocks, BLOCKS)
         layers: list[nn.Module] = [NormedConv(3, STEM, 3, 2, 1, linear=False)]
         inputs = STEM
-        for repeats, kernel, stride, expansion, channels in STAGES:
+        for repeats, kernel, stride, expansion, outputs in STAGES:
             for number in range(repeats):
                 first = stride if number == 0 else 1
-                layers.append(InvertedResidual(inputs, channels, kernel, first, expansion))
-                inputs = channels
+                layers.append(InvertedResidual(inputs, outputs, kernel, first, expansion))
+                inputs = outputs
         super().__init__(
             shape,
             Normalize(scale),
@@ -125,6 +128,7 @@ class EfficientNetLite0(Transfer):
             activation,
             dropout,
             units,
+            reduce=NormedConv(inputs, channels, 1, 1, 1, linear=False),
         )
 
     @staticmethod

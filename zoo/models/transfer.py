@@ -22,6 +22,7 @@ class Transfer(nn.Module):
         activation: `elu` or `relu`, in the head.
         dropout: rate before the output.
         units: number of units in the head's hidden layer.
+        reduce: layers between `features` and the head; None for none.
     """
 
     takes_speed = False
@@ -38,6 +39,7 @@ class Transfer(nn.Module):
         activation: str,
         dropout: float,
         units: int,
+        reduce: nn.Module | None = None,
     ) -> None:
         super().__init__()
         name = type(self).__name__
@@ -46,10 +48,12 @@ class Transfer(nn.Module):
         self._frozen_layers = frozen_layers
         self.normalize = normalize
         self.features = features
+        self.reduce = reduce
         for layer in self.features[:frozen_layers]:
             layer.requires_grad_(False)
+        layers = features if reduce is None else nn.Sequential(features, reduce)
         self.head = nn.Sequential(
-            nn.Linear(feature_shape(self.features, shape, name).numel(), units),
+            nn.Linear(feature_shape(layers, shape, name).numel(), units),
             activation_layer(activation),
             nn.Dropout(dropout),
             nn.Linear(units, 1),
@@ -94,6 +98,8 @@ class Transfer(nn.Module):
         features = features.to(self.head[-1].weight.dtype)
         for layer in islice(self.features, self._frozen_layers, None):
             features = layer(features)
+        if self.reduce is not None:
+            features = self.reduce(features)
         return self.head(features.flatten(1))
 
     def forward(self, images: Tensor) -> Tensor:
