@@ -2,9 +2,9 @@
 
 Lite0 (Liu 2020, tensorflow/tpu, models/official/efficientnet/lite) is B0 for small processors: no
 squeeze-and-excitation, and ReLU6 in place of swish. Here it ends before its classifier, the last
-1 x 1 convolution to 1,280 channels and the dense layer. A 1 x 1 convolution to fewer channels
-stands before the head, which keeps where in the image a feature is. Padding, batch normalization and the scale
-of pixels are those that the public weights were trained with.
+1 x 1 convolution to 1,280 channels and the dense layer. In their place, a 1 x 1 convolution to few
+channels keeps where in the image a feature is. Padding, batch normalization and the scale of pixels
+are those that the public weights were trained with.
 """
 
 import re
