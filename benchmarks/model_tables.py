@@ -13,8 +13,7 @@ from torch import nn
 
 from benchmarks.marked_page import markdown_table, write_between
 from zoo.cli.compose import compose_config
-from zoo.models.commaai import SameConv2d
-from zoo.models.layers import SCALE, Normalize
+from zoo.models.layers import SCALE, Normalize, SameConv2d
 from zoo.models.make_network import make_network, published_view
 from zoo.models.network_facts import multiply_adds
 from zoo.models.vgg import ImageNetNormalize
@@ -94,7 +93,8 @@ def layer_words(module: nn.Module) -> str:
             same = ", same size" if any(module.padding) else ""
             if isinstance(module, SameConv2d):
                 same = ", padded as TensorFlow's same"
-            return f"convolution, {module.out_channels} of {kernel}{stride}{same}"
+            each = " of each channel" if module.groups == module.in_channels > 1 else ""
+            return f"convolution{each}, {module.out_channels} of {kernel}{stride}{same}"
         case nn.Linear():
             return f"dense, {module.out_features}"
         case nn.MaxPool1d() | nn.MaxPool2d():

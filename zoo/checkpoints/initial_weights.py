@@ -13,6 +13,7 @@ from zoo.checkpoints.checkpoint import (
     load_plain,
     read_checkpoint_file,
 )
+from zoo.models.transfer import Transfer
 
 IMAGENET = "imagenet"
 KERAS_SUFFIXES = (".h5", ".hdf5", ".keras", ".json")
@@ -24,22 +25,22 @@ def load_weights(network: nn.Module, source: str) -> str:
 
     Args:
         network: network that gets the weights.
-        source: `imagenet` (VGG16's, downloaded once); a run's folder or `latest`; or a file:
-            drivezoo's `.ckpt`, a state dict in `.pth` or `.pt` (of the whole network, or VGG16's
-            public one), or Keras' `.h5`, `.keras` or `.json` with weights beside it.
+        source: `imagenet` (the public weights that the network names); a run's folder or `latest`;
+            or a file: drivezoo's `.ckpt`, a state dict in `.pth` or `.pt` (of the whole network, or
+            the public one), or Keras' `.h5`, `.keras` or `.json` with weights beside it.
 
     Raises:
         InputError: the file does not exist, cannot be read, contains code or does not fit.
     """
     if source == IMAGENET:
-        if not hasattr(network, "backbone"):  # check before 528 MB are downloaded
+        if not isinstance(network, Transfer):
             raise InputError(
                 f"model.weights=imagenet: there are no such weights for {type(network).__name__}; "
-                "set model=vgg, or model.weights=null"
+                "set model=vgg or model=efficientnet_lite0, or model.weights=null"
             )
         from zoo.checkpoints.imagenet_weights import imagenet_file
 
-        path = imagenet_file()
+        path = imagenet_file(network.imagenet_source)
     else:
         try:
             path = find_checkpoint(source)
@@ -61,20 +62,20 @@ def load_weights(network: nn.Module, source: str) -> str:
 
 
 def load_state(network: nn.Module, state: dict[str, Tensor], path: Path) -> str:
-    """Load a state dict of the network, or VGG16's public one.
+    """Load a state dict of the network, or its public ImageNet weights.
 
-    Of the public one only `features.N` is loaded; a `classifier` in it is ignored.
+    Of the public ones only the convolutions are loaded; the classifier is ignored.
 
     Raises:
         InputError: names the first tensor that does not fit; see `check_fit`.
     """
     own = network.state_dict()
-    is_public_vgg = hasattr(network, "backbone") and not any(n.startswith("head.") for n in state)
-    if is_public_vgg:
+    loaded = f"{len(state)} tensors"
+    if isinstance(network, Transfer) and not any(name.startswith("head.") for name in state):
         own = {name: tensor for name, tensor in own.items() if name.startswith("features.")}
-        state = {name: one for name, one in state.items() if not name.startswith("classifier.")}
+        state = network.public_state(state)
+        loaded = f"{network.published_name}'s convolutions"
     fix = "set model and data.crop to those of the file's training"
     check_fit(own, state, type(network).__name__, path, fix)
     network.load_state_dict(state, strict=False)
-    loaded = "VGG16's convolutions" if is_public_vgg else f"{len(state)} tensors"
     return f"{loaded} from {path}"

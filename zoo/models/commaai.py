@@ -1,22 +1,15 @@
 """comma.ai's steering network, 2016: https://github.com/commaai/research."""
 
-import torch.nn.functional as F
 from torch import Tensor, nn
 
-from zoo.models.layers import SCALE, Dropout, Normalize, activation_layer, feature_shape
-
-
-class SameConv2d(nn.Conv2d):
-    """A convolution with TensorFlow's "same" padding: an odd padding adds more at the end."""
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the convolution of padded images."""
-        padding: list[int] = []
-        sizes = zip(images.shape[2:], self.kernel_size, self.stride, strict=True)
-        for size, kernel, stride in sizes:
-            total = max((-(-size // stride) - 1) * stride + kernel - size, 0)
-            padding = [total // 2, total - total // 2, *padding]  # F.pad takes the width first
-        return super().forward(F.pad(images, padding))
+from zoo.models.layers import (
+    SCALE,
+    Dropout,
+    Normalize,
+    SameConv2d,
+    activation_layer,
+    feature_shape,
+)
 
 
 class CommaAi(nn.Module):

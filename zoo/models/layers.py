@@ -5,6 +5,7 @@ from typing import Sequence  # noqa: UP035 torch 2.4 accepts no other
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import Tensor, library, nn
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU}
@@ -56,6 +57,19 @@ def checked_scale(scale: object) -> tuple[float, float]:
         f"model.scale={scale!s:.100}: should be two finite numbers, the first not 0; set "
         "model.scale=[127.5,1] for pixel / 127.5 - 1"
     )
+
+
+class SameConv2d(nn.Conv2d):
+    """A convolution with TensorFlow's "same" padding: an odd padding adds more at the end."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Return the convolution of padded images."""
+        padding: list[int] = []
+        sizes = zip(images.shape[2:], self.kernel_size, self.stride, strict=True)
+        for size, kernel, stride in sizes:
+            total = max((-(-size // stride) - 1) * stride + kernel - size, 0)
+            padding = [total // 2, total - total // 2, *padding]  # F.pad takes the width first
+        return super().forward(F.pad(images, padding))
 
 
 class Dropout(nn.Dropout):

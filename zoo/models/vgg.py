@@ -4,12 +4,10 @@ arXiv:1409.1556. The convolutions have the names of the public PyTorch weights
 (`features.0.weight` ...), so a downloaded state dict loads without changes.
 """
 
-from itertools import islice
-
 import torch
 from torch import Tensor, nn
 
-from zoo.models.layers import activation_layer, feature_shape
+from zoo.models.transfer import Transfer, check_trainable_blocks
 
 BLOCKS = [[64, 64], [128, 128], [256, 256, 256], [512, 512, 512], [512, 512, 512]]
 
@@ -29,7 +27,7 @@ class ImageNetNormalize(nn.Module):
         return (images.to(self.mean.dtype) - self.mean) / self.std
 
 
-class Vgg16(nn.Module):
+class Vgg16(Transfer):
     """VGG16's convolutions with a regression head.
 
     Args:
@@ -40,8 +38,8 @@ class Vgg16(nn.Module):
         units: number of units in the head's hidden layer.
     """
 
-    takes_speed = False
-    outputs = 1
+    published_name = "VGG16"
+    imagenet_source = "https://download.pytorch.org/models/vgg16-397923af.pth"
 
     def __init__(
         self,
@@ -51,13 +49,7 @@ class Vgg16(nn.Module):
         dropout: float = 0.5,
         units: int = 128,
     ) -> None:
-        super().__init__()
-        if shape[0] != 3:
-            raise ValueError(f"Vgg16 takes 3 channels, not {shape[0]}: set model.colour=rgb")
-        if trainable_blocks not in range(len(BLOCKS) + 1):
-            raise ValueError(
-                f"model.trainable_blocks={trainable_blocks}: set a number from 0 to {len(BLOCKS)}"
-            )
+        check_trainable_blocks(trainable_blocks, len(BLOCKS))
         layers: list[nn.Module] = []
         first_trainable = 0
         channels = 3
@@ -70,49 +62,17 @@ class Vgg16(nn.Module):
             layers += [nn.MaxPool2d(2)]
         if trainable_blocks == 0:
             first_trainable = len(layers)
-        self._frozen_layers = first_trainable
-        self.normalize = ImageNetNormalize()
-        self.features = nn.Sequential(*layers)
-        for layer in self.features:
+        for layer in layers:
             if isinstance(layer, nn.Conv2d):
                 # With PyTorch's default weights the signal vanishes over thirteen layers.
                 nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
                 nn.init.zeros_(layer.bias)
-        for layer in self.features[:first_trainable]:
-            layer.requires_grad_(False)
-        self.head = nn.Sequential(
-            nn.Linear(feature_shape(self.features, shape, "Vgg16").numel(), units),
-            activation_layer(activation),
-            nn.Dropout(dropout),
-            nn.Linear(units, 1),
+        features = nn.Sequential(*layers)
+        super().__init__(
+            shape, ImageNetNormalize(), features, first_trainable, activation, dropout, units
         )
 
-    @property
-    def backbone(self) -> nn.Module:
-        """The pretrained part, which can have its own learning rate (`optim.backbone_lr`)."""
-        return self.features
-
-    @property
-    def frozen_front(self) -> nn.Module | None:
-        """The frozen layers, whose features of an image never change; None without any."""
-        if not self._frozen_layers:
-            return None
-        return nn.Sequential(self.normalize, *self.features[: self._frozen_layers])
-
-    def front(self, images: Tensor) -> Tensor:
-        """Return the features [N, c, h, w] of the frozen layers."""
-        features = self.normalize(images)
-        for layer in islice(self.features, self._frozen_layers):
-            features = layer(features)
-        return features
-
-    def rest(self, features: Tensor) -> Tensor:
-        """Return the steering [N, 1] for the frozen layers' features, of any float dtype."""
-        features = features.to(self.head[-1].weight.dtype)
-        for layer in islice(self.features, self._frozen_layers, None):
-            features = layer(features)
-        return self.head(features.flatten(1))
-
-    def forward(self, images: Tensor) -> Tensor:
-        """Return the steering [N, 1] for images [N, 3, H, W]."""
-        return self.rest(self.front(images))
+    @staticmethod
+    def public_state(state: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Return the convolutions' tensors; the classifier's are left out."""
+        return {name: one for name, one in state.items() if not name.startswith("classifier.")}

@@ -225,6 +225,8 @@ def silence_libraries() -> None:
         ".*The `srun` command is available on your system but is not used.*",
         # Every process has the first process's figures.
         ".*when logging on epoch level in distributed setting to accumulate the metric.*",
+        # Frozen layers evaluate: batch normalization keeps its statistics.
+        ".*module\\(s\\) in eval mode at the start of training.*",
         # data.val_share=0 is allowed.
         ".*Total length of `list` across ranks is zero.*",
     ]

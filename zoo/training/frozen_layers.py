@@ -56,7 +56,7 @@ def plan_cached_features(
     if frozen is None:
         if setting is True:
             raise InputError(
-                f"{KEY}=true: no block of the network is frozen; set model.trainable_blocks=4"
+                f"{KEY}=true: no block of the network is frozen; lower model.trainable_blocks"
             )
         return None
     changes = [name for name, one in (config.data.augment or {}).items() if one]
@@ -105,7 +105,7 @@ def random_front_lines(weights: str | None, network: nn.Module) -> list[str]:
         return []
     return [
         "frozen blocks keep their random weights (model.weights=null): random features; "
-        "model.trainable_blocks=5 trains all blocks"
+        "a larger model.trainable_blocks trains them"
     ]
 
 

