@@ -1,6 +1,7 @@
 """What a policy returns, and the state that some policies keep between frames."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,17 @@ PolicyFunction = Callable[[Any, float], Command | tuple[float, float | None]]
 def call_policy(policy: PolicyFunction, frame: np.ndarray | None, speed_mph: float) -> Command:
     """Return a policy's command for a frame; see `PolicyFunction`."""
     return Command(*policy(frame, speed_mph))
+
+
+def spread_command(outputs: Sequence[float]) -> Command:
+    """Return the command of a network with `predicts_spread`, from its row of outputs.
+
+    >>> spread_command([1.25, math.log(0.5)])
+    Command(steering=1.0, throttle=None, spread=0.5)
+    """
+    *controls, log_spread = outputs
+    steering, *throttle = (min(max(one, -1.0), 1.0) for one in controls)
+    return Command(steering, *(throttle or [None]), spread=math.exp(min(log_spread, 100.0)))
 
 
 def reset_policy(policy: PolicyFunction) -> None:

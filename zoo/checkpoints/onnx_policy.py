@@ -40,7 +40,7 @@ class OnnxPolicy:
         view: the network's input.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`.
         name, parameters: the network's class, and its number of parameters.
-        takes_speed, outputs: as in the networks of `zoo.models`.
+        takes_speed, outputs, predicts_spread: as in the networks of `zoo.models`.
 
     Raises:
         InputError: the file does not exist, is not an ONNX file of drivezoo or returns NaN; or
@@ -54,7 +54,8 @@ class OnnxPolicy:
         self.view, self.config, self.data = card["view"], card["config"], card["data"]
         self.name, self.parameters = card["network"], card["parameters"]
         self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
-        self.outputs = self.session.get_outputs()[0].shape[1]
+        self.predicts_spread = card["predicts_spread"]
+        self.outputs = self.session.get_outputs()[0].shape[1] - self.predicts_spread
         _check_finite(self)
 
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
@@ -64,10 +65,13 @@ class OnnxPolicy:
             frame: RGB image of the centre camera, uint8 [160, 320, 3].
             speed_mph: the car's speed in mph.
         """
-        return Command(*self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist())
+        out = self.predict(self.view(frame)[None], np.array([speed_mph]))[0].tolist()
+        if self.predicts_spread:
+            return Command(out[0], out[1] if self.outputs > 1 else None, out[-1])
+        return Command(*out)
 
     def predict(self, images: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
-        """Return the outputs for a batch, float32 [N, outputs] in -1..1.
+        """Return the outputs for a batch, float32 [N, outputs] in -1..1, then the spread, if any.
 
         Args:
             images: images after the view, uint8 [N, H, W, C].
@@ -76,7 +80,10 @@ class OnnxPolicy:
         feed = {IMAGES: np.ascontiguousarray(images.transpose(0, 3, 1, 2))}
         if self.takes_speed:
             feed[SPEED] = speed_mph.astype(np.float32)
-        return self.session.run(None, feed)[0].clip(-1, 1)
+        out = self.session.run(None, feed)[0]
+        if self.predicts_spread:
+            return np.hstack([out[:, :-1].clip(-1, 1), np.exp(out[:, -1:])])
+        return out.clip(-1, 1)
 
 
 def _check_finite(policy: OnnxPolicy) -> None:
@@ -147,8 +154,10 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         if card["format"] != FORMAT:
             raise InputError(f"has format {card['format']}, this version reads {FORMAT}")
         view = View.from_dict(card["view"])
-        _check_inputs(session, view)
+        predicts_spread = card.get("predicts_spread") is True  # earlier files lack it
+        _check_inputs(session, view, predicts_spread)
         return {
+            "predicts_spread": predicts_spread,
             "view": view,
             "config": dict(card["config"]),
             "data": dict(card["data"]),
@@ -162,7 +171,9 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         ) from None
 
 
-def _check_inputs(session: "onnxruntime.InferenceSession", view: View) -> None:
+def _check_inputs(
+    session: "onnxruntime.InferenceSession", view: View, predicts_spread: bool
+) -> None:
     height, width, channels = view.shape
     inputs = {one.name: (one.type, list(one.shape[1:])) for one in session.get_inputs()}
     images = inputs.pop(IMAGES, None)
@@ -172,6 +183,7 @@ def _check_inputs(session: "onnxruntime.InferenceSession", view: View) -> None:
         images != ("tensor(uint8)", [channels, height, width])
         or speed not in (None, ("tensor(float)", []))
         or inputs
-        or [shape[1:] for shape in outputs] not in ([[1]], [[2]])
+        or [shape[1:] for shape in outputs]
+        not in ([[1 + predicts_spread]], [[2 + predicts_spread]])
     ):
         raise InputError(f"its graph does not take its view, {width} x {height} {view.colour}")

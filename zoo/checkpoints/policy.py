@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.command import Command
+from zoo.checkpoints.command import Command, spread_command
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 
@@ -21,7 +21,8 @@ class Policy:
     Attributes:
         network: network in evaluation mode, on the CPU; must not be changed.
         forward: faster function with the outputs of `network`. `OnnxPolicy` lacks these two.
-        view, config, data, name, parameters, takes_speed, outputs: as in `OnnxPolicy`.
+        view, config, data, name, parameters, takes_speed, outputs, predicts_spread: as in
+            `OnnxPolicy`.
     """
 
     def __init__(self, checkpoint: Checkpoint) -> None:
@@ -30,6 +31,7 @@ class Policy:
         self.name = type(self.network).__name__
         self.parameters = sum(one.numel() for one in self.network.parameters())
         self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
+        self.predicts_spread = getattr(self.network, "predicts_spread", False)
         self.forward = quick_forward(self.network, self.view)
 
     @torch.inference_mode()
@@ -41,8 +43,10 @@ class Policy:
             speed_mph: the car's speed in mph.
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
-        out = self.forward(*inputs)[0].clamp(-1, 1).tolist()
-        return Command(*out)
+        out = self.forward(*inputs)[0]
+        if self.predicts_spread:
+            return spread_command(out.tolist())
+        return Command(*out.clamp(-1, 1).tolist())
 
 
 def load_policy(path: str | Path, threads: int = 1) -> Policy | OnnxPolicy:

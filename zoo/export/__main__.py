@@ -125,6 +125,7 @@ def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
     card = make_card(checkpoint.config, view, checkpoint.data) | {
         "network": type(network).__name__,
         "parameters": parameters,
+        "predicts_spread": getattr(network, "predicts_spread", False),
     }
     onnx.helper.set_model_props(model, {CARD: json.dumps(card)})
     model.doc_string = _how_to_feed(checkpoint)
@@ -141,10 +142,12 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     steps = steps[::-1] if view.resize.endswith("_first") else steps
     speed = f", and {SPEED}: mph, float32 [batch]" if network.takes_speed else ""
     throttle = " and throttle" if network.outputs > 1 else ""
+    spread = ", and the logarithm of the steering's standard deviation"
+    spread = spread if getattr(network, "predicts_spread", False) else ""
     return (
         f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], a frame of 320 x 160 less "
         f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom, {', then '.join(steps)}"
-        f"{speed} -> {CONTROLS}: steering{throttle}, float32, to be clipped to -1..1"
+        f"{speed} -> {CONTROLS}: steering{throttle}, float32, to be clipped to -1..1{spread}"
     )
 
 
