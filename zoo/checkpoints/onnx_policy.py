@@ -171,9 +171,7 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         ) from None
 
 
-def _check_inputs(
-    session: "onnxruntime.InferenceSession", view: View, predicts_spread: bool
-) -> None:
+def _check_inputs(session: "onnxruntime.InferenceSession", view: View, spread: bool) -> None:
     height, width, channels = view.shape
     inputs = {one.name: (one.type, list(one.shape[1:])) for one in session.get_inputs()}
     images = inputs.pop(IMAGES, None)
@@ -183,7 +181,6 @@ def _check_inputs(
         images != ("tensor(uint8)", [channels, height, width])
         or speed not in (None, ("tensor(float)", []))
         or inputs
-        or [shape[1:] for shape in outputs]
-        not in ([[1 + predicts_spread]], [[2 + predicts_spread]])
+        or [shape[1:] for shape in outputs] not in ([[1 + spread]], [[2 + spread]])
     ):
         raise InputError(f"its graph does not take its view, {width} x {height} {view.colour}")
