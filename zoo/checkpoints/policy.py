@@ -5,8 +5,19 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.command import Command, spread_command
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint import (
+    Checkpoint,
+    build_checkpoint,
+    checked_contents,
+    doubt_members,
+    find_checkpoint,
+    load_plain,
+)
+from zoo.checkpoints.command import Command, output_command
+from zoo.checkpoints.doubt_file import build_doubt
+from zoo.checkpoints.dropout_policy import DropoutPolicy
+from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 
@@ -45,18 +56,42 @@ class Policy:
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         out = self.forward(*inputs)[0]
         if self.predicts_spread:
-            return spread_command(out.tolist())
+            return output_command(out.tolist(), predicts_spread=True)
         return Command(*out.clamp(-1, 1).tolist())
 
 
-def load_policy(path: str | Path, threads: int = 1) -> Policy | OnnxPolicy:
-    """Return the policy of a checkpoint, or of a `.onnx` file of `python -m zoo.export`.
+def load_policy(
+    path: str | Path, threads: int = 1
+) -> Policy | OnnxPolicy | DropoutPolicy | EnsemblePolicy:
+    """Return the policy of a checkpoint, or of a file of `drivezoo export` or `drivezoo doubt`.
 
     Args:
         path: file, run's folder, or `latest`; see `find_checkpoint`.
         threads: number of onnxruntime's threads; `torch.set_num_threads` sets torch's.
 
     Raises:
-        InputError: see `load_checkpoint` and `OnnxPolicy`.
+        InputError: see `zoo.checkpoints.checkpoint.load_checkpoint`, `OnnxPolicy`, `build_doubt`
+            and `DropoutPolicy`.
     """
-    return OnnxPolicy(path, threads) if is_onnx(path) else Policy(load_checkpoint(path))
+    if is_onnx(path):
+        return OnnxPolicy(path, threads)
+    path = find_checkpoint(path)
+    contents = load_plain(path)
+    if doubt_members(contents) is None:
+        return Policy(build_checkpoint(checked_contents(contents, path), path))
+    return doubt_policy(contents, path)
+
+
+def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
+    """Return the policy of the contents of a file of `drivezoo doubt`.
+
+    Raises:
+        InputError: see `build_doubt` and `DropoutPolicy`.
+    """
+    doubt = build_doubt(contents, path)
+    if len(doubt.members) > 1:
+        return EnsemblePolicy([Policy(one) for one in doubt.members])
+    try:
+        return DropoutPolicy(doubt.members[0], doubt.samples, doubt.seed)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
