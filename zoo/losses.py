@@ -1,5 +1,10 @@
-"""Losses that torch lacks, with the inputs and output of `torch.nn.MSELoss`."""
+"""Losses that torch lacks, called as `torch.nn.MSELoss`.
 
+A loss with `needs_spread = True` is for networks with `predicts_spread = True`, whose last column
+is the logarithm of the steering's standard deviation.
+"""
+
+import torch
 from torch import Tensor, nn
 
 
@@ -22,3 +27,26 @@ class SteeringWeightedMSE(nn.Module):
     def divisor(self, true: Tensor) -> Tensor:
         """Return the sum of a batch's weights, by which the ranks' losses are averaged."""
         return (1.0 + self.weight * true[:, :1].abs()).sum()
+
+
+class GaussianNLL(nn.Module):
+    """The negative log likelihood of the true steering under a normal distribution.
+
+    Source: Nix and Weigend 1994, "Estimating the mean and variance of the target probability
+    distribution". The constant log(2 pi) / 2 is left out, so the loss can be negative. A throttle
+    counts with half of its squared error.
+    """
+
+    needs_spread = True
+
+    def forward(self, predicted: Tensor, true: Tensor) -> Tensor:
+        """Return the loss of a batch as a scalar.
+
+        Args:
+            predicted: means, and the logarithm of the steering's spread, [N, outputs + 1].
+            true: recorded steering (and throttle), [N, outputs].
+        """
+        log_spread = predicted[:, -1]
+        squared = (predicted[:, :-1] - true).square()
+        steering = log_spread + squared[:, 0] * torch.exp(-2 * log_spread) / 2
+        return (steering + squared[:, 1:].sum(1) / 2).mean()

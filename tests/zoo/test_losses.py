@@ -1,8 +1,12 @@
 """Losses, compared with values computed by hand."""
 
+import math
+
+import pytest
 import torch
 
-from zoo.losses import SteeringWeightedMSE
+from zoo.losses import GaussianNLL, SteeringWeightedMSE
+from zoo.models.layers import LogSpread
 
 
 def test_a_bend_weighs_more_than_a_straight() -> None:
@@ -17,3 +21,35 @@ def test_without_weight_it_is_the_mean_squared_error() -> None:
     predicted, true = torch.randn(8, 2), torch.randn(8, 2)
     expected = torch.nn.functional.mse_loss(predicted, true)
     assert torch.isclose(SteeringWeightedMSE(weight=0.0)(predicted, true), expected)
+
+
+def test_the_gaussian_loss_is_the_negative_log_likelihood() -> None:
+    mean, log_spread, true = torch.randn(8, 1), torch.randn(8, 1), torch.randn(8, 1)
+    likelihood = torch.distributions.Normal(mean, log_spread.exp()).log_prob(true)
+    expected = -likelihood.mean() - math.log(2 * math.pi) / 2
+    predicted = torch.hstack([mean, log_spread])
+    assert torch.isclose(GaussianNLL()(predicted, true), expected)
+    true = torch.hstack([true, torch.randn(8, 1)])
+    predicted = torch.hstack([mean, true[:, 1:] + 0.2, log_spread])
+    assert torch.isclose(GaussianNLL()(predicted, true), expected + 0.2**2 / 2)
+
+
+def test_the_gaussian_loss_learns_the_noise_of_the_labels() -> None:
+    torch.manual_seed(1)
+    outputs = torch.zeros(1, 2, requires_grad=True)
+    optimizer, last = torch.optim.Adam([outputs], lr=0.05), LogSpread()
+    true = 0.3 + 0.05 * torch.randn(4000, 1)
+    for _ in range(200):
+        optimizer.zero_grad()
+        GaussianNLL()(last(outputs).expand(4000, 2), true).backward()
+        optimizer.step()
+    mean, log_spread = last(outputs)[0].tolist()
+    assert abs(mean - 0.3) < 0.01
+    assert abs(math.exp(log_spread) - 0.05) < 0.005
+
+
+@pytest.mark.parametrize("extreme", [-1e6, 1e6])
+def test_the_logarithm_of_a_spread_stays_in_range(extreme: float) -> None:
+    mean, log_spread = LogSpread()(torch.tensor([[extreme, extreme]]))[0].tolist()
+    assert mean == extreme
+    assert log_spread == pytest.approx(-5 if extreme < 0 else 1)

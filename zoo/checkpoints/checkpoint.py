@@ -47,10 +47,28 @@ def read_checkpoint_file(path: str | Path) -> dict:
     """Return a checkpoint file's contents as plain containers.
 
     Raises:
-        InputError: the file does not exist, is not a checkpoint of drivezoo, or contains code.
+        InputError: the file does not exist, is not a checkpoint of drivezoo or holds several of
+            them, or contains code.
     """
     path = Path(path)
-    contents = load_plain(path)
+    return checked_contents(load_plain(path), path)
+
+
+def doubt_members(contents: object) -> list | None:
+    """Return the checkpoints within a file of `drivezoo doubt`; None if it is another file."""
+    card = contents.get("drivezoo") if isinstance(contents, dict) else None
+    members = contents.get("members") if isinstance(contents, dict) else None
+    is_doubt = isinstance(card, dict) and "doubt" in card and isinstance(members, list)
+    return members if is_doubt else None
+
+
+def checked_contents(contents: Any, path: Path) -> dict:
+    """Return a file's contents, checked to be a checkpoint; see `read_checkpoint_file`."""
+    if doubt_members(contents) is not None:
+        raise InputError(
+            f"{path}: is a file of drivezoo doubt, which only drives; name a checkpoint that it "
+            "was written from"
+        )
     card = contents.get("drivezoo") if isinstance(contents, dict) else None
     if not isinstance(card, dict) or "state_dict" not in contents:
         raise InputError(
@@ -126,10 +144,14 @@ def load_checkpoint(path: str | Path) -> Checkpoint:
         InputError: see `find_checkpoint` and `read_checkpoint_file`; or the weights do not fit the
             network that the config names, or are not finite.
     """
+    path = find_checkpoint(path)
+    return build_checkpoint(read_checkpoint_file(path), path)
+
+
+def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
+    """Return the checkpoint of a file's contents; see `load_checkpoint`."""
     from zoo.checkpoints.checkpoint_card import check_card
 
-    path = find_checkpoint(path)
-    contents = read_checkpoint_file(path)
     card = contents["drivezoo"]
     check_card(card, path)
     try:

@@ -1,6 +1,7 @@
 """What a policy returns, and the state that some policies keep between frames."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,35 @@ PolicyFunction = Callable[[Any, float], Command | tuple[float, float | None]]
 def call_policy(policy: PolicyFunction, frame: np.ndarray | None, speed_mph: float) -> Command:
     """Return a policy's command for a frame; see `PolicyFunction`."""
     return Command(*policy(frame, speed_mph))
+
+
+def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
+    """Return the command of a network's row of outputs.
+
+    >>> output_command([1.25, math.log(0.5)], predicts_spread=True)
+    Command(steering=1.0, throttle=None, spread=0.5)
+    """
+    controls = outputs[:-1] if predicts_spread else outputs
+    steering, *throttle = (min(max(one, -1.0), 1.0) for one in controls)
+    spread = math.exp(min(outputs[-1], 100.0)) if predicts_spread else None
+    return Command(steering, throttle[0] if throttle else None, spread)
+
+
+def mixture(commands: Sequence[Command]) -> Command:
+    """Return the mean command, with the standard deviation of the mixture as its spread.
+
+    The variance is that of the steering plus the mean of the commands' own variances
+    (Lakshminarayanan et al. 2017). There is a throttle only if all commands have one.
+
+    >>> mixture([Command(0.1), Command(0.3)])
+    Command(steering=0.2, throttle=None, spread=0.1)
+    """
+    count = len(commands)
+    steering = sum(one.steering for one in commands) / count
+    squares = ((one.steering - steering) ** 2 + (one.spread or 0.0) ** 2 for one in commands)
+    throttles = [one.throttle for one in commands if one.throttle is not None]
+    throttle = sum(throttles) / count if len(throttles) == count else None
+    return Command(steering, throttle, math.sqrt(sum(squares) / count))
 
 
 def reset_policy(policy: PolicyFunction) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.regular_file import read_regular
 from datamodules.view import View
-from zoo.checkpoints.command import Command
+from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.models.window import Window
 
@@ -44,7 +44,7 @@ class OnnxPolicy(SessionPolicy):
         view: the network's input.
         config, data: the experiment's config, and the recording's `fingerprint` and `rows`.
         name, parameters: the network's class, and its number of parameters.
-        takes_speed, outputs: as in the networks of `zoo.models`.
+        takes_speed, outputs, predicts_spread: as in the networks of `zoo.models`.
 
     Raises:
         InputError: the file does not exist, is not an ONNX file of drivezoo or returns NaN; or
@@ -58,7 +58,8 @@ class OnnxPolicy(SessionPolicy):
         self.view, self.config, self.data = card["view"], card["config"], card["data"]
         self.name, self.parameters = card["network"], card["parameters"]
         self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
-        self.outputs = self.session.get_outputs()[0].shape[-1]
+        self.predicts_spread = card["predicts_spread"]
+        self.outputs = self.session.get_outputs()[0].shape[-1] - self.predicts_spread
         if card["window"] is not None:
             self.keep_memory(self._first_state(1), card["window"], self.data)
         _check_finite(self)
@@ -72,12 +73,12 @@ class OnnxPolicy(SessionPolicy):
         """
         inputs = self._inputs(self.view(frame)[None], np.array([speed_mph]))
         if self.memory is None:
-            return Command(*self._run(inputs)[0][0].clip(-1, 1).tolist())
+            return output_command(self._run(inputs)[0][0].tolist(), self.predicts_spread)
         steps = self.memory.step(self._run, inputs)[0].clip(-1, 1)
         return Command(*self.in_time(steps).tolist())
 
     def predict(self, images: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
-        """Return the outputs for a batch, float32 [N, outputs] in -1..1.
+        """Return the outputs for a batch, float32 [N, outputs] in -1..1, then the spread, if any.
 
         A network with memory gets each image as the first frame of a drive, and returns
         [N, 1 + ahead, outputs].
@@ -87,7 +88,10 @@ class OnnxPolicy(SessionPolicy):
             speed_mph: speeds in mph [N].
         """
         inputs = self._inputs(images, speed_mph)
-        return self._run(inputs, *self._first_state(len(images)))[0].clip(-1, 1)
+        out = self._run(inputs, *self._first_state(len(images)))[0]
+        if self.predicts_spread:
+            return np.concatenate([out[..., :-1].clip(-1, 1), np.exp(out[..., -1:])], -1)
+        return out.clip(-1, 1)
 
     def _inputs(self, images: np.ndarray, speed_mph: np.ndarray) -> dict[str, np.ndarray]:
         inputs = {IMAGES: np.ascontiguousarray(images.transpose(0, 3, 1, 2))}
@@ -179,8 +183,10 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         view = View.from_dict(card["view"])
         window = card.get("window")
         window = None if window is None else Window(**window)
-        _check_inputs(session, view, window)
+        predicts_spread = card.get("predicts_spread") is True  # earlier files lack it
+        _check_inputs(session, view, window, predicts_spread)
         return {
+            "predicts_spread": predicts_spread,
             "view": view,
             "window": window,
             "config": dict(card["config"]),
@@ -201,7 +207,7 @@ STATE_TYPES = {"tensor(uint8)": np.uint8, "tensor(float)": np.float32}
 
 
 def _check_inputs(
-    session: "onnxruntime.InferenceSession", view: View, window: Window | None
+    session: "onnxruntime.InferenceSession", view: View, window: Window | None, spread: bool
 ) -> None:
     height, width, channels = view.shape
     inputs = {one.name: (one.type, list(one.shape[1:])) for one in session.get_inputs()}
@@ -212,7 +218,7 @@ def _check_inputs(
     if (
         images != ("tensor(uint8)", [channels, height, width])
         or speed not in (None, ("tensor(float)", []))
-        or controls.shape[1:] not in ([*rows, 1], [*rows, 2])
+        or controls.shape[1:] not in ([*rows, 1 + spread], [*rows, 2 + spread])
     ):
         raise InputError(f"its graph does not take its view, {width} x {height} {view.colour}")
     returned = {one.name: (one.type, list(one.shape[1:])) for one in states}

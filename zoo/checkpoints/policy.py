@@ -5,8 +5,19 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
-from zoo.checkpoints.command import Command
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint import (
+    Checkpoint,
+    build_checkpoint,
+    checked_contents,
+    doubt_members,
+    find_checkpoint,
+    load_plain,
+)
+from zoo.checkpoints.command import Command, output_command
+from zoo.checkpoints.doubt_file import build_doubt
+from zoo.checkpoints.dropout_policy import DropoutPolicy
+from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
@@ -24,7 +35,8 @@ class Policy(SessionPolicy):
         network: network in evaluation mode, on the CPU; must not be changed.
         forward: faster function with the outputs of `network`, or of its `step` if it has memory.
             `OnnxPolicy` lacks these two.
-        view, config, data, name, parameters, takes_speed, outputs: as in `OnnxPolicy`.
+        view, config, data, name, parameters, takes_speed, outputs, predicts_spread: as in
+            `OnnxPolicy`.
     """
 
     def __init__(self, checkpoint: Checkpoint) -> None:
@@ -33,6 +45,7 @@ class Policy(SessionPolicy):
         self.name = type(self.network).__name__
         self.parameters = sum(one.numel() for one in self.network.parameters())
         self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
+        self.predicts_spread = getattr(self.network, "predicts_spread", False)
         self.forward = quick_forward(self.network, self.view)
         if isinstance(self.network, Memory):
             self.keep_memory(self.network.first_state(), self.network.window, self.data)
@@ -47,21 +60,43 @@ class Policy(SessionPolicy):
         """
         inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
         if self.memory is None:
-            out = self.forward(*inputs)[0].clamp(-1, 1).tolist()
-        else:
-            steps = self.memory.step(self.forward, *inputs)[0].clamp(-1, 1).numpy()
-            out = self.in_time(steps).tolist()
-        return Command(*out)
+            return output_command(self.forward(*inputs)[0].tolist(), self.predicts_spread)
+        steps = self.memory.step(self.forward, *inputs)[0].clamp(-1, 1).numpy()
+        return Command(*self.in_time(steps).tolist())
 
 
-def load_policy(path: str | Path, threads: int = 1) -> Policy | OnnxPolicy:
-    """Return the policy of a checkpoint, or of a `.onnx` file of `python -m zoo.export`.
+def load_policy(
+    path: str | Path, threads: int = 1
+) -> Policy | OnnxPolicy | DropoutPolicy | EnsemblePolicy:
+    """Return the policy of a checkpoint, or of a file of `drivezoo export` or `drivezoo doubt`.
 
     Args:
         path: file, run's folder, or `latest`; see `find_checkpoint`.
         threads: number of onnxruntime's threads; `torch.set_num_threads` sets torch's.
 
     Raises:
-        InputError: see `load_checkpoint` and `OnnxPolicy`.
+        InputError: see `zoo.checkpoints.checkpoint.load_checkpoint`, `OnnxPolicy`, `build_doubt`
+            and `DropoutPolicy`.
     """
-    return OnnxPolicy(path, threads) if is_onnx(path) else Policy(load_checkpoint(path))
+    if is_onnx(path):
+        return OnnxPolicy(path, threads)
+    path = find_checkpoint(path)
+    contents = load_plain(path)
+    if doubt_members(contents) is None:
+        return Policy(build_checkpoint(checked_contents(contents, path), path))
+    return doubt_policy(contents, path)
+
+
+def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
+    """Return the policy of the contents of a file of `drivezoo doubt`.
+
+    Raises:
+        InputError: see `build_doubt` and `DropoutPolicy`.
+    """
+    doubt = build_doubt(contents, path)
+    if len(doubt.members) > 1:
+        return EnsemblePolicy([Policy(one) for one in doubt.members])
+    try:
+        return DropoutPolicy(doubt.members[0], doubt.samples, doubt.seed)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

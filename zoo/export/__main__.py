@@ -130,6 +130,7 @@ def onnx_bytes(checkpoint: "Checkpoint") -> bytes:
     card = make_card(checkpoint.config, view, checkpoint.data) | {
         "network": type(network).__name__,
         "parameters": sum(one.numel() for one in network.parameters()),
+        "predicts_spread": getattr(network, "predicts_spread", False),
     }
     # A batch of two: the exporter takes a size of one for a constant.
     inputs = {IMAGES: torch.zeros((2, channels, height, width), dtype=torch.uint8)}
@@ -161,11 +162,13 @@ def _how_to_feed(checkpoint: "Checkpoint") -> str:
     memory = isinstance(network, Memory)
     state = f", and {STATE}...: 0 at a start, then the {NEXT}... of the frame before"
     rows = ", for now and each step ahead" if memory and network.ahead else ""
+    spread = ", and the logarithm of the steering's standard deviation"
+    spread = spread if getattr(network, "predicts_spread", False) else ""
     return (
         f"{IMAGES}: uint8 [batch, {channels}, {height}, {width}], a frame of 320 x 160 less "
         f"{view.crop[0]} rows at the top and {view.crop[1]} at the bottom, {', then '.join(steps)}"
         f"{speed}{state * memory} -> {CONTROLS}: steering{throttle}{rows}, float32, to be "
-        "clipped to -1..1"
+        f"clipped to -1..1{spread}"
     )
 
 

@@ -1,11 +1,9 @@
 """Import of a Keras network: convert it, find out its input, and write a checkpoint."""
 
-import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import torch
 from rich.console import Console
 from torch import nn
 
@@ -15,6 +13,7 @@ from datamodules.view import View
 from zoo.checkpoints.checkpoint import PREFIX, make_card, read_checkpoint_file
 from zoo.checkpoints.keras_file import KerasModel, read_keras
 from zoo.checkpoints.keras_layers import ConvertedKeras, convert
+from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import compose_config
 from zoo.cli.console_progress import progress_bar
@@ -36,10 +35,8 @@ from zoo.input_search.judgement import judge
 from zoo.input_search.trial_frames import read_trial_frames
 from zoo.input_search.trials import Trials, try_inputs
 from zoo.models.make_network import make_network
-from zoo.runs.whole_file import write_whole
 
 IMPORTED = "imported"  # key of a checkpoint that an import wrote; its value is the file's name
-SUFFIX = ".ckpt"
 FILE, KEY, SEARCH, GUESS = "the file", "your key", "trying on the recording", "a guess"
 
 
@@ -58,7 +55,8 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
             is not, or the checkpoint cannot be written.
     """
     path = Path(file).expanduser()
-    out = _checked_out(path, options.out)
+    out = Path(options.out).expanduser() if options.out else Path(path.stem + SUFFIX)
+    out = checked_out(out, "import", _is_imported)
     model = read_keras(path, Path(options.weights).expanduser() if options.weights else None)
     recording = read_recordings(options.recording) if options.recording else None
     known = _known(model, options, searches=recording is not None)
@@ -195,28 +193,8 @@ def _write(
         "rows": len(recording) if recording else 0,
     }
     state = {f"{PREFIX}{name}": one for name, one in converted.state.items()}
-    contents = io.BytesIO()
     card = make_card(config, found.view, data)
-    torch.save({"drivezoo": card, "state_dict": state, IMPORTED: path.name}, contents)
-    try:
-        write_whole(out, contents.getbuffer())
-    except OSError as error:
-        raise InputError(f"out={out}: {error.strerror}; name another file") from None
-
-
-def _checked_out(path: Path, name: str | None) -> Path:
-    """Return the path to write; refuse to replace a file that no import wrote."""
-    out = Path(name).expanduser() if name else Path(path.stem + SUFFIX)
-    if out.suffix != SUFFIX:
-        raise InputError(f"out={out}: must end in {SUFFIX}; name such a file")
-    if out.is_dir() or not out.parent.is_dir():
-        reason = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
-        raise InputError(f"out={out}: {reason}; name another file")
-    if out.exists() and not _is_imported(out):
-        raise InputError(
-            f"out={out}: exists, and no import wrote it; name another file with out=FILE{SUFFIX}"
-        )
-    return out
+    write_checkpoint(out, {"drivezoo": card, "state_dict": state, IMPORTED: path.name})
 
 
 def _is_imported(out: Path) -> bool:

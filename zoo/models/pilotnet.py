@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from zoo.models.layers import SCALE, Dropout, Normalize, activation_layer, feature_shape
+from zoo.models.layers import SCALE, Dropout, LogSpread, Normalize, activation_layer, feature_shape
 
 CONVOLUTIONS = [(24, 5, 2), (36, 5, 2), (48, 5, 2), (64, 3, 1), (64, 3, 1)]
 DENSE = [100, 50, 10]
@@ -43,6 +43,8 @@ class PilotNet(nn.Module):
         dropout: rates after the first and the last hidden layer; rates between rise evenly.
         width: factor on the channels and units of every hidden layer.
         speed: whether it takes the speed, too, and returns steering and throttle.
+        spread: whether it returns one more column, the logarithm of the steering's standard
+            deviation (Nix and Weigend 1994); train it with `loss=gaussian`.
         scale: divisor of the pixels, and the number subtracted afterwards.
     """
 
@@ -53,11 +55,12 @@ class PilotNet(nn.Module):
         dropout: tuple[float, float] = (0.1, 0.5),
         width: float = 1.0,
         speed: bool = False,
+        spread: bool = False,
         scale: tuple[float, float] = SCALE,
     ) -> None:
         super().__init__()
         rates = torch.linspace(*dropout, len(CONVOLUTIONS) + len(DENSE)).tolist()
-        self.takes_speed = speed
+        self.takes_speed, self.predicts_spread = speed, spread
         self.outputs = 2 if speed else 1
         self.features = convolutions(shape[0], activation, rates, width, scale)
 
@@ -67,10 +70,11 @@ class PilotNet(nn.Module):
             out = max(1, round(out * width))
             layers += [nn.Linear(units, out), activation_layer(activation), Dropout(rate)]
             units = out
-        self.head = nn.Sequential(*layers, nn.Linear(units, self.outputs))
+        layers.append(nn.Linear(units, self.outputs + spread))
+        self.head = nn.Sequential(*layers, *([LogSpread()] if spread else []))
 
     def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
-        """Return the steering, and the throttle if `takes_speed`; [N, outputs]."""
+        """Return the steering, the throttle if `takes_speed`, and the spread's logarithm if any."""
         features = self.features(images).flatten(1)
         if self.takes_speed:
             # 30 mph is the simulator's top speed, so the input is in 0..1, in the features' range.

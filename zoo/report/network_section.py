@@ -86,6 +86,7 @@ def _table(run: Run) -> list[Block]:
     rows.append(["total", "", "", f"{total:,}"])
     inputs = "image and speed" if network.takes_speed else "image"
     outputs = "steering and throttle" if network.outputs == 2 else "steering"
+    outputs += " with its spread" if getattr(network, "predicts_spread", False) else ""
     window = f" It was trained on {network.window}." if isinstance(network, Memory) else ""
     frozen = "" if trained == total else f" ({total - trained:,} of them frozen)"
     top, bottom = view.crop

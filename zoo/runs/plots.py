@@ -75,10 +75,11 @@ def training_curves(train: dict[int, float], val: dict[int, float], baseline: fl
     if val:
         axis.plot(list(val), list(val.values()), color=BLUE, marker=".", label="validation MSE")
         axis.axhline(baseline, color=ORANGE, ls="--", lw=1.2, label="validation MSE of always zero")
-    axis.set_yscale("log")
+    is_error = min(train.values(), default=1.0) > 0  # a likelihood can be negative
+    axis.set_yscale("log" if is_error else "linear")
     axis.set_xlabel("epoch")
     axis.locator_params("x", integer=True)
-    axis.set_ylabel("mean squared error (log scale)")
+    axis.set_ylabel("mean squared error (log scale)" if is_error else "loss")
     axis.set_title("Training curves")
     axis.legend(frameon=False)
     _plain(axis)

@@ -116,9 +116,11 @@ def build_module(
     rate = config.optim.lr
     if not isinstance(rate, int | float) or rate <= 0:
         raise InputError(f"optim.lr={rate} is not a number above 0")
+    loss = _instantiate("loss", config.loss)
+    _check_spread(network, loss)
     module = SteeringModule(
         network,
-        loss=_instantiate("loss", config.loss),
+        loss=loss,
         optimizer=_instantiate("optim", optim),
         schedule=_instantiate("schedule", config.schedule),
         l2=config.optim.l2,
@@ -134,6 +136,21 @@ def build_module(
     except (TypeError, ValueError) as error:
         raise InputError(f"optim or schedule: {error}; correct its settings") from None
     return module
+
+
+def _check_spread(network: nn.Module, loss: nn.Module) -> None:
+    """Raise InputError if one of network and loss knows a spread and the other does not."""
+    predicted, needed = getattr(network, "predicts_spread", False), hasattr(loss, "needs_spread")
+    if predicted and not needed:
+        raise InputError(
+            f"loss: {type(loss).__name__} cannot train the spread that the network predicts; set "
+            "loss=gaussian"
+        )
+    if needed and not predicted:
+        raise InputError(
+            f"loss: {type(loss).__name__} needs a network that predicts its spread; set "
+            "model=nvidia_gaussian, or loss=mse"
+        )
 
 
 def build_feed(data: DrivingData, plan: TrainingPlan, console: Console) -> DrivingData:

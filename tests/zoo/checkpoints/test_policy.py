@@ -8,11 +8,14 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
+from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
+from zoo.checkpoints.policy import Policy
 from zoo.cli.compose import choices, compose_config
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
 from zoo.models.memory import Memory
+from zoo.models.pilotnet import PilotNet
 
 MODELS = [name for name in choices("model") if name != "vgg"]  # takes seconds
 SPEED = 20.0
@@ -75,3 +78,22 @@ class Failing(nn.Module):
 def test_a_network_that_cannot_be_traced_drives_as_it_is() -> None:
     network = Failing()
     assert quick_forward(network, View((60, 25), "rgb", None)) is network
+
+
+@pytest.mark.parametrize("speed", [False, True], ids=["steering", "steering and throttle"])
+def test_a_network_that_predicts_its_spread_returns_it(speed: bool) -> None:
+    view = View((40, 20), "rgb", (66, 200))
+    torch.manual_seed(1)
+    network = PilotNet((3, 66, 200), spread=True, speed=speed).eval()
+    with torch.no_grad():
+        network.head[-2].weight[0] *= 100  # steers beyond 1
+    policy = Policy(Checkpoint(network, view, {}, {}))
+    frame = np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
+    out = network(*network_inputs(view(frame), SPEED if speed else None))[0].tolist()
+
+    steering, throttle, spread = policy(frame, SPEED)
+
+    assert steering == min(max(out[0], -1), 1)
+    assert throttle == (min(max(out[1], -1), 1) if speed else None)
+    assert spread == pytest.approx(np.exp(out[-1]))
+    assert policy.outputs == 1 + speed

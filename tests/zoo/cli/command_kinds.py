@@ -6,6 +6,7 @@ from zoo.benchmark.__main__ import BenchmarkOptions
 from zoo.cli.command_config import read_keys, read_options
 from zoo.compare.__main__ import CompareOptions
 from zoo.correct.correct_options import CorrectOptions
+from zoo.doubt.__main__ import DoubtOptions
 from zoo.drive.drive_settings import DriveSettings, read_settings
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.replay_score import ReplayOptions
@@ -22,6 +23,7 @@ KINDS = {
     "compare": CompareOptions,
     "benchmark": BenchmarkOptions,
     "correct": CorrectOptions,
+    "doubt": DoubtOptions,
     "drive": DriveSettings,
     "evaluate": EvaluateOptions,
     "export": ExportOptions,

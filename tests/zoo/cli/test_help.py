@@ -20,6 +20,7 @@ NAMED = {
     "zoo.correct": ("track=", "out="),
     "zoo.demo": ("trains PilotNet",),
     "zoo.doctor": ("CKPT", "RECORDING", "port=4567"),
+    "zoo.doubt": ("samples=20", "an ensemble", "out=doubt.ckpt"),
     "zoo.drive": ("port=4567", "speed=pi", "one of bends"),
     "zoo.evaluate": ("laps=1.0", "perturb=null"),
     "zoo.export": ("out=", "frames="),

@@ -16,6 +16,7 @@ PARAMETERS = {
     "commaai": 6_621_809,
     "lenet": 137_741,
     "nvidia": 252_219,
+    "nvidia_gaussian": 252_230,
     "nvidia_speed": 252_330,
     "tiny": 41,
     "tiny63": 63,
@@ -41,7 +42,7 @@ def test_every_model_steers(name: str) -> None:
     out = network.eval()(images, *speed)
 
     assert out.shape[0] == 2
-    assert out.shape[-1] == network.outputs
+    assert out.shape[-1] == network.outputs + getattr(network, "predicts_spread", False)
     assert out.ndim == (3 if window else 2)
     assert torch.isfinite(out).all()
     assert torch.equal(out, network(images.float(), *speed)), "uint8 and float must see the same"

@@ -53,3 +53,27 @@ def test_weights_that_overflow_in_an_epochs_last_step_stop_the_training(
     one_step = ("model=lenet", "data.batch_size=16", "data.samples_per_epoch=16")
     with pytest.raises(InputError, match=r"weights are not finite after epoch 1.*optim\.lr"):
         train_here(recorded, tmp_path, *one_step, "optim.lr=1e39", "trainer.max_epochs=1")
+
+
+def test_a_network_that_predicts_its_spread_trains_by_its_mean(
+    recorded: Written, tmp_path: Path
+) -> None:
+    keys = ("model=nvidia_gaussian", "loss=gaussian", "model.width=0.1", "data.batch_size=16")
+    module, _ = train_here(recorded, tmp_path, *keys, "trainer.max_epochs=1")
+    predicted, true = module.validation
+    assert predicted.shape == true.shape
+    assert module.network.predicts_spread
+
+
+@pytest.mark.parametrize(
+    ("keys", "remedy"),
+    [
+        (["model=nvidia_gaussian"], r"loss=gaussian$"),
+        (["loss=gaussian"], r"model=nvidia_gaussian, or loss=mse$"),
+    ],
+)
+def test_loss_and_network_must_agree_on_the_spread(
+    keys: list[str], remedy: str, recorded: Written
+) -> None:
+    with pytest.raises(InputError, match=f"^loss: .*{remedy}"):
+        groups(recorded, *keys)

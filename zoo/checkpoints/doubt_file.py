@@ -1,0 +1,96 @@
+"""Files of `drivezoo doubt`: whole checkpoints that drive as one policy.
+
+A file holds plain containers: `drivezoo`, with `format` and `doubt` (`samples`, `seed`), and
+`members`, a list of checkpoints with `drivezoo` and `state_dict`. One member drives with dropout,
+several as an ensemble.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint import (
+    FORMAT,
+    PREFIX,
+    Checkpoint,
+    build_checkpoint,
+    checked_contents,
+    doubt_members,
+    read_checkpoint_file,
+)
+from zoo.runs.record_fields import Fields, check_fields
+
+MOST_SAMPLES, MOST_MEMBERS = 100, 100
+Samples = Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class DoubtSettings(Fields):
+    """The settings of a file; an ensemble does not use them."""
+
+    samples: Samples
+    seed: Seed
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """The contents of a file.
+
+    Attributes:
+        members: checkpoints; one drives with dropout, several as an ensemble.
+        samples: number of dropout masks.
+        seed: random seed of the masks.
+    """
+
+    members: tuple[Checkpoint, ...]
+    samples: int
+    seed: int
+
+
+def doubt_contents(paths: Sequence[Path], samples: int, seed: int) -> dict:
+    """Return the contents of a file, from checkpoints.
+
+    Raises:
+        InputError: a file is not a checkpoint of a single network.
+    """
+    members = []
+    for path in paths:
+        contents = read_checkpoint_file(path)
+        weights = {k: one for k, one in contents["state_dict"].items() if k.startswith(PREFIX)}
+        members.append({"drivezoo": contents["drivezoo"], "state_dict": weights})
+    card = {"format": FORMAT, "doubt": {"samples": samples, "seed": seed}}
+    return {"drivezoo": card, "members": members}
+
+
+def build_doubt(contents: dict, path: Path) -> Doubt:
+    """Return a file's checkpoints and settings.
+
+    Args:
+        contents: contents of the file, with `members`.
+        path: file, for messages.
+
+    Raises:
+        InputError: a setting is wrong, or a member is not a checkpoint (see `build_checkpoint`).
+    """
+    found = contents["drivezoo"]
+    if found.get("format") != FORMAT:
+        raise InputError(
+            f"{path}: has format {found.get('format')!s:.20}, this version reads {FORMAT}; use the "
+            "drivezoo that wrote it"
+        )
+    settings = check_fields(DoubtSettings, found["doubt"], f"{path}: drivezoo: doubt")
+    members = doubt_members(contents) or []
+    if not 1 <= len(members) <= MOST_MEMBERS:
+        raise InputError(
+            f"{path}: members: holds {len(members)} checkpoints, should hold 1 to {MOST_MEMBERS}; "
+            "write it again with drivezoo doubt"
+        )
+    checkpoints = []
+    for number, member in enumerate(members, 1):
+        place = Path(f"{path}: member {number}")
+        checkpoints.append(build_checkpoint(checked_contents(member, place), place))
+    return Doubt(tuple(checkpoints), settings.samples, settings.seed)

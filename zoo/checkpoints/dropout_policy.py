@@ -1,0 +1,140 @@
+"""Monte-Carlo dropout: Gal and Ghahramani 2016, "Dropout as a Bayesian approximation"."""
+
+import copy
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.command import Command, mixture, output_command
+from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
+
+LAYERS = (nn.Dropout, nn.Dropout1d, nn.Dropout2d, nn.Dropout3d)
+
+
+class DropoutPolicy:
+    """A policy that runs a network under several dropout masks, and returns mean and spread.
+
+    The masks are drawn once, from the seed, and stay the same for every frame. New masks for each
+    frame would make the steering tremble, and take 30 % of the time (PilotNet, 20 samples).
+
+    Args:
+        checkpoint: checkpoint of a network with dropout.
+        samples: number of masks.
+        seed: random seed of the masks.
+
+    Attributes:
+        network: network in evaluation mode, without dropout; must not be changed.
+        view, config, data, name, parameters, takes_speed, outputs, predicts_spread: as in
+            `zoo.checkpoints.policy.Policy`.
+
+    Raises:
+        InputError: the network has no dropout, or remembers frames.
+    """
+
+    predicts_spread = True
+
+    def __init__(self, checkpoint: Checkpoint, samples: int, seed: int) -> None:
+        self.network, self.view = checkpoint.network, checkpoint.view
+        self.config, self.data = checkpoint.config, checkpoint.data
+        self.name = f"{type(self.network).__name__} with {samples} dropout samples"
+        self.parameters = sum(one.numel() for one in self.network.parameters())
+        self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
+        self.forward = quick_forward(SampledNetwork(self.network, samples, seed), self.view)
+
+    @torch.inference_mode()
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        """Return the mean command of the samples for a frame; its spread is theirs.
+
+        Args:
+            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            speed_mph: the car's speed in mph.
+        """
+        inputs = network_inputs(self.view(frame), speed_mph if self.takes_speed else None)
+        rows = self.forward(*inputs).tolist()
+        spread = getattr(self.network, "predicts_spread", False)
+        return mixture([output_command(row, spread) for row in rows])
+
+
+class SampledNetwork(nn.Module):
+    """A network whose dropout layers have several fixed masks, for one image.
+
+    All samples are one batch. The layers before the first dropout run on the one image.
+
+    Args:
+        network: network in evaluation mode, which is not changed; weights are shared with it.
+        samples: number of masks.
+        seed: random seed of the masks.
+
+    Raises:
+        InputError: the network has no dropout, or remembers frames.
+    """
+
+    def __init__(self, network: nn.Module, samples: int, seed: int) -> None:
+        super().__init__()
+        name = type(network).__name__
+        if hasattr(network, "first_state"):
+            raise InputError(
+                f"{name} remembers frames, of which dropout samples are not supported; name "
+                "several checkpoints for an ensemble"
+            )
+        self.samples, self.takes_speed = samples, network.takes_speed
+        weights = {id(one): one for one in network.parameters()}  # shared, not copied
+        self.network = copy.deepcopy(network, weights)
+        if not _fix_masks(self.network, samples, torch.Generator().manual_seed(seed)):
+            raise InputError(
+                f"{name} has no dropout, so its samples would be equal; train with model.dropout "
+                "above 0 where the model has it, or name several checkpoints for an ensemble"
+            )
+
+    def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
+        """Return the outputs of every sample, [samples, outputs], for one image [1, C, H, W]."""
+        speeds = () if speed is None else (speed.expand(self.samples),)
+        try:
+            out = self.network(images, *speeds)
+        except RuntimeError:  # the speed joins the features before the first dropout
+            out = self.network(images.expand(self.samples, *images.shape[1:]), *speeds)
+        return out
+
+
+class FixedDropout(nn.Module):
+    """A dropout layer in evaluation with a fixed mask for each sample.
+
+    Args:
+        layer: dropout layer; those of one, two or three dimensions drop whole channels.
+        samples: number of masks.
+        generator: random generator of the masks, which are drawn at the first call.
+    """
+
+    def __init__(self, layer: Any, samples: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.rate, self.samples, self.generator = float(layer.p), samples, generator
+        self.drops_channels = not isinstance(layer, nn.Dropout)
+        self.masks: Tensor | None = None
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return the values under each mask, [samples, ...], from [1, ...] or [samples, ...]."""
+        if self.masks is None:
+            shape = values.shape[1:2] if self.drops_channels else values.shape[1:]
+            masks = torch.rand(self.samples, *shape, generator=self.generator) >= self.rate
+            masks = masks.view(self.samples, *shape, *[1] * (values.ndim - 1 - len(shape)))
+            self.masks = masks.to(values.dtype) / (1 - self.rate) if self.rate < 1 else 0 * masks
+            if values.ndim == 4:
+                self.masks = self.masks.contiguous(memory_format=torch.channels_last)
+        return values * self.masks
+
+
+def _fix_masks(network: nn.Module, samples: int, generator: torch.Generator) -> int:
+    """Replace the dropout layers of a network; return their number."""
+    found = [
+        (parent, name, layer)
+        for parent in network.modules()
+        for name, layer in parent.named_children()
+        if isinstance(layer, LAYERS) and layer.p > 0
+    ]
+    for parent, name, layer in found:
+        setattr(parent, name, FixedDropout(layer, samples, generator))
+    return len(found)

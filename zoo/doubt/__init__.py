@@ -1,0 +1,1 @@
+"""Monte-Carlo dropout and ensembles, written as checkpoints that know their spread."""

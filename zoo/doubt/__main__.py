@@ -1,0 +1,79 @@
+"""`python -m zoo.doubt CKPT... [key=value ...]`: write a policy that knows how much it doubts.
+
+One checkpoint becomes Monte-Carlo dropout: its network runs under several dropout masks. Several
+become an ensemble. The steering is the mean, the spread its standard deviation. Every command that
+drives takes the file.
+"""
+
+import hashlib
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.closing_lines import print_written
+from zoo.cli.command import Command
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+
+COMMAND = Command(__doc__, {"CKPT...": "checkpoint: a .ckpt file, a run's folder, or latest"})
+
+# torch, a slow import, comes late: --help and typos answer at once.
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoubtOptions:
+    """Options of the command; `conf/doubt.yaml` has their meanings and defaults."""
+
+    out: str
+    samples: Annotated[int, Field(ge=2, le=100)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+
+
+def doubt(arguments: list[str]) -> None:
+    """Write one checkpoint with dropout samples, or several as an ensemble.
+
+    Raises:
+        InputError: a checkpoint cannot be used or is named twice, or the file cannot be written.
+    """
+    names, options = COMMAND.read(arguments, DoubtOptions)
+    paths = [find_checkpoint(one) for one in names]
+    with loading():
+        from zoo.checkpoints.checkpoint import doubt_members, load_plain
+        from zoo.checkpoints.doubt_file import doubt_contents
+        from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
+        from zoo.checkpoints.policy import doubt_policy
+
+        def is_own(path: Path) -> bool:
+            try:
+                return doubt_members(load_plain(path)) is not None
+            except InputError:
+                return False
+
+        out = checked_out(Path(options.out).expanduser(), "drivezoo doubt", is_own)
+        contents = doubt_contents(paths, options.samples, options.seed)
+        _check_distinct(paths)
+        policy = doubt_policy(contents, paths[0] if len(paths) == 1 else out)
+        write_checkpoint(out, contents)
+    print(f"{policy.name}: {policy.parameters:,} parameters")
+    print_written([out], ["zoo.evaluate", out, "track=lake"])
+
+
+def _check_distinct(paths: Sequence[Path]) -> None:
+    """Raise InputError for a checkpoint that is named twice."""
+    hashes = [hashlib.sha256(one.read_bytes()).hexdigest() for one in paths]
+    for number, one in enumerate(hashes):
+        if one in hashes[:number]:
+            raise InputError(
+                f"{paths[number]}: is the same network as {paths[hashes.index(one)]}; name "
+                "checkpoints of different training seeds"
+            )
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.doubt", doubt, sys.argv[1:]))
