@@ -18,7 +18,7 @@ from zoo.drive.session import Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
-from zoo.drives.speed_controller import SpeedController, limit_pedal
+from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
 from zoo.drives.steering_filter import SteeringFilter
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
@@ -215,6 +215,7 @@ class Driver:
         if not math.isfinite(throttle):
             raise ValueError(f"its throttle is {throttle}")
         session.steering = steering
+        throttle = keep_limit(session.controller, throttle, session.speed_mph, command.limit_mph)
         if self.paused:
             throttle = GENTLE_BRAKE
         throttle = limit_pedal(throttle, session.speed_mph)

@@ -11,7 +11,7 @@ from simulator.world import Start, World
 from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.drives.interventions import InterventionRule
-from zoo.drives.speed_controller import SpeedController, limit_pedal
+from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
 
 SLOWEST_MPH = 3.0  # a drive ends when its mean speed must be lower than this
 
@@ -70,7 +70,8 @@ def drive_closed_loop(
             steering = 0.0
         steering = min(max(float(steering), -1.0), 1.0)
         mph = world.car.speed_mph
-        throttle = limit_pedal(speed.throttle(mph, steering, command.throttle, world.time), mph)
+        throttle = speed.throttle(mph, steering, command.throttle, world.time)
+        throttle = limit_pedal(keep_limit(speed, throttle, mph, command.limit_mph), mph)
         if margin_m is None:
             rule.margin_m = world.place.width / 2
         lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None

@@ -6,7 +6,8 @@ import torch
 
 from simulator.weather import CLEAR, Weather
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.onnx_policy import OnnxPolicy
+from zoo.checkpoints.policy import Policy, load_policy
 from zoo.evaluate.many_drives import Setup
 
 WEATHER, DEGRADED = "weather", "degraded"  # groups
@@ -56,9 +57,7 @@ def shifted_conditions(usual: Setup, levels: int, degraded: int) -> list[Conditi
         noise = NOISE[0] * (NOISE[1] / NOISE[0]) ** level
         found.append((DEGRADED, "weights", level, base, noise))
     return [
-        Condition(
-            group, kind, level, replace(usual, seed=usual.seed + row, weather=weather), noise
-        )
+        Condition(group, kind, level, replace(usual, seed=usual.seed + row, weather=weather), noise)
         for row, (group, kind, level, weather, noise) in enumerate(found)
     ]
 
@@ -83,17 +82,19 @@ def dark(weather: Weather, level: float) -> Weather:
     )
 
 
-def degraded_policy(checkpoint: str, noise: float, seed: int) -> Policy:
-    """Return a checkpoint's policy with Gaussian noise on the weights of every layer.
+def conditioned_policy(checkpoint: str, noise: float, seed: int) -> Policy | OnnxPolicy:
+    """Return a checkpoint's policy, with Gaussian noise on the weights of every layer.
 
     Args:
         checkpoint: checkpoint file.
-        noise: standard deviation of the noise, as a multiple of the layer's own.
+        noise: standard deviation of the noise, as a multiple of the layer's own; 0 for none.
         seed: random seed of the noise.
 
     Raises:
-        InputError: the checkpoint is an ONNX file, or cannot be read.
+        InputError: the checkpoint cannot be read, or is an ONNX file and gets noise.
     """
+    if not noise:
+        return load_policy(checkpoint)
     loaded = load_checkpoint(checkpoint)
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():

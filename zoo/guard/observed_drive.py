@@ -10,7 +10,7 @@ from simulator.world import World
 from zoo.checkpoints.command import Command, PolicyFunction, call_policy, reset_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
-from zoo.guard.conditions import degraded_policy
+from zoo.guard.conditions import conditioned_policy
 from zoo.monitor.signals import Source, signal_sources
 
 
@@ -84,7 +84,7 @@ def observe_drive(
     torch.set_num_threads(1)  # one frame is too little work for two threads
     world: World = open_setup(setup, "auto")
     try:
-        policy = degraded_policy(checkpoint, noise, setup.seed) if noise else load_policy(checkpoint)
+        policy = conditioned_policy(checkpoint, noise, setup.seed)
         others = [load_policy(one) for one in ensemble]
         observer = Observer(policy, signal_sources(policy, samples, others)[0])
         drive = drive_setup(observer, world, setup, None, report)

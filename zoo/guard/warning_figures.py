@@ -10,7 +10,6 @@ from zoo.drives.intervals import wilson_interval
 
 FIGURES = ("recall", "precision", "false_positive_rate", "f3", "auc")
 DRAWS = 2_000
-COUNTS = ("recall", "false_positive_rate")
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,8 @@ def warning_figures(
     """Return the figures of alarms above a threshold, with 95 % intervals.
 
     The intervals resample whole drives with replacement, since windows of one drive resemble each
-    other. Where all windows, or none, raise an alarm, the interval of recall and false-positive
-    rate is Wilson's of the windows, because no resample differs.
+    other. Where no resample differs, the intervals of recall, precision and false-positive rate
+    are Wilson's of the windows, and the others have no bounds.
 
     F3 weighs recall three times as much as precision: `10 P R / (9 P + R)`. AUC is the share of
     pairs of a failing and a normal window of which the failing one has the higher score.
@@ -85,13 +84,15 @@ def warning_figures(
         *(rng.multinomial(size, np.full(size, 1 / max(size, 1)), DRAWS) for size in sizes)
     )
     found = {name: _estimate(float(values[name][0]), drawn[name]) for name in FIGURES}
-    for name, hits, trials in (
-        ("recall", counted.hits, counted.failing),
-        ("false_positive_rate", counted.false, counted.normal),
+    hits, false = counted.hits.sum(), counted.false.sum()
+    for name, successes, trials in (
+        ("recall", hits, counted.failing.sum()),
+        ("precision", hits, hits + false),
+        ("false_positive_rate", false, counted.normal.sum()),
     ):
-        if found[name].value in (0.0, 1.0):
-            low, high = wilson_interval(int(hits.sum()), int(trials.sum()))
-            found[name] = Estimate(found[name].value, low, high)
+        if trials and not np.isfinite(found[name].low):
+            interval = wilson_interval(int(successes), int(trials))
+            found[name] = Estimate(found[name].value, *interval)
     return found
 
 
@@ -119,4 +120,6 @@ def _estimate(value: float, drawn: np.ndarray) -> Estimate:
         return Estimate(value)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(drawn, [tail, 1 - tail])
+    if low == high:
+        return Estimate(value)
     return Estimate(value, float(low), float(high))

@@ -1,1 +1,1 @@
-"""Runtime monitoring: scores of how unusual a frame is, and the guard that slows the car by them."""
+"""Runtime monitoring: scores of unusual frames, and the guard that slows the car by them."""

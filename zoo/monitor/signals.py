@@ -23,6 +23,24 @@ SEED = 0
 Source = Callable[[np.ndarray, float, Command], np.ndarray | float]
 
 
+def make_source(name: str, policy: Policy | OnnxPolicy, samples: int) -> Source:
+    """Return the source of a policy's signal.
+
+    Args:
+        name: IMAGE, MAP, DROPOUT or SPREAD.
+        policy: policy that drives.
+        samples: number of passes of Monte-Carlo dropout for each frame.
+
+    Raises:
+        InputError: the policy has no such signal.
+    """
+    if name == IMAGE:
+        return lambda frame, mph, command: small_image(frame)
+    if name == MAP:
+        return AttentionMap(policy)
+    return DropoutSpread(policy, samples) if name == DROPOUT else command_spread(policy)
+
+
 def signal_sources(
     policy: Policy | OnnxPolicy, samples: int, ensemble: Sequence[Policy | OnnxPolicy] = ()
 ) -> tuple[dict[str, Source], list[str]]:
@@ -30,20 +48,16 @@ def signal_sources(
 
     Args:
         policy: policy that drives.
-        samples: number of passes of Monte-Carlo dropout for each frame.
+        samples: see `make_source`.
         ensemble: further policies, whose steering is compared with the policy's.
     """
-    sources: dict[str, Source] = {IMAGE: lambda frame, mph, command: small_image(frame)}
+    sources: dict[str, Source] = {}
     lacking = []
-    for name, make in (
-        (MAP, lambda: AttentionMap(policy)),
-        (DROPOUT, lambda: DropoutSpread(policy, samples)),
-        (SPREAD, lambda: command_spread(policy)),
-    ):
+    for name in (IMAGE, MAP, DROPOUT, SPREAD):
         try:
-            sources[name] = make()
+            sources[name] = make_source(name, policy, samples)
         except InputError as error:
-            lacking.append(f"no {name}: {error}")
+            lacking.append(f"not scored: {name}: {error}")
     if ensemble:
         sources[ENSEMBLE] = EnsembleSpread(ensemble)
     return sources, lacking
