@@ -80,9 +80,7 @@ def warning_figures(
     sizes = len(failing), len(normal)
     values = counted.figures(*(np.ones((1, size)) for size in sizes))
     rng = np.random.default_rng(seed)
-    drawn = counted.figures(
-        *(rng.multinomial(size, np.full(size, 1 / max(size, 1)), DRAWS) for size in sizes)
-    )
+    drawn = counted.figures(*(_resamples(size, rng) for size in sizes))
     found = {name: _estimate(float(values[name][0]), drawn[name]) for name in FIGURES}
     hits, false = counted.hits.sum(), counted.false.sum()
     for name, successes, trials in (
@@ -94,6 +92,13 @@ def warning_figures(
             interval = wilson_interval(int(successes), int(trials))
             found[name] = Estimate(found[name].value, *interval)
     return found
+
+
+def _resamples(size: int, rng: np.random.Generator) -> np.ndarray:
+    """Return how often each resample takes each drive, int [DRAWS, size]."""
+    if not size:
+        return np.zeros((DRAWS, 0), int)
+    return rng.multinomial(size, np.full(size, 1 / size), DRAWS)
 
 
 def _count(failing: list[np.ndarray], normal: list[np.ndarray], threshold: float) -> Counted:
