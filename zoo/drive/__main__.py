@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from zoo.checkpoints.onnx_policy import OnnxPolicy
     from zoo.checkpoints.policy import Policy
     from zoo.drive.drive_settings import DriveSettings
+    from zoo.monitor.guarded_policy import GuardedPolicy
 
 COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
@@ -56,7 +57,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     writer = BackgroundWriter(folder, notices)
     # The port is opened before the slow import of torch; simulators that connect wait.
     listener = open_port(settings.host, settings.port)
-    load = functools.partial(load_warm_policy, threads=settings.threads)
+    load = functools.partial(load_warm_policy, threads=settings.threads, guard=settings.guard)
     with loading():
         policy = load(Path(checkpoint))
         from zoo.drive.live_page import LivePage  # imports torch
@@ -143,20 +144,31 @@ def open_port(host: str, port: int) -> "GreenSocket":
         raise InputError(reason) from None
 
 
-def load_warm_policy(path: Path, threads: int) -> "Policy | OnnxPolicy":
-    """Load a policy and call it three times, because the first call is the slowest."""
+def load_warm_policy(
+    path: Path, threads: int, guard: Path | None = None
+) -> "Policy | OnnxPolicy | GuardedPolicy":
+    """Load a policy and call it three times, because the first call is the slowest.
+
+    Args:
+        path: checkpoint file.
+        threads: threads of the network.
+        guard: guard file that watches the policy; None for none.
+    """
     import numpy as np
     import torch
 
     from zoo.checkpoints.policy import load_policy
+    from zoo.monitor.guarded_policy import guarded
 
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
     # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
     policy = load_policy(path, threads)
+    watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
-        policy(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
-    return policy
+        watched(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+    # A new guard, which has not seen the black frames.
+    return policy if guard is None else guarded(policy, path, guard)
 
 
 def view_line(policy: "Policy | OnnxPolicy") -> str:
