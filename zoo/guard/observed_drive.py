@@ -1,10 +1,12 @@
 """A drive in which the signals of every frame are kept."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from simulator.world import World
 from zoo.checkpoints.command import Command, PolicyFunction, call_policy, reset_policy
@@ -60,6 +62,17 @@ class Observer:
         reset_policy(self._policy)
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let torch compute in one thread: images are too small for several, which wait for others."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 def observe_drive(
     checkpoint: str,
     ensemble: tuple[str, ...],
@@ -78,19 +91,13 @@ def observe_drive(
         setup: setup of the drive.
         report: function called at every frame with the share of the drive that is done, 0..1.
     """
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # one frame is too little work for two threads
     world: World = open_setup(setup, "auto")
-    try:
+    with one_thread():
         policy = conditioned_policy(checkpoint, noise, setup.seed)
         others = [load_policy(one) for one in ensemble]
         observer = Observer(policy, signal_sources(policy, samples, others)[0])
         drive = drive_setup(observer, world, setup, None, report)
-    finally:
-        torch.set_num_threads(threads)
-        world.pictures.close()
+    world.pictures.close()
     return ObservedDrive(
         time_s=drive.time_s,
         intervention=drive.intervention,

@@ -7,6 +7,7 @@ from zoo.drives.metrics import measure
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
 from zoo.evaluate.process_pool import drive_in_processes
 from zoo.guard.conditions import Condition, conditioned_policy
+from zoo.guard.observed_drive import one_thread
 from zoo.monitor.guard_file import read_guard
 from zoo.monitor.guarded_policy import GuardedPolicy
 
@@ -46,19 +47,13 @@ def drive_guarded(
         setup: setup of the drive.
         report: function called at every frame with the share of the drive that is done, 0..1.
     """
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # one frame is too little work for two threads
     world = open_setup(setup, "auto")
-    try:
+    with one_thread():
         policy = conditioned_policy(checkpoint, noise, setup.seed)
         if guard is not None:
             policy = GuardedPolicy(policy, read_guard(guard))
         drive = drive_setup(policy, world, setup, None, report)
-    finally:
-        torch.set_num_threads(threads)
-        world.pictures.close()
+    world.pictures.close()
     figures = measure(drive)
     return Driven(
         int(figures["interventions"]),
