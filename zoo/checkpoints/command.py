@@ -15,11 +15,13 @@ class Command(NamedTuple):
         throttle: throttle -1..1, negative brakes; None from a network that predicts none.
         spread: standard deviation of the steering, 0 or more, by which the policy doubts it; None
             from a policy that does not know.
+        limit_mph: speed to slow down to, by a guard that fires; None for no limit.
     """
 
     steering: float
     throttle: float | None = None
     spread: float | None = None
+    limit_mph: float | None = None
 
 
 # Function of a frame, uint8 [160, 320, 3] RGB (None in a world without a renderer), and mph. A

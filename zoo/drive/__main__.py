@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from zoo.checkpoints.onnx_policy import OnnxPolicy
     from zoo.checkpoints.policy import Policy
     from zoo.drive.drive_settings import DriveSettings
+    from zoo.monitor.guarded_policy import GuardedPolicy
 
 COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
@@ -57,7 +58,10 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
     # The port is opened before the slow import of torch; simulators that connect wait.
     listener = open_port(settings.host, settings.port)
     load = functools.partial(
-        load_warm_policy, threads=settings.threads, needs_spread=settings.speed.needs_spread
+        load_warm_policy,
+        threads=settings.threads,
+        needs_spread=settings.speed.needs_spread,
+        guard=settings.guard,
     )
     with loading():
         policy = load(Path(checkpoint))
@@ -145,8 +149,16 @@ def open_port(host: str, port: int) -> "GreenSocket":
         raise InputError(reason) from None
 
 
-def load_warm_policy(path: Path, threads: int, needs_spread: bool = False) -> "Policy | OnnxPolicy":
+def load_warm_policy(
+    path: Path, threads: int, needs_spread: bool = False, guard: Path | None = None
+) -> "Policy | OnnxPolicy | GuardedPolicy":
     """Load a policy and call it three times, because the first call is the slowest.
+
+    Args:
+        path: checkpoint file.
+        threads: threads of the network.
+        needs_spread: whether the policy must predict a spread.
+        guard: guard file that watches the policy; None for none.
 
     Raises:
         InputError: the checkpoint cannot be loaded, or predicts no spread although it must.
@@ -156,20 +168,23 @@ def load_warm_policy(path: Path, threads: int, needs_spread: bool = False) -> "P
 
     from zoo.checkpoints.command import call_policy, reset_policy
     from zoo.checkpoints.policy import load_policy
+    from zoo.monitor.guarded_policy import guarded
 
     # torch keeps this number for each thread that loads a policy. Its default, one thread per
     # core, took 128 ms a frame instead of 1.9 ms on four shared cores.
     torch.set_num_threads(threads)
     policy = load_policy(path, threads)
+    watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
-        command = call_policy(policy, np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+        command = call_policy(watched, np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
     if needs_spread and command.spread is None:
         raise InputError(
             f"drive.speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
             "model=nvidia_gaussian or of drivezoo doubt, or use drive.speed=pi"
         )
     reset_policy(policy)
-    return policy
+    # A new guard, which has not seen the black frames.
+    return policy if guard is None else guarded(policy, path, guard)
 
 
 def view_line(policy: "Policy | OnnxPolicy") -> str:

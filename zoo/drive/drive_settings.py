@@ -32,6 +32,7 @@ class DriveSettings:
     put_back: bool
     margin: Margin | None
     record: Path | None
+    guard: Path | None
     threads: Annotated[int, Field(ge=1, le=64)]
     steering: SteeringFilter
     speed: SpeedController
@@ -54,6 +55,8 @@ def read_settings(arguments: Sequence[str]) -> DriveSettings:
     constructed = {"steering": SteeringFilter(**settings["steering"]), "speed": controller}
     if settings["record"] is not None:
         constructed["record"] = Path(settings["record"]).expanduser()
+    if settings["guard"] is not None:
+        constructed["guard"] = Path(settings["guard"]).expanduser()
     found = check_options(DriveSettings, settings | constructed)
     if not found.expose and not is_loopback(found.host):
         raise UsageError(

@@ -18,7 +18,7 @@ from zoo.drive.session import Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
-from zoo.drives.speed_controller import SpeedController, limit_pedal
+from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
 from zoo.drives.steering_filter import SteeringFilter
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
@@ -120,6 +120,7 @@ class Driver:
         self.tally = Tally()
         self.sessions: dict[str, Session] = {}
         self.clients = 0  # number of simulators that have connected so far
+        self.alarms = 0  # how often a guard began to slow a car down
         self._controller, self._steer, self._margin_m = controller, steer, margin_m
         self._began_s: float | None = None
         self._frame: np.ndarray | None = None
@@ -221,6 +222,8 @@ class Driver:
         if not math.isfinite(throttle):
             raise ValueError(f"its throttle is {throttle}")
         session.send(steering)
+        throttle = keep_limit(session.controller, throttle, session.speed_mph, command.limit_mph)
+        self._count_alarm(session, command.limit_mph is not None, now_s)
         if self.paused:
             throttle = GENTLE_BRAKE
         throttle = limit_pedal(throttle, session.speed_mph)
@@ -243,6 +246,14 @@ class Driver:
         if lost is not None and session.can_put_back:
             values |= self._put_back(session)
         return Reply("steer", values, row, image)
+
+    def _count_alarm(self, session: Session, limited: bool, now_s: float) -> None:
+        """Count and print an alarm of the guard when it begins."""
+        if limited and not session.limited:
+            self.alarms += 1
+            line = f"the guard slows down after {self._time(now_s):.1f} s (alarm {self.alarms})"
+            self.notices.print_some("guard", line)
+        session.limited = limited
 
     def _put_back(self, session: Session) -> dict[str, str]:
         """Return the value that makes the simulator put the car back, at the speed to hold."""
@@ -297,6 +308,8 @@ class Driver:
             "set_mph": self.set_mph,
             "troubles": dict(self.notices.counts),
         }
+        if hasattr(self.policy, "alarms"):
+            figures["guard_alarms"] = self.alarms
         written = self.writer.close(figures)
         for line in [*self.notices.count_lines(), *summary_lines(figures)]:
             self.notices.print(line)

@@ -35,7 +35,7 @@ class Session:
         self.decimal: str | None = None
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
-        self.overridden = False
+        self.overridden = self.limited = False
         # Policy of all sessions, and this session's own.
         self._shared: PolicyFunction | None = None
         self._policy: PolicyFunction | None = None

@@ -6,6 +6,7 @@ from typing import Protocol
 from datamodules.errors import InputError
 
 LONGEST_STEP_S = 0.5  # longest step that the integral counts; a longer one is a pause
+LIMIT_GAIN = 0.2  # throttle per mph below a speed limit; above it, brake per mph
 REVERSES_BELOW_MPH = 5.0  # below it, a negative throttle makes the original's car reverse
 # The Udacity course's controller sums the error per telemetry message, and its server received
 # 43 messages per second.
@@ -197,6 +198,25 @@ class Network:
     ) -> float:
         """Return the predicted throttle times the gain, or the fallback."""
         return self.fallback if predicted is None else self.gain * predicted
+
+
+def keep_limit(
+    controller: SpeedController, throttle: float, speed_mph: float, limit_mph: float | None
+) -> float:
+    """Return a throttle that slows the car down to a speed limit.
+
+    The controller forgets its integral, which would grow while the car is slower than it wants.
+
+    Args:
+        controller: controller that returned the throttle.
+        throttle: throttle of the controller.
+        speed_mph: speed of the car.
+        limit_mph: speed limit; None for none.
+    """
+    if limit_mph is None:
+        return throttle
+    controller.reset()
+    return min(throttle, LIMIT_GAIN * (limit_mph - speed_mph))
 
 
 def limit_pedal(throttle: float, speed_mph: float) -> float:

@@ -38,9 +38,11 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         from zoo.checkpoints.policy import load_policy
         from zoo.evaluate.drives_table import drives_table, nan_line
         from zoo.evaluate.evaluate_options import check_world
+        from zoo.evaluate.guard_effect import guard_effect, guard_line, unguarded
         from zoo.evaluate.many_drives import Setup, check_throttle
         from zoo.evaluate.robustness import perturbations_named, sweeps
         from zoo.evaluate.track_scores import score_on_tracks
+        from zoo.monitor.guarded_policy import guarded
         from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.new_folder import new_folder
         from zoo.verdict.evidence import read_evidence
@@ -50,14 +52,22 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
         policy = load_policy(checkpoint)
         check_world(options)
         check_throttle(policy, options.throttle)
+        if options.guard:
+            guarded(policy, checkpoint, options.guard)
     names = perturbations_named(options.perturb, options.throttle)
     usual = Setup.of(options, options.tracks[0], 0)
     swept = sweeps(names, usual)
     folder = new_folder(options.out, "evaluations")
     more = [one for by_value in swept.values() for one in by_value.values()]
+    more += unguarded(options)
     scores = score_on_tracks(checkpoint, options, folder, console, more)
     metrics = {"checkpoint": str(checkpoint), "drives": scores.drives, "tracks": scores.tracks}
     console.print(drives_table(scores.tracks))
+    if options.guard:
+        without = [scores.by_setup[one] for one in unguarded(options)]
+        metrics["guard"] = guard_effect(options.guard, scores.drives, without)
+        line = guard_line(metrics["guard"])
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     if names:
         results = {
             name: {value: scores.by_setup[one] for value, one in by_value.items()}

@@ -14,7 +14,7 @@ from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import EMBEDDED, Drive, DriveRow
 from zoo.drives.interventions import InterventionRule
 from zoo.drives.latency_meter import latency_meter
-from zoo.drives.speed_controller import SpeedController, limit_pedal
+from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
 
 SLOWEST_MPH = 3.0  # a drive ends when its mean speed must be lower than this
 
@@ -87,7 +87,7 @@ def drive_closed_loop(
             expert_steering = expert(world)[0]
         mph = world.car.speed_mph
         throttle = speed.throttle(mph, steering, command.throttle, world.time, command.spread)
-        throttle = limit_pedal(throttle, mph)
+        throttle = limit_pedal(keep_limit(speed, throttle, mph, command.limit_mph), mph)
         if margin_m is None:
             rule.margin_m = world.place.width / 2
         lost = rule.judge(world.time, mph, world.cte, world.at_wall) is not None

@@ -31,6 +31,7 @@ class EvaluateOptions(WorldSettings):
     film_speed: Annotated[float, Field(ge=1, le=100)]
     perturb: str | None
     replay: str | None
+    guard: str | None
     out: str | None
     workers: Workers
 

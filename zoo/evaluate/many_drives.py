@@ -40,6 +40,7 @@ class Setup(WorldSettings):
         offset_m, heading_deg: shift and turn to the right, added to the start of the seed.
         film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
             The figures do not depend on it.
+        guard: path of the guard file that slows the car down; empty for none.
     """
 
     track: str
@@ -52,6 +53,7 @@ class Setup(WorldSettings):
     heading_deg: float = 0.0
     throttle: str = "hold"
     film_speed: float = 0.0
+    guard: str = ""
 
     @property
     def start_mph(self) -> float:
@@ -70,6 +72,7 @@ class Setup(WorldSettings):
             margin_m=options.margin,
             throttle=options.throttle,
             film_speed=options.film_speed if options.film else 0.0,
+            guard=options.guard or "",
         )
 
 
@@ -127,7 +130,8 @@ def drive_once(
 ) -> dict[str, float | str | None]:
     """Drive once in this process and return the figures; a figure that is not finite is None.
 
-    The figures hold `nan_frames` only if the policy steered NaN.
+    The figures hold `nan_frames` only if the policy steered NaN, and `guard_alarms` only if a guard
+    watched: how often it began to slow the car down.
 
     Args:
         checkpoint: checkpoint file.
@@ -139,6 +143,7 @@ def drive_once(
     import torch
 
     from zoo.checkpoints.policy import load_policy
+    from zoo.monitor.guarded_policy import guarded
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # one frame is too little work for two threads
@@ -146,14 +151,17 @@ def drive_once(
     try:
         policy = load_policy(checkpoint)
         check_throttle(policy, setup.throttle)
+        if setup.guard:
+            policy = guarded(policy, checkpoint, setup.guard)
         with KeptFrames(folder, setup.frame_rate, setup.film_speed) as kept:
             drive = drive_setup(policy, world, setup, kept, report)
         drive = kept.write(drive)
     finally:
         torch.set_num_threads(threads)
-    figures = summarize(drive)
+    alarms = {"guard_alarms": policy.alarms} if setup.guard else {}
+    figures = summarize(drive) | alarms
     if folder is not None:
-        _leave(folder, world, drive, figures)
+        _leave(folder, world, drive, figures, alarms)
     world.pictures.close()
     return {
         key: None if isinstance(value, float) and not math.isfinite(value) else value
@@ -225,8 +233,8 @@ def _expert_steering_per_s(setup: Setup) -> float:
     return steering_per_s(drive)
 
 
-def _leave(folder: Path, world: World, drive: Drive, figures: dict) -> None:
-    write_drive(folder, drive)
+def _leave(folder: Path, world: World, drive: Drive, figures: dict, alarms: dict) -> None:
+    write_drive(folder, drive, **alarms)
     title = (
         f"{world.track.name}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
         f"{figures['interventions']} interventions"

@@ -98,7 +98,7 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
         return None
-    known = {field.name for field in fields(RunScore)} - {"out", "perturb", "replay"}
+    known = {field.name for field in fields(RunScore)} - {"out", "perturb", "replay", "guard"}
     unknown = sorted(set(settings) - known)
     if unknown:
         raise InputError(f"score.{unknown[0]}: no such key; {hint(unknown[0], sorted(known))}")

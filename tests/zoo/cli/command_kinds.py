@@ -12,6 +12,7 @@ from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.replay_score import ReplayOptions
 from zoo.export.__main__ import ExportOptions
 from zoo.film import FilmOptions
+from zoo.guard.guard_options import GuardOptions
 from zoo.input_search.import_options import ImportOptions
 from zoo.rerun import RerunOptions
 from zoo.results import ResultsOptions
@@ -28,6 +29,7 @@ KINDS = {
     "evaluate": EvaluateOptions,
     "export": ExportOptions,
     "film": FilmOptions,
+    "guard": GuardOptions,
     "import": ImportOptions,
     "replay": ReplayOptions,
     "rerun": RerunOptions,

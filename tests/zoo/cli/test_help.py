@@ -25,6 +25,7 @@ NAMED = {
     "zoo.evaluate": ("laps=1.0", "perturb=null"),
     "zoo.export": ("out=", "frames="),
     "zoo.film": ("out=null", "fps=null", "plays as fast as it was driven"),
+    "zoo.guard": ("levels=10", "guard.pt", "false_alarms=0.05"),
     "zoo.import": ("recording=null", "crop=null", "out=null"),
     "zoo.leaderboard": ("FOLDER", "leaderboard.html"),
     "zoo.models": ("multiply-adds",),

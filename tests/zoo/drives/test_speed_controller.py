@@ -5,7 +5,15 @@ import math
 import pytest
 
 from datamodules.errors import InputError
-from zoo.drives.speed_controller import PI, Constant, Doubt, Network, SpeedController, limit_pedal
+from zoo.drives.speed_controller import (
+    PI,
+    Constant,
+    Doubt,
+    Network,
+    SpeedController,
+    keep_limit,
+    limit_pedal,
+)
 
 STEP_S = 1 / 60
 
@@ -101,3 +109,19 @@ def test_doubt_needs_a_spread_that_is_sure_and_a_larger_one_that_is_not(
 ) -> None:
     with pytest.raises(InputError, match=r"drive\.speed\.(un)?sure="):
         Doubt(20, 0.1, 0.0, 5, sure, unsure)
+
+
+def test_a_limit_brakes_above_it_and_holds_it_below() -> None:
+    pi = PI(15, 0.1, 0.002)
+    pi.throttle(5, 0, None, 0.0)
+    assert keep_limit(pi, 1.0, 12, 6.0) < 0
+    assert 0 < keep_limit(pi, 1.0, 5, 6.0) < 1
+    assert keep_limit(pi, 1.0, 12, None) == 1.0
+
+
+def test_the_integral_does_not_grow_while_a_limit_holds() -> None:
+    limited, free = PI(15, 0.1, 0.002), PI(15, 0.1, 0.002)
+    for step in range(100):
+        keep_limit(limited, limited.throttle(6, 0, None, step / 15), 6, 6.0)
+    after, fresh = (one.throttle(14, 0, None, 7.0) for one in (limited, free))
+    assert after == fresh

@@ -1,0 +1,59 @@
+"""What a guard prevented: the same drives with it and without it."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from zoo.drives.bootstrap import bootstrap, mean
+from zoo.evaluate.evaluate_options import EvaluateOptions
+from zoo.evaluate.many_drives import Setup
+
+
+def unguarded(options: EvaluateOptions) -> list[Setup]:
+    """Return the setups of an evaluation's drives without the guard; none without a guard."""
+    if not options.guard:
+        return []
+    return [
+        replace(Setup.of(options, track, seed), guard="", film_speed=0.0)
+        for track in options.tracks
+        for seed in range(options.seeds)
+    ]
+
+
+def guard_effect(guard: str, guarded: Sequence[dict], without: Sequence[dict]) -> dict:
+    """Return the effect of a guard.
+
+    Args:
+        guard: path of the guard file.
+        guarded: figures of the drives with the guard.
+        without: figures of the same drives without it.
+
+    Returns:
+        Alarms, interventions and mean speed with and without the guard, and the interventions that
+        it prevented per drive, with a 95 % interval over the drives.
+    """
+    lost, lost_without = (
+        np.array([one["interventions"] for one in drives], float) for drives in (guarded, without)
+    )
+    return {
+        "guard": guard,
+        "alarms": sum(one["guard_alarms"] for one in guarded),
+        "interventions": int(lost.sum()),
+        "interventions_without": int(lost_without.sum()),
+        "prevented_per_drive": asdict(bootstrap((lost_without - lost)[None], mean)),
+        "speed_mph": float(np.mean([one["speed_mph"] for one in guarded])),
+        "speed_mph_without": float(np.mean([one["speed_mph"] for one in without])),
+    }
+
+
+def guard_line(effect: dict) -> str:
+    """Return a sentence about the effect of a guard."""
+    prevented = effect["prevented_per_drive"]
+    bounds = f" ({prevented['low']:.2f} to {prevented['high']:.2f})"
+    return (
+        f"guard: {effect['alarms']} alarms; interventions {effect['interventions']} with it, "
+        f"{effect['interventions_without']} without it; prevented per drive: "
+        f"{prevented['value']:.2f}{bounds if np.isfinite(prevented['low']) else ''}; mean speed "
+        f"{effect['speed_mph']:.1f} instead of {effect['speed_mph_without']:.1f} mph"
+    )

@@ -1,0 +1,130 @@
+"""Figures of warnings: recall, precision, false-positive rate, F3 and AUC, with intervals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from zoo.drives.bootstrap import CONFIDENCE, Estimate
+from zoo.drives.intervals import wilson_interval
+
+FIGURES = ("recall", "precision", "false_positive_rate", "f3", "auc")
+DRAWS = 2_000
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Counts of each drive, which a resample adds up.
+
+    Attributes:
+        hits: windows before a failure with an alarm, float [failing drives].
+        failing: windows before a failure, float [failing drives].
+        false: normal windows with an alarm, float [normal drives].
+        normal: normal windows, float [normal drives].
+        above: pairs of a window before a failure and a normal one, of which the first has the
+            higher score, ties counted as half; float [failing drives, normal drives].
+    """
+
+    hits: np.ndarray
+    failing: np.ndarray
+    false: np.ndarray
+    normal: np.ndarray
+    above: np.ndarray
+
+    def figures(self, failing: np.ndarray, normal: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the figures of resamples.
+
+        Args:
+            failing: how often each resample takes each failing drive, [draws, failing drives].
+            normal: how often it takes each normal drive, [draws, normal drives].
+        """
+        hits, all_failing = failing @ self.hits, failing @ self.failing
+        false, all_normal = normal @ self.false, normal @ self.normal
+        above = np.einsum("df,fn,dn->d", failing, self.above, normal)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            recall, rate = hits / all_failing, false / all_normal
+            # Without any alarm there is no precision, but F3 is 0.
+            precision = hits / (hits + false)
+            f3 = 10 * hits / (10 * hits + 9 * (all_failing - hits) + false)
+            auc = above / (all_failing * all_normal)
+        return dict(zip(FIGURES, (recall, precision, rate, f3, auc), strict=True))
+
+
+def warning_figures(
+    failing: Sequence[np.ndarray], normal: Sequence[np.ndarray], threshold: float, seed: int = 0
+) -> dict[str, Estimate]:
+    """Return the figures of alarms above a threshold, with 95 % intervals.
+
+    The intervals resample whole drives with replacement, since windows of one drive resemble each
+    other. Where no resample differs, the intervals of recall, precision and false-positive rate
+    are Wilson's of the windows, and the others have no bounds.
+
+    F3 weighs recall three times as much as precision: `10 P R / (9 P + R)`. AUC is the share of
+    pairs of a failing and a normal window of which the failing one has the higher score.
+
+    Args:
+        failing: scores of the windows before a failure, float [n] of each drive.
+        normal: scores of normal windows, float [n] of each drive.
+        threshold: score above which a window raises an alarm.
+        seed: random seed of the resamples.
+
+    Returns:
+        Estimates by name, see FIGURES; NaN where there is no window.
+
+    >>> found = warning_figures([np.array([3.0, 1.0])], [np.array([0.0, 2.0, 0.5, 0.5])], 1.5)
+    >>> [round(found[name].value, 3) for name in FIGURES]
+    [0.5, 0.5, 0.25, 0.5, 0.875]
+    """
+    failing, normal = [[one for one in drives if len(one)] for drives in (failing, normal)]
+    counted = _count(failing, normal, threshold)
+    sizes = len(failing), len(normal)
+    values = counted.figures(*(np.ones((1, size)) for size in sizes))
+    rng = np.random.default_rng(seed)
+    drawn = counted.figures(*(_resamples(size, rng) for size in sizes))
+    found = {name: _estimate(float(values[name][0]), drawn[name]) for name in FIGURES}
+    hits, false = counted.hits.sum(), counted.false.sum()
+    for name, successes, trials in (
+        ("recall", hits, counted.failing.sum()),
+        ("precision", hits, hits + false),
+        ("false_positive_rate", false, counted.normal.sum()),
+    ):
+        if trials and not np.isfinite(found[name].low):
+            interval = wilson_interval(int(successes), int(trials))
+            found[name] = Estimate(found[name].value, *interval)
+    return found
+
+
+def _resamples(size: int, rng: np.random.Generator) -> np.ndarray:
+    """Return how often each resample takes each drive, int [DRAWS, size]."""
+    if not size:
+        return np.zeros((DRAWS, 0), int)
+    return rng.multinomial(size, np.full(size, 1 / size), DRAWS)
+
+
+def _count(failing: list[np.ndarray], normal: list[np.ndarray], threshold: float) -> Counted:
+    above = [
+        [
+            float((one[:, None] > other).sum() + 0.5 * (one[:, None] == other).sum())
+            for other in normal
+        ]
+        for one in failing
+    ]
+    return Counted(
+        *(
+            np.array([count(one) for one in drives], float)
+            for drives in (failing, normal)
+            for count in (lambda one: (one > threshold).sum(), len)
+        ),
+        np.array(above, float).reshape(len(failing), len(normal)),
+    )
+
+
+def _estimate(value: float, drawn: np.ndarray) -> Estimate:
+    drawn = drawn[np.isfinite(drawn)]
+    if not np.isfinite(value) or not len(drawn):
+        return Estimate(value)
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(drawn, [tail, 1 - tail])
+    if low == high:
+        return Estimate(value)
+    return Estimate(value, float(low), float(high))

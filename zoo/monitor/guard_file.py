@@ -1,0 +1,104 @@
+"""Guard files: a fitted score and its threshold, in plain containers."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint import load_plain
+from zoo.monitor.scores import METHODS, Score, make_score
+from zoo.monitor.signals import IMAGE
+
+KEY, FORMAT = "drivezoo_guard", 1
+REMEDY = "name a file of python -m zoo.guard"
+
+
+@dataclass(frozen=True)
+class Guard:
+    """A score, its threshold and what happens above it.
+
+    Attributes:
+        score: fitted method.
+        threshold: mean score of a window above which the guard fires.
+        window: number of frames in a window.
+        limit_mph: speed to slow down to while it fires.
+        samples: passes of Monte-Carlo dropout for each frame.
+        sha256: hash of the checkpoint that drove the nominal drives.
+    """
+
+    score: Score
+    threshold: float
+    window: int
+    limit_mph: float
+    samples: int
+    sha256: str
+
+
+def write_guard(path: Path, guard: Guard) -> Path:
+    """Write a guard file and return its path."""
+    contents = {key: getattr(guard, key) for key in _NUMBERS} | {
+        "format": FORMAT,
+        "method": guard.score.method,
+        "state": guard.score.state,
+        "sha256": guard.sha256,
+    }
+    torch.save({KEY: contents}, path)
+    return path
+
+
+def read_guard(path: str | Path) -> Guard:
+    """Return the contents of a guard file; no code in it is run.
+
+    Raises:
+        InputError: the file cannot be read, is no guard file, or a value in it is wrong.
+    """
+    path = Path(path).expanduser()
+    found = load_plain(path)
+    found = found.get(KEY) if isinstance(found, dict) else None
+    if not isinstance(found, dict):
+        raise InputError(f"guard={path}: is not a guard file; {REMEDY}")
+    if found.get("format") != FORMAT:
+        raise InputError(
+            f"guard={path}: has format {found.get('format')}, this version reads {FORMAT}; fit it "
+            "again with python -m zoo.guard"
+        )
+    for key, kind in _NUMBERS.items():
+        value = found.get(key)
+        if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value < 1e9:
+            raise InputError(f"guard={path}: {key}: is {value!r:.40}; {REMEDY}")
+    method, sha256 = found.get("method"), str(found.get("sha256"))
+    if method not in METHODS:
+        raise InputError(f"guard={path}: method: is {method!r:.40}; {REMEDY}")
+    try:
+        score = make_score(method, found["state"])
+    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"guard={path}: state: is damaged ({reason}); {REMEDY}") from None
+    return Guard(score, **{key: found[key] for key in _NUMBERS}, sha256=sha256)
+
+
+def check_checkpoint(path: str | Path, guard: Guard, checkpoint: str | Path) -> None:
+    """Check that a guard was fitted with a checkpoint.
+
+    A score of the camera's images alone, such as the autoencoder's, fits every checkpoint.
+
+    Raises:
+        InputError: the guard's scores are those of another network.
+    """
+    if METHODS[guard.score.method].signal == IMAGE:
+        return
+    if file_hash(checkpoint) != guard.sha256:
+        raise InputError(
+            f"guard={path}: was fitted with another checkpoint than {checkpoint}; run python -m "
+            "zoo.guard with this one"
+        )
+
+
+def file_hash(path: str | Path) -> str:
+    """Return the SHA-256 of a file's contents."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+_NUMBERS = {"threshold": float, "window": int, "limit_mph": float, "samples": int}

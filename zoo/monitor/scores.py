@@ -1,0 +1,110 @@
+"""Scores of frames by several methods; a high score is a frame unlike those of nominal drives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zoo.monitor.autoencoder import Autoencoder, reconstruction_errors, train_autoencoder
+from zoo.monitor.signals import DROPOUT, ENSEMBLE, IMAGE, MAP, SPREAD
+
+
+@dataclass(frozen=True)
+class Score:
+    """A fitted method.
+
+    Attributes:
+        method: key of METHODS.
+        state: values that the fit found, as plain containers and tensors.
+        function: function of the signals of consecutive frames, [N, ...], that returns the score
+            of each, float64 [N].
+    """
+
+    method: str
+    state: dict[str, Any]
+    function: Callable[[np.ndarray], np.ndarray]
+
+    def __call__(self, signals: np.ndarray) -> np.ndarray:
+        """Return the score of each of the consecutive frames, float64 [N]."""
+        return self.function(signals)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method that scores frames.
+
+    Attributes:
+        signal: name of the signal that it needs.
+        fit: function of nominal signals [N, ...] and a number of epochs that returns the state.
+        make: function of the state that returns `Score.function`.
+        frames: consecutive frames that a score needs.
+        source: publication.
+    """
+
+    signal: str
+    fit: Callable[[np.ndarray, int], dict[str, Any]]
+    make: Callable[[dict[str, Any]], Callable[[np.ndarray], np.ndarray]]
+    source: str
+    frames: int = 1
+
+
+def _fit_autoencoder(signals: np.ndarray, epochs: int) -> dict[str, Any]:
+    network = train_autoencoder(signals, epochs)
+    return {"shape": list(network.shape), "weights": dict(network.state_dict())}
+
+
+def _autoencoder(state: dict[str, Any]) -> Callable[[np.ndarray], np.ndarray]:
+    network = Autoencoder(tuple(state["shape"]))
+    network.load_state_dict(state["weights"])
+    network.eval()
+    return lambda signals: reconstruction_errors(network, signals)
+
+
+def _levels(signals: np.ndarray) -> np.ndarray:
+    return signals.reshape(len(signals), -1).mean(1) / 255
+
+
+def _changes(signals: np.ndarray) -> np.ndarray:
+    flat = signals.reshape(len(signals), -1) / 255
+    return np.abs(np.diff(flat, axis=0, prepend=flat[:1])).mean(1)
+
+
+def _nothing(signals: np.ndarray, epochs: int) -> dict[str, Any]:
+    return {}
+
+
+SELFORACLE = "SelfOracle, Stocco et al. 2020"
+THIRDEYE = "ThirdEye, Stocco et al. 2022"
+GREWAL = "Grewal et al. 2024"
+METHODS = {
+    "autoencoder": Method(IMAGE, _fit_autoencoder, _autoencoder, SELFORACLE),
+    # Published: the mean itself; here its distance from the nominal mean, since fog lowers it.
+    "attention_mean": Method(
+        MAP,
+        lambda signals, epochs: {"mean": float(_levels(signals).mean())},
+        lambda state: lambda signals: np.abs(_levels(signals) - state["mean"]),
+        THIRDEYE,
+    ),
+    "attention_change": Method(MAP, _nothing, lambda state: _changes, THIRDEYE, frames=2),
+    "attention_autoencoder": Method(MAP, _fit_autoencoder, _autoencoder, THIRDEYE),
+    "dropout": Method(DROPOUT, _nothing, lambda state: np.asarray, GREWAL),
+    "spread": Method(SPREAD, _nothing, lambda state: np.asarray, GREWAL),
+    "ensemble": Method(ENSEMBLE, _nothing, lambda state: np.asarray, GREWAL),
+}
+
+
+def fit_score(method: str, signals: np.ndarray, epochs: int) -> Score:
+    """Fit a method to the signals of nominal frames.
+
+    Args:
+        method: key of METHODS.
+        signals: signals of the frames, [N, ...].
+        epochs: passes of the training of an autoencoder.
+    """
+    return make_score(method, METHODS[method].fit(signals, epochs))
+
+
+def make_score(method: str, state: dict[str, Any]) -> Score:
+    """Return a fitted method from its state."""
+    return Score(method, state, METHODS[method].make(state))
