@@ -93,8 +93,10 @@ def test_windows_of_one_frame_are_single_frames(load):
 
 
 @pytest.mark.parametrize("flip", [1.0, "both"])
-def test_a_window_is_flipped_as_one(load, flip):
-    data, mirrored = load(flip=0.0, **WINDOWS), load(flip=flip, **WINDOWS)
+@pytest.mark.parametrize("view", [VIEW, View((60, 25), "gray", (8, 16))], ids=["large", "small"])
+def test_a_window_is_flipped_as_one(load, flip, view):
+    settings = {"view": view, **WINDOWS}
+    data, mirrored = load(flip=0.0, **settings), load(flip=flip, **settings)
     key = some(data)
     own = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples
     one, other = data.training_batches()[key], mirrored.training_batches()[BatchKey(0, 0, own)]
@@ -213,6 +215,17 @@ def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
         assert torch.equal(
             targets[:, 0].double(), torch.tensor(data.recording.steering[wanted]).float().double()
         )
+
+
+def test_shards_of_the_evaluation_together_are_all_rows(load):
+    """A rank without rows has one empty batch."""
+    batches = load(**WINDOWS).evaluation_batches("val")
+    world = len(batches.rows) + 1
+    shards = [batches.share(rank, world) for rank in range(world)]
+    assert shards[-1][0]["images"].shape == (0, 3, 3, 33, 100)
+    for name in ("images", "speed", "targets"):
+        parts = torch.cat([batch[name] for one in shards for batch in one])
+        assert torch.equal(parts, torch.cat([batch[name] for batch in batches]))
 
 
 def test_sides_need_the_side_images_of_all_frames(load):
