@@ -254,6 +254,19 @@ def test_a_window_crosses_no_pause_recording_skipped_row_or_part():
     assert rows.tolist() == [row for first, last in runs for row in range(first + 2, last + 1)]
 
 
+@pytest.mark.parametrize("usual_s", [1 / 15, 0.2])
+def test_a_longer_time_to_the_next_row_is_a_pause(usual_s):
+    """It is judged by each recording's own rate; recordings without times have no pause."""
+    recording = recording_in_memory(np.zeros(30), sizes=(10, 10, 10))
+    for start, step in ((0, usual_s), (10, 0.05)):
+        recording.time_s[start : start + 10] = start + step * np.arange(10)
+        recording.time_s[start + 4 : start + 10] += 1.5 * step  # slow, but no pause
+        recording.time_s[start + 7 : start + 10] += 2.5 * step
+    recording.time_s[20:] = np.nan
+    rows = Windows(sequence=2).whole(recording, np.arange(30))
+    assert np.setdiff1d(np.arange(30), rows).tolist() == [0, 7, 10, 17, 20]
+
+
 def test_every_frame_has_an_image_of_the_samples_camera():
     recording = recording_in_memory(np.zeros(12))
     recording.images[6, 1] = None
