@@ -187,6 +187,18 @@ def test_the_batches_of_a_device_are_the_cpus(load, room):
             assert torch.equal(on_device[key][name], tensor), name
 
 
+def test_every_feed_has_the_same_batches(load):
+    """A device, groups of batches, and processes that prepare them."""
+    data = load(batch_size=64, **WINDOWS)
+    wanted = list(data.train_dataloader())
+    groups = list(data.with_feed(torch.device("cpu"), 3).train_dataloader())
+    assert [len(group) for group in groups[:-1]] == [3] * (len(groups) - 1)
+    helped = load(batch_size=64, workers=1, **WINDOWS).train_dataloader()
+    for fed in ([batch for group in groups for batch in group], list(helped)):
+        for one, other in zip(wanted, fed, strict=True):
+            assert all(torch.equal(tensor, other[name]) for name, tensor in one.items())
+
+
 @pytest.mark.parametrize("world", [2, 3])
 def test_shards_together_are_the_batch_of_one_process(load, world):
     data = load(augment={"shift": Shift(), "blur": albumentations.GaussianBlur()}, **WINDOWS)
