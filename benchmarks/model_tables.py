@@ -16,6 +16,7 @@ from zoo.cli.compose import compose_config
 from zoo.models.commaai import SameConv2d
 from zoo.models.layers import SCALE, Normalize
 from zoo.models.make_network import make_network, published_view
+from zoo.models.ncp import CfcCell
 from zoo.models.network_facts import multiply_adds
 from zoo.models.vgg import ImageNetNormalize
 from zoo.report.network_section import Layer, network_layers
@@ -87,6 +88,8 @@ def layer_words(module: nn.Module) -> str:
     ('convolution, 24 of 5 x 5, stride 2', 'dropout 0.5')
     """
     match module:
+        case CfcCell():
+            return f"{module.out_features // 3} sparse continuous-time neurons"
         case nn.Conv1d() | nn.Conv2d():
             kernel = " x ".join(map(str, module.kernel_size))
             kernel = f"length {kernel}" if isinstance(module, nn.Conv1d) else kernel
