@@ -89,7 +89,8 @@ def layer_words(module: nn.Module) -> str:
     """
     match module:
         case CfcCell():
-            return f"{module.out_features // 3} sparse continuous-time neurons"
+            count = module.out_features // 3
+            return f"{count} sparse continuous-time neuron{'s' * (count > 1)}"
         case nn.Conv1d() | nn.Conv2d():
             kernel = " x ".join(map(str, module.kernel_size))
             kernel = f"length {kernel}" if isinstance(module, nn.Conv1d) else kernel
@@ -97,7 +98,8 @@ def layer_words(module: nn.Module) -> str:
             same = ", same size" if any(module.padding) else ""
             if isinstance(module, SameConv2d):
                 same = ", padded as TensorFlow's same"
-            return f"convolution, {module.out_channels} of {kernel}{stride}{same}"
+            groups = f", in {module.groups} groups" if module.groups > 1 else ""
+            return f"convolution, {module.out_channels} of {kernel}{stride}{same}{groups}"
         case nn.Linear():
             return f"dense, {module.out_features}"
         case nn.MaxPool1d() | nn.MaxPool2d():

@@ -4,4 +4,6 @@ A network is a plain `torch.nn.Module`. Its constructor takes `shape`, the `(cha
 width)` of its view, and the settings of its YAML. `forward` takes uint8 or float images
 `[N, C, H, W]` in 0..255, and the speed `[N]` in mph if the class sets `takes_speed = True`. It
 returns `[N, outputs]` in -1..1, steering first.
+
+A network that looks at several frames, or predicts several steps, is a `zoo.models.memory.Memory`.
 """
