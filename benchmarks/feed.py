@@ -1,4 +1,4 @@
-"""Compare our feeding with a DataLoader's, in samples per second: `python benchmarks/feed.py`."""
+"""Compare our feeding with a DataLoader's, and windows with frames: `python benchmarks/feed.py`."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -14,31 +14,57 @@ from zoo.training.build import build_data
 from zoo.training.host_settings import keep_freed_memory
 
 BATCH = 64
+FRAMES = 8  # in a window
 
 
 def measure(short: bool) -> list[Row]:
     """Measure batches of nvidia's view with flips, brightness, shadow and shift."""
     rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 7)
-    config = config_for(linked_recording(rows), AUGMENT, f"data.batch_size={BATCH}")
-    data = build_data(config)
-    data.load(Console(quiet=True))
+    data = loaded_data(rows)
+    # The blocks of a short recording hold no window: all rows are for training.
+    windows = loaded_data(rows, f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
     loader = DataLoader(SampleBySample(data), batch_size=BATCH, shuffle=True)
     keep_freed_memory()  # as a run does
     measures = {
         "ours/s": rate(batch_sizes(data), 8 * batches),
         "sample by sample/s": rate(map(len, (one["images"] for one in endless(loader))), batches),
+        "frames in windows/s": rate(batch_sizes(windows), batches),
     }
     take_turns(measures, 1)  # warms up memory pages and thread pools
     found = take_turns(measures, rounds)
-    ratio = median_ratio(*found.values())
+    ours, theirs, framed = found.values()
+    single, one_by_one, framed_s = ({name: one} for name, one in medians(found).items())
     what = "feeding, 66 x 200, flip, brightness, shift, shadow"
-    return [Row(what, "decoded, resized, augmented one by one", ratio, 10.0, True, medians(found))]
+    return [
+        Row(
+            what,
+            "decoded, resized, augmented one by one",
+            median_ratio(ours, theirs),
+            10.0,
+            figures=single | one_by_one,
+        ),
+        Row(
+            f"the same, each frame in windows of {FRAMES}",
+            "single frames",
+            median_ratio(framed, ours),
+            1 / 3,
+            figures=framed_s | single,
+        ),
+    ]
+
+
+def loaded_data(rows: int, *overrides: str) -> DrivingData:
+    """Return the loaded data of a recording of a number of rows."""
+    config = config_for(linked_recording(rows), AUGMENT, f"data.batch_size={BATCH}", *overrides)
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    return data
 
 
 def batch_sizes(data: DrivingData) -> Iterator[int]:
-    """Yield the size of our batches, endlessly."""
+    """Yield the number of frames in our batches, endlessly."""
     for batch in endless(data.train_dataloader()):
-        yield len(batch["images"])
+        yield len(batch["images"]) * data.windows.sequence
 
 
 def endless(loader: DataLoader) -> Iterator[dict]:
@@ -48,7 +74,7 @@ def endless(loader: DataLoader) -> Iterator[dict]:
 
 
 def rate(sizes: Iterator[int], batches: int) -> Callable[[], float]:
-    """Return a function that measures samples per second over the next batches."""
+    """Return a function that measures frames per second over the next batches."""
 
     def run() -> float:
         began = time.perf_counter()

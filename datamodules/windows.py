@@ -9,6 +9,10 @@ from datamodules.recording import Recording
 from datamodules.split import PARTS, Split
 from datamodules.stretches import find_breaks
 
+# A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
+# the original simulator 2 of 2,699 steps are longer.
+MOST_STEPS = 3
+
 
 @dataclass(frozen=True)
 class Windows:
@@ -54,13 +58,13 @@ class Windows:
         """Return those of the rows of a part (int64) whose window lies in that part.
 
         All rows from the window's first to its last are in the part, in one recording, and without
-        a pause or a skipped row between them.
+        a pause or a missing row between them.
         """
         if not self.is_windowed:
             return rows
         inside = np.zeros(len(recording), dtype=bool)
         inside[rows] = True
-        borders = find_breaks(recording) | _skipped(recording) | (inside[1:] != inside[:-1])
+        borders = find_breaks(recording) | _missing_rows(recording) | (inside[1:] != inside[:-1])
         run = np.concatenate([[0], np.cumsum(borders)])
         first = rows - (self.sequence - 1) * self.stride
         last = rows + self.ahead * self.stride
@@ -99,7 +103,14 @@ class Windows:
 SINGLE_FRAMES = Windows()
 
 
-def _skipped(recording: Recording) -> np.ndarray:
-    """Return whether rows of the log are missing between a row and the next, bool [N - 1]."""
-    steps = np.diff(recording.line)
-    return steps > np.median(steps) if len(steps) else steps > 0
+def _missing_rows(recording: Recording) -> np.ndarray:
+    """Return whether rows are missing between a row and the next, by line or time, bool [N - 1]."""
+    missing = np.zeros(len(recording) - 1, dtype=bool)
+    for number in range(len(recording.names)):
+        rows = np.flatnonzero(recording.recording == number)
+        for column, most in ((recording.line, 1), (recording.time_s, MOST_STEPS)):
+            steps = np.diff(column[rows])
+            forward = steps[steps > 0]  # not NaN, of a recording without times
+            if len(forward):
+                missing[rows[:-1]] |= steps > most * np.median(forward)
+    return missing

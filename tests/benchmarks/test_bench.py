@@ -26,8 +26,8 @@ def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 @pytest.mark.parametrize(
     ("parts", "rows", "word"),
     [
-        ("feed", 1, "readme"),
-        pytest.param("feed,cache,tiny", 5, "docs", marks=pytest.mark.slow),
+        ("feed", 2, "readme"),
+        pytest.param("feed,cache,tiny", 6, "docs", marks=pytest.mark.slow),
     ],
 )
 def test_the_short_version_measures_what_it_says(

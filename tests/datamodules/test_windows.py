@@ -93,8 +93,10 @@ def test_windows_of_one_frame_are_single_frames(load):
 
 
 @pytest.mark.parametrize("flip", [1.0, "both"])
-def test_a_window_is_flipped_as_one(load, flip):
-    data, mirrored = load(flip=0.0, **WINDOWS), load(flip=flip, **WINDOWS)
+@pytest.mark.parametrize("view", [VIEW, View((60, 25), "gray", (8, 16))], ids=["large", "small"])
+def test_a_window_is_flipped_as_one(load, flip, view):
+    settings = {"view": view, **WINDOWS}
+    data, mirrored = load(flip=0.0, **settings), load(flip=flip, **settings)
     key = some(data)
     own = key.samples + len(mirrored.samples) // 2 if flip == "both" else key.samples
     one, other = data.training_batches()[key], mirrored.training_batches()[BatchKey(0, 0, own)]
@@ -215,6 +217,17 @@ def test_evaluation_has_the_rows_whose_past_is_in_their_part(load):
         )
 
 
+def test_shards_of_the_evaluation_together_are_all_rows(load):
+    """A rank without rows has one empty batch."""
+    batches = load(**WINDOWS).evaluation_batches("val")
+    world = len(batches.rows) + 1
+    shards = [batches.share(rank, world) for rank in range(world)]
+    assert shards[-1][0]["images"].shape == (0, 3, 3, 33, 100)
+    for name in ("images", "speed", "targets"):
+        parts = torch.cat([batch[name] for one in shards for batch in one])
+        assert torch.equal(parts, torch.cat([batch[name] for batch in batches]))
+
+
 def test_sides_need_the_side_images_of_all_frames(load):
     data = load(**WINDOWS)
     row = data.evaluation_batches("val").rows[4]
@@ -239,6 +252,19 @@ def test_a_window_crosses_no_pause_recording_skipped_row_or_part():
     assert windows.whole(recording, part).tolist() == wanted
     rows = windows.past.whole(recording, part)
     assert rows.tolist() == [row for first, last in runs for row in range(first + 2, last + 1)]
+
+
+@pytest.mark.parametrize("usual_s", [1 / 15, 0.2])
+def test_a_longer_time_to_the_next_row_is_a_pause(usual_s):
+    """It is judged by each recording's own rate; recordings without times have no pause."""
+    recording = recording_in_memory(np.zeros(30), sizes=(10, 10, 10))
+    for start, step in ((0, usual_s), (10, 0.05)):
+        recording.time_s[start : start + 10] = start + step * np.arange(10)
+        recording.time_s[start + 4 : start + 10] += 1.5 * step  # slow, but no pause
+        recording.time_s[start + 7 : start + 10] += 2.5 * step
+    recording.time_s[20:] = np.nan
+    rows = Windows(sequence=2).whole(recording, np.arange(30))
+    assert np.setdiff1d(np.arange(30), rows).tolist() == [0, 7, 10, 17, 20]
 
 
 def test_every_frame_has_an_image_of_the_samples_camera():
@@ -274,7 +300,7 @@ def test_loading_prints_how_many_rows_have_a_window(load, console):
         ({"ahead": -1}, "data.ahead=-1"),
         ({"sequence": 10**30}, "data.sequence"),
         ({"sequence": 100}, "no val row"),
-        ({"sequence": 500}, "no train row"),
+        ({"sequence": 100, "stride": 5}, "no train row"),
         ({"sequence": 9, "split": "random"}, "data.split=blocks"),
     ],
 )

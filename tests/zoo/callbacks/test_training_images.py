@@ -25,10 +25,8 @@ from zoo.callbacks.training_images import figure_of_fed_batch
 def test_a_window_is_a_row_of_frames(
     recorded: Written, tmp_path: Path, windows: dict, columns: int, rows: int
 ) -> None:
-    settings = {"val_share": 0.0, "test_share": 0.0, "cache": None}
-    data = DrivingData(
-        str(recorded.folder), View((60, 25), "yuv", (33, 100)), **settings, **windows
-    )
+    settings = {"val_share": 0.0, "test_share": 0.0, "cache": None} | windows
+    data = DrivingData(str(recorded.folder), View((60, 25), "yuv", (33, 100)), **settings)
     data.load(Console(file=io.StringIO()))
     (axis,) = figure_of_fed_batch(data, 11).axes
     places = np.array([text.get_position() for text in axis.texts])
