@@ -15,6 +15,7 @@ from benchmarks.marked_page import markdown_table, write_between
 from zoo.cli.compose import compose_config
 from zoo.models.layers import SCALE, Normalize, SameConv2d
 from zoo.models.make_network import make_network, published_view
+from zoo.models.ncp import CfcCell
 from zoo.models.network_facts import multiply_adds
 from zoo.models.vgg import ImageNetNormalize
 from zoo.report.network_section import Layer, network_layers
@@ -86,6 +87,9 @@ def layer_words(module: nn.Module) -> str:
     ('convolution, 24 of 5 x 5, stride 2', 'dropout 0.5')
     """
     match module:
+        case CfcCell():
+            count = module.out_features // 3
+            return f"{count} sparse continuous-time neuron{'s' * (count > 1)}"
         case nn.Conv1d() | nn.Conv2d():
             kernel = " x ".join(map(str, module.kernel_size))
             kernel = f"length {kernel}" if isinstance(module, nn.Conv1d) else kernel
@@ -94,7 +98,8 @@ def layer_words(module: nn.Module) -> str:
             if isinstance(module, SameConv2d):
                 same = ", padded as TensorFlow's same"
             each = " of each channel" if module.groups == module.in_channels > 1 else ""
-            return f"convolution{each}, {module.out_channels} of {kernel}{stride}{same}"
+            groups = f", in {module.groups} groups" if module.groups > 1 and not each else ""
+            return f"convolution{each}, {module.out_channels} of {kernel}{stride}{same}{groups}"
         case nn.Linear():
             return f"dense, {module.out_features}"
         case nn.MaxPool1d() | nn.MaxPool2d():

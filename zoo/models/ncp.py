@@ -7,6 +7,7 @@ cells: Hasani et al., "Closed-form continuous-time neural networks", Nature Mach
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from zoo.models.layers import SCALE, Normalize, feature_shape
@@ -35,7 +36,7 @@ def sparse_mask(inputs: int, neurons: int, fan_out: int, rng: np.random.RandomSt
     return torch.from_numpy(np.hstack([mask, np.ones((neurons, neurons), np.float32)]))
 
 
-class CfcCell(nn.Module):
+class CfcCell(nn.Linear):
     """One layer of closed-form continuous-time neurons with sparse synapses.
 
     A neuron moves from one state to another at a rate of its own. All three are computed from its
@@ -47,17 +48,15 @@ class CfcCell(nn.Module):
     """
 
     def __init__(self, mask: Tensor) -> None:
-        super().__init__()
         neurons, inputs = mask.shape
-        self.synapses = nn.Linear(inputs, 3 * neurons)
+        super().__init__(inputs, 3 * neurons)
         self.register_buffer("mask", mask.repeat(3, 1))
-        nn.init.xavier_uniform_(self.synapses.weight)
+        nn.init.xavier_uniform_(self.weight)
 
     def forward(self, values: Tensor, hidden: Tensor) -> Tensor:
         """Return the new state [N, neurons]."""
-        weight = self.synapses.weight * self.mask
         inputs = torch.cat([values, hidden], 1)
-        found = nn.functional.linear(inputs, weight, self.synapses.bias)
+        found = F.linear(inputs, self.weight * self.mask, self.bias)
         # Not `chunk`, after which an ONNX file does not know the sizes.
         before, after, rate = found.unflatten(1, (3, hidden.shape[1])).unbind(1)
         rate = rate.sigmoid()

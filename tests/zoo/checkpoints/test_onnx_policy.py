@@ -1,5 +1,6 @@
 """Every command refuses an ONNX file that drivezoo did not write, in one line."""
 
+import json
 from pathlib import Path
 
 import onnx
@@ -89,3 +90,42 @@ def test_a_file_that_steers_nan_is_refused(tmp_path: Path) -> None:
     path.write_bytes(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
     with pytest.raises(InputError, match=r"nan\.onnx: returns NaN.*optim\.lr"):
         load_policy(path)
+
+
+@pytest.fixture(scope="module")
+def remembering() -> onnx.ModelProto:
+    network, view = build("cnn_gru", "model.width=0.1", "model.neurons=3")
+    return onnx.load_from_string(onnx_bytes(Checkpoint(network.eval(), view, {}, {})))
+
+
+@pytest.mark.parametrize(
+    ("window", "words"),
+    [
+        ({"sequence": 8, "stride": 0}, r"stride=0.* from 1 to 256"),
+        ({"sequence": 8, "stride": 10**9}, r"stride=1000000000.* from 1 to 256"),
+        ({"sequence": 8, "ahead": 2}, "does not take its view"),
+        ({"frames": 8}, "frames"),
+        ([8], "cannot be used"),
+        (None, "does not take its view"),
+    ],
+)
+def test_a_window_that_does_not_fit_the_graph_is_refused(
+    window: object, words: str, remembering: onnx.ModelProto, tmp_path: Path
+) -> None:
+    card = json.loads(remembering.metadata_props[0].value) | {"window": window}
+    model = onnx.ModelProto.FromString(remembering.SerializeToString())
+    onnx.helper.set_model_props(model, {CARD: json.dumps(card)})
+    onnx.save(model, tmp_path / "odd.onnx")
+    with pytest.raises(InputError, match=rf"odd\.onnx: .*{words}"):
+        load_policy(tmp_path / "odd.onnx")
+
+
+def test_a_state_that_is_not_returned_is_refused(
+    remembering: onnx.ModelProto, tmp_path: Path
+) -> None:
+    model = onnx.ModelProto.FromString(remembering.SerializeToString())
+    (state,) = [one for one in model.graph.output if one.name == "next_0"]
+    model.graph.output.remove(state)
+    onnx.save(model, tmp_path / "odd.onnx")
+    with pytest.raises(InputError, match=r"odd\.onnx: .*the state that it takes"):
+        load_policy(tmp_path / "odd.onnx")

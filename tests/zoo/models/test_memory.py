@@ -115,7 +115,7 @@ def test_a_masked_synapse_changes_nothing() -> None:
     before = stepped(network, images)
     with torch.no_grad():
         for cell in network.cells:
-            cell.synapses.weight[cell.mask == 0] = 9.0
+            cell.weight[cell.mask == 0] = 9.0
     assert torch.equal(stepped(network, images), before)
 
 

@@ -17,7 +17,8 @@ def test_the_parameters_of_the_layers_add_up(model: str) -> None:
     layers = network_layers(network, view.shape)
 
     assert sum(layer.parameters for layer in layers) == sum(p.numel() for p in network.parameters())
-    assert layers[-1].shape == (network.outputs + getattr(network, "predicts_spread", False),)
+    columns = network.outputs + getattr(network, "predicts_spread", False)
+    assert layers[-1].shape == (columns * (1 + getattr(network, "ahead", 0)),)
     assert {layer.name for layer in layers} <= dict(network.named_modules()).keys()
 
 

@@ -47,6 +47,7 @@ def test_every_model_has_a_map_in_the_coordinates_of_the_frame(
     top, bottom = policy.view.crop
     assert not where[:top].any()
     assert not where[160 - bottom :].any()
+    policy.reset()
     assert policy(frame, 9.0) == steering, "looking must not change the driving"
     assert np.array_equal(Saliency(policy, published)(frame, 9.0), where)
 

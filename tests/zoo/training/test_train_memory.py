@@ -1,0 +1,42 @@
+"""Every network with memory trains on a recording's windows, and its checkpoint drives."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.commands import run
+from tests.zoo.models.test_memory import NAMES
+from zoo.checkpoints.policy import load_policy
+from zoo.export.__main__ import ExportOptions, export
+from zoo.runs.metrics_file import read_metrics_file
+
+SMALL = {
+    "pilotnet_stack": ["model.sequence=2", "model.stride=2"],
+    "cnn_gru": ["model.sequence=3", "model.neurons=4"],
+    "ncp": ["model.sequence=3"],
+    "action_chunk": ["model.ahead=2"],
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, console) -> None:
+    width = "model.width=0.25"
+    result = run(
+        tmp_path, f"experiment={name}", width, f"data.root={recorded.folder}", "data.block_s=1",
+        "data.gap_s=0.1", "data.samples_per_epoch=32", "data.batch_size=16", "trainer.max_epochs=1",
+        "score.laps=0.01", "score.film=false", "hydra.run.dir=run", *SMALL[name],
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    metrics = read_metrics_file(tmp_path / "run")
+    assert metrics["drive"]["drives"], "not driven"
+    assert np.isfinite(metrics["open_loop"]["val"]["mse"])
+    policy = load_policy(tmp_path / "run")
+    assert policy.data["rows_per_s"] > 0
+    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
+    exported = load_policy(export(str(tmp_path / "run"), options, console))
+    frames = np.random.default_rng(0).integers(0, 256, (5, 160, 320, 3), np.uint8)
+    policy.reset()
+    for frame in frames:
+        assert exported(frame, 9.0).steering == pytest.approx(policy(frame, 9.0).steering, abs=1e-4)
