@@ -236,7 +236,14 @@ def latency_ms(drive: Drive) -> float:
     return float(np.median(known)) if len(known) else math.nan
 
 
-@metric("spread of the steering, mean", "1", NEITHER, OURS, decimals=3)
+@metric(
+    "spread of the steering, mean",
+    "1",
+    NEITHER,
+    OURS,
+    decimals=3,
+    heading="spread of the steering, mean",
+)
 def spread_mean(drive: Drive) -> float | None:
     """Mean of the standard deviation `d[i]` that the policy predicts for its steering.
 
@@ -259,7 +266,14 @@ def spread_coverage(drive: Drive) -> float | None:
     return _mean(gap[known] <= BAND * drive.spread[known]) if known.any() else None
 
 
-@metric("rank correlation, spread and error", "1", HIGHER, OURS, bounds="-1 to 1")
+@metric(
+    "rank correlation, spread and error",
+    "1",
+    HIGHER,
+    OURS,
+    bounds="-1 to 1",
+    heading="rank correlation, spread and error",
+)
 def spread_rank_cte(drive: Drive) -> float | None:
     """Spearman's rank correlation of the spread `d[i]` and `|e[i]|`.
 
