@@ -85,7 +85,7 @@ def count_of(count: int, noun: str) -> str:
 
 def table(rows: list[dict]) -> str:
     """Return a line for each setting and share: validation error and autonomy."""
-    head = ["weights", "training rows", "seeds", "validation MSE / always zero"]
+    head = ["weights", "training rows", "seeds", "validation error"]
     head += [f"`{track}`: autonomy" for track in TRACKS]
     lines = []
     for setting in SETTINGS:
@@ -110,8 +110,8 @@ def of(rows: list[dict], setting: str, share: float) -> list[dict]:
 
 
 def relative_errors(runs: list[dict]) -> list[float]:
-    """Return each training's validation MSE, divided by that of always steering straight on."""
-    return [float(run["val_mse"]) / float(run["val_zero_mse"]) for run in runs]
+    """Return each training's balanced validation error, over that of always steering 0."""
+    return [float(one["val_balanced_mae"]) / float(one["val_zero_balanced_mae"]) for one in runs]
 
 
 def autonomies(runs: list[dict], track: str) -> list[float]:
@@ -130,7 +130,7 @@ def plot(rows: list[dict]) -> Figure:
     figure = Figure(figsize=(11, 3.8), layout="constrained")
     axes = figure.subplots(1, 3)
     _lines(axes[0], rows, relative_errors)
-    axes[0].set(title="validation MSE / always zero", ylim=(0, None))
+    axes[0].set(title="balanced validation MAE / always zero", ylim=(0, None))
     axes[0].axhline(1, color=GREY, ls="--", lw=1)
     for axis, track, seen in zip(axes[1:], TRACKS, ("recorded", "never seen"), strict=True):
         _lines(axis, rows, lambda runs, track=track: autonomies(runs, track))
