@@ -182,12 +182,13 @@ def csv_row(training: Training, options: TransferOptions) -> dict:
     for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
         row[f"{part}_{name}"] = round(metrics["open_loop"][part][name], 6)
         row[f"{part}_zero_{name}"] = round(metrics["baselines"][part]["always zero"][name], 6)
-    row["laps"] = f"{options.laps:g}"
-    for track in TRACKS:
-        path = drive_file(folder, track, options.laps)
-        driven = json.loads(path.read_text()) if path.is_file() else {}
-        for name in ("autonomy", "interventions", "cte_mean_m"):
-            row[f"{track}_{name}"] = round(driven[name], 4) if driven else ""
+    files = {track: drive_file(folder, track, options.laps) for track in TRACKS}
+    driven = {
+        track: json.loads(file.read_text()) for track, file in files.items() if file.is_file()
+    }
+    row["laps"] = f"{options.laps:g}" if driven else ""
+    for track, name in itertools.product(TRACKS, ("autonomy", "interventions", "cte_mean_m")):
+        row[f"{track}_{name}"] = round(driven[track][name], 4) if track in driven else ""
     return row | {"command": shlex.join(["python", "-m", "zoo", *training.words(options)])}
 
 

@@ -51,7 +51,7 @@ def made(rows: list[dict]) -> str:
     """Return what was run, and which trainings and drives are missing."""
     first = rows[0]
     seeds = max(int(row["seed"]) for row in rows)
-    laps = sorted({float(row["laps"]) for row in rows})
+    laps = sorted({float(row["laps"]) for row in rows if row["laps"]})
     planned = [
         (setting, share, seed)
         for seed in range(1, seeds + 1)
@@ -63,9 +63,10 @@ def made(rows: list[dict]) -> str:
     undriven = sum(row[f"{track}_autonomy"] == "" for row in rows for track in TRACKS)
     text = (
         f"{len(rows)} trainings of {int(first['samples']):,} samples each, view "
-        f"{first['size'].replace('x', ' x ')}, {count_of(seeds, 'training seed')}; drives of "
-        f"{' and '.join(f'{one:g}' for one in laps)} laps."
+        f"{first['size'].replace('x', ' x ')}, {count_of(seeds, 'training seed')}."
     )
+    if laps:
+        text += f" Each drive has {' or '.join(f'{one:g}' for one in laps)} laps."
     if untrained:
         names = (f"{name}, {100 * share:.0f} %, seed {seed}" for name, share, seed in untrained)
         text += f" Not trained: {'; '.join(names)}."
