@@ -13,6 +13,7 @@ from torch import nn
 
 from benchmarks.marked_page import markdown_table, write_between
 from zoo.cli.compose import compose_config
+from zoo.models.efficientnet_lite0 import InvertedResidual
 from zoo.models.layers import SCALE, Normalize, SameConv2d
 from zoo.models.make_network import make_network, published_view
 from zoo.models.ncp import CfcCell
@@ -21,6 +22,7 @@ from zoo.models.vgg import ImageNetNormalize
 from zoo.report.network_section import Layer, network_layers
 
 PAGES = Path("docs/models")
+NORM = "batch normalization"
 LAYERS_END = "<!-- end of layers -->"
 NETWORKS, NETWORKS_END = "<!-- networks -->", "<!-- end of networks -->"
 
@@ -65,19 +67,35 @@ def network_facts(name: str) -> NetworkFacts:
 
 
 def _folded(network: nn.Module, layers: list[Layer]) -> list[tuple[str, tuple[int, ...], int]]:
-    """Return a line for each layer with parameters or another shape, activations added to it."""
+    """Return a line for each layer with parameters or another shape, activations added to it.
+
+    An inverted residual is one line; a batch normalization stands in its convolution's.
+    """
     modules = dict(network.named_modules())
     lines: list[tuple[str, tuple[int, ...], int]] = []
+    block = None
     for layer in layers:
         words = layer_words(modules[layer.name]) if layer.name else layer.kind
-        if words == "dropout 0":
+        if words in ("dropout 0", "Identity"):
             continue
-        if lines and not layer.parameters and layer.shape == lines[-1][1]:
-            before, shape, count = lines[-1]
-            lines[-1] = (f"{before}; {words}", shape, count)
+        before, block = block, _block_of(layer.name, modules)
+        if block is not None and block is not before:
+            lines.append((layer_words(block), layer.shape, layer.parameters))
+        elif block is not None:
+            lines[-1] = (lines[-1][0], layer.shape, lines[-1][2] + layer.parameters)
+        elif lines and layer.shape == lines[-1][1] and (not layer.parameters or words == NORM):
+            first, shape, count = lines[-1]
+            lines[-1] = (f"{first}; {words}", shape, count + layer.parameters)
         else:
             lines.append((words, layer.shape, layer.parameters))
     return lines
+
+
+def _block_of(name: str, modules: dict[str, nn.Module]) -> InvertedResidual | None:
+    """Return the inverted residual that a layer is in; None if it is in none."""
+    parts = name.split(".")
+    around = (modules[".".join(parts[:count])] for count in range(1, len(parts)))
+    return next((one for one in around if isinstance(one, InvertedResidual)), None)
 
 
 def layer_words(module: nn.Module) -> str:
@@ -97,9 +115,15 @@ def layer_words(module: nn.Module) -> str:
             same = ", same size" if any(module.padding) else ""
             if isinstance(module, SameConv2d):
                 same = ", padded as TensorFlow's same"
-            each = " of each channel" if module.groups == module.in_channels > 1 else ""
-            groups = f", in {module.groups} groups" if module.groups > 1 and not each else ""
-            return f"convolution{each}, {module.out_channels} of {kernel}{stride}{same}{groups}"
+            groups = f", in {module.groups} groups" if module.groups > 1 else ""
+            return f"convolution, {module.out_channels} of {kernel}{stride}{same}{groups}"
+        case InvertedResidual():
+            inner = layer_words(module.depthwise.conv).partition(" of ")[2]
+            inner = inner.partition(", in ")[0]
+            added = "; input added" if module.adds_input else ""
+            return f"inverted residual, {module.depthwise.conv.out_channels} of {inner}{added}"
+        case nn.BatchNorm2d():
+            return NORM
         case nn.Linear():
             return f"dense, {module.out_features}"
         case nn.MaxPool1d() | nn.MaxPool2d():

@@ -34,6 +34,7 @@ from simulator.errors import SimulatorError
 RUNS = Path("outputs/transfer")
 CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not one by one
 EPOCHS = 4  # each draws a quarter of the samples
+BATCH = 32
 ALL_BLOCKS = 17
 OVERRIDES = {
     "scratch": ("model.weights=null", f"model.trainable_blocks={ALL_BLOCKS}"),
@@ -55,7 +56,7 @@ COMMON = (
     "callbacks=published",
     "callbacks.best.monitor=train/loss",
     "optim.lr=0.001",
-    "data.batch_size=32",
+    f"data.batch_size={BATCH}",
     "score=none",
 )
 
@@ -70,6 +71,7 @@ class TransferOptions:
         size: height and width of the view, pixels.
         laps: laps of each drive; 0 does not drive.
         only: part of the names of settings; null for all.
+        shares: shares of the training rows, of 0.1, 0.3 and 1.
         threads: number of OpenMP threads of a training.
         runs: whether to train; false writes figure and table from `docs/transfer.csv` alone.
     """
@@ -79,6 +81,7 @@ class TransferOptions:
     size: tuple[int, int] = (80, 256)
     laps: float = 1.0
     only: str | None = None
+    shares: tuple[float, ...] = SHARES
     threads: int = 2
     runs: bool = True
 
@@ -153,7 +156,7 @@ def trainings(options: TransferOptions) -> list[Training]:
     chosen = [name for name in SETTINGS if (options.only or "") in name]
     return [
         Training(setting, share, seed)
-        for seed, share, setting in itertools.product(seeds, SHARES, chosen)
+        for seed, share, setting in itertools.product(seeds, options.shares, chosen)
     ]
 
 
@@ -175,16 +178,17 @@ def csv_row(training: Training, options: TransferOptions) -> dict:
         "samples": options.samples,
         "size": "x".join(map(str, options.size)),
         "train_rows": train_rows,
-        "val_zero_mse": round(metrics["baselines"]["val"]["always zero"]["mse"], 6),
     }
     for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
         row[f"{part}_{name}"] = round(metrics["open_loop"][part][name], 6)
-    row["laps"] = f"{options.laps:g}"
-    for track in TRACKS:
-        path = drive_file(folder, track, options.laps)
-        driven = json.loads(path.read_text()) if path.is_file() else {}
-        for name in ("autonomy", "interventions", "cte_mean_m"):
-            row[f"{track}_{name}"] = round(driven[name], 4) if driven else ""
+        row[f"{part}_zero_{name}"] = round(metrics["baselines"][part]["always zero"][name], 6)
+    files = {track: drive_file(folder, track, options.laps) for track in TRACKS}
+    driven = {
+        track: json.loads(file.read_text()) for track, file in files.items() if file.is_file()
+    }
+    row["laps"] = f"{options.laps:g}" if driven else ""
+    for track, name in itertools.product(TRACKS, ("autonomy", "interventions", "cte_mean_m")):
+        row[f"{track}_{name}"] = round(driven[track][name], 4) if track in driven else ""
     return row | {"command": shlex.join(["python", "-m", "zoo", *training.words(options)])}
 
 
@@ -224,7 +228,9 @@ def make_runs(options: TransferOptions) -> None:
                 raise InputError(f"{folder}: the training failed; see its log.txt")
             print(f"{folder}: finished", flush=True)
         write_csv(merge([csv_row(training, options)]))
-    for training, track in itertools.product(chosen, TRACKS if options.laps else ()):
+    # All rows first: these drives say most if the command is stopped.
+    by_share = sorted(chosen, key=lambda one: -one.share)
+    for track, training in itertools.product(TRACKS if options.laps else (), by_share):
         path = drive_file(training.folder(options), track, options.laps)
         if not path.is_file():
             drive_and_keep(path, track, options.laps)
@@ -255,7 +261,9 @@ def main(arguments: list[str]) -> None:
         options = read_options(TransferOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
-    if options.samples < EPOCHS * 64:
+    if not set(options.shares) <= set(SHARES):
+        raise InputError(f"shares={list(options.shares)}: name shares of {list(SHARES)}")
+    if options.samples < EPOCHS * BATCH:
         raise InputError(f"samples={options.samples}: is less than a batch per epoch; set more")
     if options.runs:
         make_runs(options)

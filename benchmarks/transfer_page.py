@@ -51,7 +51,7 @@ def made(rows: list[dict]) -> str:
     """Return what was run, and which trainings and drives are missing."""
     first = rows[0]
     seeds = max(int(row["seed"]) for row in rows)
-    laps = sorted({float(row["laps"]) for row in rows})
+    laps = sorted({float(row["laps"]) for row in rows if row["laps"]})
     planned = [
         (setting, share, seed)
         for seed in range(1, seeds + 1)
@@ -63,9 +63,10 @@ def made(rows: list[dict]) -> str:
     undriven = sum(row[f"{track}_autonomy"] == "" for row in rows for track in TRACKS)
     text = (
         f"{len(rows)} trainings of {int(first['samples']):,} samples each, view "
-        f"{first['size'].replace('x', ' x ')}, {count_of(seeds, 'training seed')}; drives of "
-        f"{' and '.join(f'{one:g}' for one in laps)} laps."
+        f"{first['size'].replace('x', ' x ')}, {count_of(seeds, 'training seed')}."
     )
+    if laps:
+        text += f" Each drive has {' or '.join(f'{one:g}' for one in laps)} laps."
     if untrained:
         names = (f"{name}, {100 * share:.0f} %, seed {seed}" for name, share, seed in untrained)
         text += f" Not trained: {'; '.join(names)}."
@@ -85,7 +86,7 @@ def count_of(count: int, noun: str) -> str:
 
 def table(rows: list[dict]) -> str:
     """Return a line for each setting and share: validation error and autonomy."""
-    head = ["weights", "training rows", "seeds", "validation MSE / always zero"]
+    head = ["weights", "training rows", "seeds", "validation error"]
     head += [f"`{track}`: autonomy" for track in TRACKS]
     lines = []
     for setting in SETTINGS:
@@ -110,8 +111,8 @@ def of(rows: list[dict], setting: str, share: float) -> list[dict]:
 
 
 def relative_errors(runs: list[dict]) -> list[float]:
-    """Return each training's validation MSE, divided by that of always steering straight on."""
-    return [float(run["val_mse"]) / float(run["val_zero_mse"]) for run in runs]
+    """Return each training's balanced validation error, over that of always steering 0."""
+    return [float(one["val_balanced_mae"]) / float(one["val_zero_balanced_mae"]) for one in runs]
 
 
 def autonomies(runs: list[dict], track: str) -> list[float]:
@@ -130,7 +131,7 @@ def plot(rows: list[dict]) -> Figure:
     figure = Figure(figsize=(11, 3.8), layout="constrained")
     axes = figure.subplots(1, 3)
     _lines(axes[0], rows, relative_errors)
-    axes[0].set(title="validation MSE / always zero", ylim=(0, None))
+    axes[0].set(title="balanced validation MAE / always zero", ylim=(0, None))
     axes[0].axhline(1, color=GREY, ls="--", lw=1)
     for axis, track, seen in zip(axes[1:], TRACKS, ("recorded", "never seen"), strict=True):
         _lines(axis, rows, lambda runs, track=track: autonomies(runs, track))

@@ -226,6 +226,7 @@ def test_a_strangers_config_does_not_exhaust_the_machine(
         ("lenet", {"width": 1e6}),
         ("tiny", {"width": 1e12}),
         ("vgg", {"units": 10**12}),
+        ("efficientnet_lite0", {"channels": 10**9}),
     ],
 )
 def test_a_network_of_too_many_parameters_is_refused_before_it_takes_memory(

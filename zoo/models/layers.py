@@ -67,7 +67,8 @@ class SameConv2d(nn.Conv2d):
         padding: list[int] = []
         sizes = zip(images.shape[2:], self.kernel_size, self.stride, strict=True)
         for size, kernel, stride in sizes:
-            total = max((-(-size // stride) - 1) * stride + kernel - size, 0)
+            # Not -(-size // stride): a traced division rounds towards 0.
+            total = max(((size - 1) // stride) * stride + kernel - size, 0)
             padding = [total // 2, total - total // 2, *padding]  # F.pad takes the width first
         return super().forward(F.pad(images, padding))
 

@@ -147,6 +147,27 @@ def test_a_run_on_cached_features_is_the_run_without(
     torch.testing.assert_close(one, other, rtol=2e-3, atol=2e-4)
 
 
+def test_features_behind_frozen_batch_normalization_are_cached(
+    recorded: Written, cache: Path, tmp_path: Path
+) -> None:
+    overrides = ("model=efficientnet_lite0", "model.trainable_blocks=0", "trainer.max_epochs=1")
+    config = compose(recorded, cache, *overrides, "model.cache_features=true")
+    module, data, trainer = prepare(config, tmp_path / "run", Console(quiet=True))
+    before = {name: one.clone() for name, one in module.network.state_dict().items()}
+    trainer.fit(module, datamodule=data)
+    after = module.network.state_dict()
+    changed = {
+        name.partition(".")[0] for name in after if not torch.equal(after[name], before[name])
+    }
+    assert changed == {"reduce", "head"}
+    network = module.network.eval()
+    rows = np.arange(8)
+    images = torch.from_numpy(data.views.take(rows, CENTER)).permute(0, 3, 1, 2)
+    cached = torch.from_numpy(data.features.take(rows, CENTER)).permute(0, 3, 1, 2)
+    with torch.inference_mode():
+        torch.testing.assert_close(network.rest(cached), network(images), rtol=5e-3, atol=1e-3)
+
+
 @pytest.mark.slow
 def test_a_run_that_goes_on_is_fed_the_features_of_its_own_front(
     recorded: Written, cache: Path, tmp_path: Path

@@ -38,7 +38,9 @@ def test_every_hint_names_the_first_try(hint):
     assert "python -m zoo experiment=first_try data.root=FOLDER" in hint
 
 
-@pytest.mark.parametrize("recipe", ["experiment=vgg", "experiment=commaai"])
+@pytest.mark.parametrize(
+    "recipe", ["experiment=vgg", "experiment=commaai", "experiment=efficientnet_lite0"]
+)
 def test_large_networks_stay_quick(recipe):
     assert quick(recipe) == (3, 3_200)
 
