@@ -14,7 +14,7 @@ from torch import nn
 from benchmarks.marked_page import markdown_table, write_between
 from zoo.cli.compose import compose_config
 from zoo.models.efficientnet_lite0 import InvertedResidual
-from zoo.models.layers import SCALE, Normalize, SameConv2d
+from zoo.models.layers import SCALE, LogSpread, Normalize, SameConv2d
 from zoo.models.make_network import make_network, published_view
 from zoo.models.ncp import CfcCell
 from zoo.models.network_facts import multiply_adds
@@ -136,6 +136,8 @@ def layer_words(module: nn.Module) -> str:
             return "scale to -1..1" if to_ones else module.extra_repr()
         case ImageNetNormalize():
             return "ImageNet's mean 0, deviation 1"
+        case LogSpread():
+            return "last column to -5..1"
         case nn.Flatten():
             return "rows as channels"
     return type(module).__name__

@@ -52,8 +52,8 @@ def mixture(commands: Sequence[Command]) -> Command:
     The variance is that of the steering plus the mean of the commands' own variances
     (Lakshminarayanan et al. 2017). There is a throttle only if all commands have one.
 
-    >>> mixture([Command(0.1), Command(0.3)])
-    Command(steering=0.2, throttle=None, spread=0.1)
+    >>> mixture([Command(0.0), Command(0.5)])
+    Command(steering=0.25, throttle=None, spread=0.25)
     """
     count = len(commands)
     steering = sum(one.steering for one in commands) / count

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.errors import InputError
+from datamodules.view import View
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.command import Command, mixture, output_command
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
@@ -28,7 +29,8 @@ class DropoutPolicy:
 
     Attributes:
         network: network in evaluation mode, without dropout; must not be changed.
-        view, config, data, name, parameters, takes_speed, outputs, predicts_spread: as in
+        config: the checkpoint's, with `name` as the model's name.
+        view, data, name, parameters, takes_speed, outputs, predicts_spread: as in
             `zoo.checkpoints.policy.Policy`.
 
     Raises:
@@ -39,11 +41,15 @@ class DropoutPolicy:
 
     def __init__(self, checkpoint: Checkpoint, samples: int, seed: int) -> None:
         self.network, self.view = checkpoint.network, checkpoint.view
-        self.config, self.data = checkpoint.config, checkpoint.data
+        self.data = checkpoint.data
         self.name = f"{type(self.network).__name__} with {samples} dropout samples"
+        model = checkpoint.config.get("model", {}) | {"name": self.name}
+        self.config = checkpoint.config | {"model": model}
         self.parameters = sum(one.numel() for one in self.network.parameters())
         self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
-        self.forward = quick_forward(SampledNetwork(self.network, samples, seed), self.view)
+        self.forward = quick_forward(
+            SampledNetwork(self.network, self.view, samples, seed), self.view
+        )
 
     @torch.inference_mode()
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
@@ -66,6 +72,7 @@ class SampledNetwork(nn.Module):
 
     Args:
         network: network in evaluation mode, which is not changed; weights are shared with it.
+        view: the network's view.
         samples: number of masks.
         seed: random seed of the masks.
 
@@ -73,7 +80,7 @@ class SampledNetwork(nn.Module):
         InputError: the network has no dropout, or remembers frames.
     """
 
-    def __init__(self, network: nn.Module, samples: int, seed: int) -> None:
+    def __init__(self, network: nn.Module, view: View, samples: int, seed: int) -> None:
         super().__init__()
         name = type(network).__name__
         if hasattr(network, "first_state"):
@@ -90,14 +97,19 @@ class SampledNetwork(nn.Module):
                 "above 0 where the model has it, or name several checkpoints for an ensemble"
             )
 
+        blank = network_inputs(np.zeros(view.shape, np.uint8), 0.0 if self.takes_speed else None)
+        with torch.no_grad():  # the first call draws the masks
+            try:
+                self.copies = 1
+                self(*blank)
+            except RuntimeError:  # the speed joins the features before the first dropout
+                self.copies = samples
+                self(*blank)
+
     def forward(self, images: Tensor, speed: Tensor | None = None) -> Tensor:
         """Return the outputs of every sample, [samples, outputs], for one image [1, C, H, W]."""
-        speeds = () if speed is None else (speed.expand(self.samples),)
-        try:
-            out = self.network(images, *speeds)
-        except RuntimeError:  # the speed joins the features before the first dropout
-            out = self.network(images.expand(self.samples, *images.shape[1:]), *speeds)
-        return out
+        images = images.expand(self.copies, *images.shape[1:])
+        return self.network(images, *(() if speed is None else (speed.expand(self.samples),)))
 
 
 class FixedDropout(nn.Module):

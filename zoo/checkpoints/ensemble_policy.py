@@ -19,7 +19,8 @@ class EnsemblePolicy:
         members: policies, each as `zoo.checkpoints.policy.Policy`.
 
     Attributes:
-        view, config: the first member's.
+        view: the first member's.
+        config: the first member's, with `name` as the model's name.
         data: the members', where it is the same for all; else empty.
         name, parameters, takes_speed, outputs, predicts_spread: as in
             `zoo.checkpoints.policy.Policy`.
@@ -30,10 +31,11 @@ class EnsemblePolicy:
     def __init__(self, members: Sequence[Any]) -> None:
         self.members = tuple(members)
         first = self.members[0]
-        self.view, self.config = first.view, first.config
+        self.view = first.view
         self.data = first.data if all(one.data == first.data for one in self.members) else {}
         counts = Counter(one.name for one in self.members)
         self.name = " and ".join(f"{count} {name}" for name, count in counts.items())
+        self.config = first.config | {"model": first.config.get("model", {}) | {"name": self.name}}
         self.parameters = sum(one.parameters for one in self.members)
         self.takes_speed = any(one.takes_speed for one in self.members)
         self.outputs = min(one.outputs for one in self.members)

@@ -189,9 +189,12 @@ def load_warm_policy(
 
 def view_line(policy: "Policy | OnnxPolicy") -> str:
     """Describe a policy in one line."""
-    height, width, _ = policy.view.shape
+    seen = []
+    for one in getattr(policy, "members", [policy]):
+        height, width, _ = one.view.shape
+        seen.append(f"{width} x {height} {one.view.colour}")
     what = f"{policy.name} of {policy.parameters:,} parameters"
-    return f"{what}, sees {width} x {height} {policy.view.colour}"
+    return f"{what}, sees {' and '.join(dict.fromkeys(seen))}"
 
 
 def local_name(host: str) -> str:

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from datamodules.batches import make_batch
 from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
 from zoo.models.image_layers import Crop
@@ -54,7 +55,7 @@ class Saliency:
         published: whether to compute VisualBackProp as published, without a backward pass.
 
     Raises:
-        InputError: the policy is an ONNX file.
+        InputError: the policy is an ONNX file or an ensemble.
 
     >>> where = Saliency(policy)(frame, 9.0)  # doctest: +SKIP
     >>> image = overlay(frame, where)  # doctest: +SKIP
@@ -65,6 +66,11 @@ class Saliency:
             raise InputError(
                 f"{policy.path}: saliency needs gradients, which an ONNX file does not have; use "
                 "the checkpoint that it was exported from"
+            )
+        if isinstance(policy, EnsemblePolicy):
+            raise InputError(
+                f"{policy.name}: an ensemble has no saliency of its own; name one of the "
+                "checkpoints that it was written from"
             )
         self.view, self.published = policy.view, published
         # A copy, since hooks would slow the driving down, and record it from another thread.

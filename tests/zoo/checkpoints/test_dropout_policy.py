@@ -1,0 +1,125 @@
+"""Monte-Carlo dropout as a policy: its masks, its mean and its spread."""
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from datamodules.errors import InputError
+from datamodules.view import View
+from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.dropout_policy import DropoutPolicy, SampledNetwork
+from zoo.checkpoints.frozen_graph import network_inputs
+from zoo.models.lenet import LeNet
+from zoo.models.pilotnet import PilotNet
+
+VIEW = View((40, 20), "rgb", (66, 200))
+
+
+def pilotnet(**settings: object) -> Checkpoint:
+    torch.manual_seed(1)
+    network = PilotNet((3, 66, 200), width=0.2, **settings)
+    return Checkpoint(network.eval(), VIEW, {}, {})
+
+
+@pytest.fixture
+def frame() -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
+
+
+@pytest.mark.parametrize("speed", [False, True], ids=["steering", "steering and throttle"])
+def test_the_command_is_mean_and_deviation_of_the_samples(speed: bool, frame: np.ndarray) -> None:
+    checkpoint = pilotnet(speed=speed)
+    inputs = network_inputs(VIEW(frame), 9.0 if speed else None)
+    samples = SampledNetwork(checkpoint.network, VIEW, 7, seed=3)(*inputs).detach().numpy()
+
+    command = DropoutPolicy(checkpoint, samples=7, seed=3)(frame, 9.0)
+
+    assert samples.shape == (7, 1 + speed)
+    assert len({row[0] for row in samples}) == 7, "every mask is another"
+    assert command.steering == pytest.approx(samples[:, 0].mean(), abs=1e-6)
+    assert command.spread == pytest.approx(samples[:, 0].std(), abs=1e-6)
+    assert (command.throttle is not None) == speed
+
+
+def test_the_masks_depend_on_the_seed_alone(frame: np.ndarray) -> None:
+    checkpoint = pilotnet()
+    policy = DropoutPolicy(checkpoint, 5, seed=1)
+    torch.manual_seed(99)
+    assert policy(frame, 9.0) == policy(frame, 9.0) == DropoutPolicy(checkpoint, 5, 1)(frame, 9.0)
+    assert policy(frame, 9.0) != DropoutPolicy(checkpoint, 5, seed=2)(frame, 9.0)
+
+
+def test_the_checkpoints_network_stays_as_it_was(frame: np.ndarray) -> None:
+    checkpoint = pilotnet()
+    inputs = network_inputs(VIEW(frame), None)
+    before = checkpoint.network(*inputs)
+    policy = DropoutPolicy(checkpoint, 5, seed=1)
+    assert torch.equal(policy.network(*inputs), before)
+    assert sum(p.numel() for p in policy.network.parameters()) == policy.parameters
+
+
+def test_the_samples_keep_the_mean_and_the_rate() -> None:
+    """The output is a sum of 4,000 values, of which a tenth is dropped, so its mean stays 1."""
+
+    class Mean(nn.Module):
+        takes_speed, outputs = False, 1
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.dropout = nn.Dropout(0.1)
+
+        def forward(self, images: Tensor) -> Tensor:
+            return self.dropout(torch.ones(1, 4000)).mean(1, keepdim=True)
+
+    samples = SampledNetwork(Mean().eval(), VIEW, 50, seed=1)(torch.zeros(1, 3, 66, 200))
+    assert samples.mean().item() == pytest.approx(1, abs=0.002)
+    expected = (0.1 / 0.9 / 4000) ** 0.5
+    assert samples.std().item() == pytest.approx(expected, rel=0.4)
+
+
+class SpeedFirst(nn.Module):
+    """A network that joins the speed to the image before its first dropout."""
+
+    takes_speed, outputs = True, 1
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.dropout, self.head = nn.Dropout(0.5), nn.Linear(4, 1)
+
+    def forward(self, images: Tensor, speed: Tensor) -> Tensor:
+        features = torch.cat([images.float().mean((2, 3)), speed[:, None]], dim=1)
+        return self.head(self.dropout(features / 255))
+
+
+def test_the_speed_may_join_before_the_first_dropout(frame: np.ndarray) -> None:
+    policy = DropoutPolicy(Checkpoint(SpeedFirst().eval(), VIEW, {}, {}), 8, seed=1)
+    assert policy(frame, 9.0).spread > 0
+
+
+def test_dropped_channels_are_dropped_whole() -> None:
+    network = nn.Sequential(nn.Dropout2d(0.5))
+    network.takes_speed = False
+    samples = SampledNetwork(network.eval(), VIEW, 6, seed=1)(torch.ones(1, 3, 66, 200))
+    assert set(samples.mean((2, 3)).flatten().tolist()) == {0.0, 2.0}
+
+
+def test_a_network_that_predicts_its_spread_adds_it(frame: np.ndarray) -> None:
+    checkpoint = pilotnet(spread=True)
+    samples = SampledNetwork(checkpoint.network, VIEW, 5, 1)(*network_inputs(VIEW(frame), None))
+    steering, spread = samples[:, 0].detach().numpy(), samples[:, 1].exp().detach().numpy()
+    expected = np.sqrt(steering.var() + np.square(spread).mean())
+    assert DropoutPolicy(checkpoint, 5, 1)(frame, 9.0).spread == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_network_without_dropout_is_refused() -> None:
+    checkpoint = Checkpoint(LeNet((3, 66, 200)).eval(), VIEW, {}, {})
+    with pytest.raises(InputError, match=r"^LeNet has no dropout.*ensemble$"):
+        DropoutPolicy(checkpoint, 5, 1)
+
+
+def test_a_network_that_remembers_is_refused() -> None:
+    checkpoint = pilotnet()
+    checkpoint.network.first_state = lambda count=1: ()
+    with pytest.raises(InputError, match=r"^PilotNet remembers frames.*ensemble$"):
+        DropoutPolicy(checkpoint, 5, 1)

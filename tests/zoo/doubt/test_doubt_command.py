@@ -1,0 +1,223 @@
+"""`python -m zoo.doubt`: the file that it writes, the commands that take it, and its errors."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from datamodules.view import View
+from tests.zoo.bomb import Bomb
+from tests.zoo.commands import only_line, run
+from tests.zoo.written_checkpoints import write_constant
+from zoo.checkpoints.checkpoint import make_card
+from zoo.checkpoints.command import own_session, reset_policy
+from zoo.checkpoints.policy import load_policy
+from zoo.cli.compose import compose_config
+from zoo.doubt.__main__ import doubt
+from zoo.drive.__main__ import view_line
+from zoo.evaluate.__main__ import command as evaluate
+from zoo.models.make_network import make_network
+
+FRAMES = np.random.default_rng(0).integers(0, 256, (3, 160, 320, 3), np.uint8)
+
+
+def write_pilotnet(path: Path) -> Path:
+    """Write an untrained PilotNet of few channels, which has dropout."""
+    config = compose_config(["model=nvidia", "model.width=0.1", "data.crop=[40,20]"])
+    view = View((40, 20), "rgb", (66, 200))
+    torch.manual_seed(1)
+    network = make_network(config["model"], view)
+    state = {f"network.{name}": one for name, one in network.state_dict().items()}
+    card = make_card(config, view, {"fingerprint": "0" * 16, "rows": 10})
+    torch.save({"drivezoo": card, "state_dict": state}, path)
+    return path
+
+
+@pytest.fixture
+def dropout(tmp_path: Path) -> Path:
+    """Return a file of one checkpoint; the checkpoint itself is gone."""
+    member = write_pilotnet(tmp_path / "member=[1].ckpt")
+    doubt([str(member), f"out={tmp_path / 'dropout.ckpt'}", "samples=5"])
+    member.unlink()
+    return tmp_path / "dropout.ckpt"
+
+
+@pytest.fixture
+def ensemble(tmp_path: Path) -> Path:
+    """Return a file of three checkpoints with two views; the checkpoints are gone."""
+    members = [write_constant(tmp_path / f"{one}.ckpt", one) for one in (0.1, 0.3)]
+    members.append(write_pilotnet(tmp_path / "pilotnet.ckpt"))
+    doubt([*map(str, members), f"out={tmp_path / 'ensemble.ckpt'}"])
+    for one in members:
+        one.unlink()
+    return tmp_path / "ensemble.ckpt"
+
+
+@pytest.fixture(params=["dropout", "ensemble"])
+def file(request: pytest.FixtureRequest) -> Path:
+    return request.getfixturevalue(request.param)
+
+
+def test_one_checkpoint_becomes_dropout_samples(dropout: Path) -> None:
+    policy = load_policy(dropout)
+    assert policy.name == "PilotNet with 5 dropout samples"
+    command = policy(FRAMES[0], 9.0)
+    assert -1 < command.steering < 1
+    assert command.spread > 0
+
+
+def test_several_become_an_ensemble_with_their_own_views(ensemble: Path, tmp_path: Path) -> None:
+    policy = load_policy(ensemble)
+    third = load_policy(write_pilotnet(tmp_path / "again.ckpt"))(FRAMES[0], 9.0).steering
+    command = policy(FRAMES[0], 9.0)
+    assert command.steering == pytest.approx(np.mean([0.1, 0.3, third]))
+    assert command.spread == pytest.approx(np.std([0.1, 0.3, third]))
+    assert view_line(policy).endswith("sees 14 x 1 hsv_s and 200 x 66 rgb")
+
+
+def test_the_commands_repeat_after_a_reset_and_in_another_session(file: Path) -> None:
+    policy = load_policy(file)
+    first = [policy(frame, 9.0) for frame in FRAMES]
+    reset_policy(policy)
+    assert [policy(frame, 9.0) for frame in FRAMES] == first
+    assert [own_session(policy)(frame, 9.0) for frame in FRAMES] == first
+
+
+def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> None:
+    contents = torch.load(file, weights_only=True)
+    assert contents["drivezoo"] == {
+        "format": 1,
+        "doubt": {"samples": 5 if "dropout" in file.name else 20, "seed": 1},
+    }
+    assert {tuple(sorted(one)) for one in contents["members"]} == {("drivezoo", "state_dict")}
+
+
+def test_it_drives_the_same_with_every_number_of_workers(file: Path, tmp_path: Path) -> None:
+    drives = []
+    for workers in (1, 2):
+        out = tmp_path / f"evaluation {workers}"
+        keys = ("laps=0.003", "seeds=2", "quality=simple", f"workers={workers}", f"out={out}")
+        evaluate([str(file), *keys])
+        found = json.loads((out / "metrics.json").read_text())["drives"]
+        drives.append([{k: one[k] for k in one if k != "latency_ms"} for one in found])
+    assert len(drives[0]) == 2
+    assert drives[0] == drives[1]
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("zoo.export", ["FILE"]),
+        ("zoo.correct", ["FILE"]),
+        ("zoo.doubt", ["FILE"]),
+        ("zoo", ["model=nvidia", "model.weights=FILE", "data.root=RECORDING", "score=none"]),
+    ],
+)
+def test_a_command_that_needs_one_network_names_the_way(
+    module: str, arguments: list[str], ensemble: Path, tmp_path: Path, recorded: object
+) -> None:
+    places = {"FILE": str(ensemble), "RECORDING": str(recorded.folder)}
+    for name, place in places.items():
+        arguments = [one.replace(name, place) for one in arguments]
+    line = only_line(run(tmp_path, *arguments, module=module))
+    assert f"{ensemble}: is a file of drivezoo doubt" in line
+    assert "name a checkpoint that it was written from" in line
+
+
+def test_saliency_is_of_one_network(dropout: Path, ensemble: Path, recorded: object) -> None:
+    image, cwd = str(recorded.image(3)), dropout.parent
+    drawn = run(cwd, str(dropout), image, module="zoo.saliency")
+    assert drawn.returncode == 0, drawn.stderr
+    line = only_line(run(cwd, str(ensemble), image, module="zoo.saliency"))
+    assert "2 Linear and 1 PilotNet: an ensemble has no saliency" in line
+
+
+def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> None:
+    member = write_pilotnet(dropout.parent / "member.ckpt")
+    earlier = member.read_bytes()
+    doubt([str(member), f"out={dropout}", "samples=7"])
+    assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
+    refused = run(dropout.parent, str(member), f"out={member}", module="zoo.doubt")
+    assert f"out={member}: exists" in only_line(refused)
+    assert member.read_bytes() == earlier
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place", "remedy"),
+    [
+        (["linear.ckpt"], "linear.ckpt: Linear has no dropout", "several checkpoints"),
+        (["linear.ckpt", "copy.ckpt"], "copy.ckpt: is the same network", "training seeds"),
+        (["linear.ckpt", "lost.ckpt"], "lost.ckpt: no such checkpoint", "name"),
+        (["pilotnet.ckpt", "samples=1"], "samples=1", "2..100"),
+        (["pilotnet.ckpt", "out=doubt.txt"], "out=doubt.txt", ".ckpt"),
+        (["pilotnet.ckpt", "out=no/doubt.ckpt"], "out=no/doubt.ckpt", "name another"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    arguments: list[str], place: str, remedy: str, tmp_path: Path
+) -> None:
+    write_pilotnet(tmp_path / "pilotnet.ckpt")
+    shutil.copy(write_constant(tmp_path / "linear.ckpt", 0.1), tmp_path / "copy.ckpt")
+    before = sorted(tmp_path.iterdir())
+    line = only_line(run(tmp_path, *arguments, module="zoo.doubt"))
+    assert place in line
+    assert remedy in line
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def _no_members(contents: dict) -> None:
+    contents["members"] = []
+
+
+def _too_many_samples(contents: dict) -> None:
+    contents["drivezoo"]["doubt"]["samples"] = 10**9
+
+
+def _other_format(contents: dict) -> None:
+    contents["drivezoo"]["format"] = 2
+
+
+def _nested(contents: dict) -> None:
+    contents["members"][0] = dict(contents, members=[])
+
+
+def _weights_lost(contents: dict) -> None:
+    contents["members"][0]["state_dict"].popitem()
+
+
+def _text_for_a_member(contents: dict) -> None:
+    contents["members"][0] = "model"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_no_members, "members: holds 0"),
+        (_too_many_samples, "samples"),
+        (_other_format, "format 2"),
+        (_nested, "member 1: is a file of drivezoo doubt"),
+        (_weights_lost, "member 1: lacks"),
+        (_text_for_a_member, "member 1: is not a checkpoint"),
+    ],
+)
+def test_a_changed_file_is_one_line(
+    spoil: Callable[[dict], None], words: str, dropout: Path
+) -> None:
+    contents = torch.load(dropout, weights_only=True)
+    spoil(contents)
+    torch.save(contents, dropout)
+    result = run(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
+    assert words in only_line(result)
+
+
+def test_code_in_a_file_is_not_run(dropout: Path) -> None:
+    contents = torch.load(dropout, weights_only=True)
+    contents["members"][0]["extra"] = Bomb(dropout.parent / "ran")
+    torch.save(contents, dropout)
+    result = run(dropout.parent, str(dropout), "track=lake", module="zoo.evaluate")
+    assert "was not run" in only_line(result)
+    assert not (dropout.parent / "ran").exists()
