@@ -20,7 +20,7 @@ from zoo.evaluate.evaluate_options import (
 )
 from zoo.evaluate.many_drives import Setup
 from zoo.monitor.scores import METHODS
-from zoo.monitor.signals import ENSEMBLE
+from zoo.monitor.signals import ENSEMBLE, MOST_SAMPLES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class GuardOptions(WorldSettings):
     degraded: Annotated[int, Field(ge=0, le=100)]
     false_alarms: Annotated[float, Field(gt=0, lt=1)]
     epochs: Annotated[int, Field(ge=1, le=10_000)]
-    samples: Annotated[int, Field(ge=2, le=256)]
+    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
     ensemble: str | None
     method: str | None
     slow: Annotated[float, Field(ge=4, le=30)]

@@ -42,7 +42,7 @@ class Pairs:
 
 @dataclass(frozen=True)
 class GuardResult:
-    """What the command found.
+    """Result of the command.
 
     Attributes:
         checkpoint: checkpoint file.

@@ -43,7 +43,9 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     usual = options.usual()
     members = tuple(str(find_checkpoint(one)) for one in options.members)
     policy = load_policy(checkpoint)
-    _, notes = signal_sources(policy, options.samples, [load_policy(one) for one in members])
+    sources, notes = signal_sources(policy, options.samples, [load_policy(one) for one in members])
+    if options.method is not None and METHODS[options.method].signal not in sources:
+        raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
     degraded = options.degraded
     if degraded and type(policy) is not Policy:
         notes.append("no degraded networks: needs a checkpoint of one network")
@@ -51,14 +53,14 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     folder = new_folder(options.out, "guards")
     fleet = Fleet(checkpoint, members, options.samples, options.workers, console)
     fitted = fit_nominal(fleet, options, usual, notes)
+    if options.method is not None and options.method not in fitted.scores:
+        raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
     conditions = shifted_conditions(
         replace(usual, seed=3 * options.nominal + 1), options.levels, degraded
     )
     shifted = drive_shifted(fleet, conditions, fitted)
     figures = count_warnings(shifted, fitted)
     method = options.method or best_method(figures)
-    if method not in fitted.scores:
-        raise InputError(f"method={method}: was not scored; see the lines above")
     guard = Guard(
         fitted.scores[method],
         fitted.thresholds[method].value,
@@ -132,14 +134,14 @@ def fit_nominal(fleet: Fleet, options: GuardOptions, usual: Setup, notes: list[s
 
 
 def _frame_ms(drive: ObservedDrive, score: Score) -> float:
-    """Return the median time in milliseconds that a signal and its score take for one frame."""
+    """Return the median processor time of a signal and its score, in milliseconds."""
     method = METHODS[score.method]
     signals = drive.signals[method.signal]
     took_s = []
     for row in range(method.frames, min(len(signals), TIMED) + 1):
-        began = time.perf_counter()
+        began = time.process_time()
         score(signals[row - method.frames : row])
-        took_s.append(time.perf_counter() - began)
+        took_s.append(time.process_time() - began)
     return drive.signal_ms[method.signal] + 1000 * float(np.median(took_s))
 
 

@@ -37,7 +37,7 @@ class ScoredDrive:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Drives a checkpoint in several processes.
+    """Driver of a checkpoint in several processes.
 
     Attributes:
         checkpoint: checkpoint file.

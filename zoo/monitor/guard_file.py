@@ -9,7 +9,7 @@ import torch
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.monitor.scores import METHODS, Score, make_score
-from zoo.monitor.signals import IMAGE
+from zoo.monitor.signals import IMAGE, MOST_SAMPLES
 
 KEY, FORMAT = "drivezoo_guard", 1
 REMEDY = "name a file of python -m zoo.guard"
@@ -64,9 +64,9 @@ def read_guard(path: str | Path) -> Guard:
             f"guard={path}: has format {found.get('format')}, this version reads {FORMAT}; fit it "
             "again with python -m zoo.guard"
         )
-    for key, kind in _NUMBERS.items():
+    for key, (kind, most) in _NUMBERS.items():
         value = found.get(key)
-        if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value < 1e9:
+        if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value <= most:
             raise InputError(f"guard={path}: {key}: is {value!r:.40}; {REMEDY}")
     method, sha256 = found.get("method"), str(found.get("sha256"))
     if method not in METHODS:
@@ -101,4 +101,10 @@ def file_hash(path: str | Path) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
-_NUMBERS = {"threshold": float, "window": int, "limit_mph": float, "samples": int}
+# Type and largest value of each number.
+_NUMBERS = {
+    "threshold": (float, 1e9),
+    "window": (int, 100_000),
+    "limit_mph": (float, 100.0),
+    "samples": (int, MOST_SAMPLES),
+}

@@ -5,9 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import torch
 
 from zoo.monitor.autoencoder import Autoencoder, reconstruction_errors, train_autoencoder
-from zoo.monitor.signals import DROPOUT, ENSEMBLE, IMAGE, MAP, SPREAD
+from zoo.monitor.signals import DROPOUT, ENSEMBLE, IMAGE, IMAGE_SIZE, MAP, MAP_SIZE, SPREAD
+
+# Shapes of the images of autoencoders: channels, height, width.
+SHAPES = ((3, *IMAGE_SIZE[::-1]), (1, *MAP_SIZE[::-1]))
 
 
 @dataclass(frozen=True)
@@ -55,10 +59,19 @@ def _fit_autoencoder(signals: np.ndarray, epochs: int) -> dict[str, Any]:
 
 
 def _autoencoder(state: dict[str, Any]) -> Callable[[np.ndarray], np.ndarray]:
-    network = Autoencoder(tuple(state["shape"]))
+    shape = tuple(state["shape"])
+    if shape not in SHAPES:  # a file of another person could fill the memory
+        raise ValueError(f"shape {shape!s:.40} is none of {SHAPES}")
+    network = Autoencoder(shape).eval()
     network.load_state_dict(state["weights"])
-    network.eval()
+    if not all(torch.isfinite(one).all() for one in network.parameters()):
+        raise ValueError("a weight is not finite")
     return lambda signals: reconstruction_errors(network, signals)
+
+
+def _distance(state: dict[str, Any]) -> Callable[[np.ndarray], np.ndarray]:
+    mean = float(state["mean"])
+    return lambda signals: np.abs(_levels(signals) - mean)
 
 
 def _levels(signals: np.ndarray) -> np.ndarray:
@@ -83,7 +96,7 @@ METHODS = {
     "attention_mean": Method(
         MAP,
         lambda signals, epochs: {"mean": float(_levels(signals).mean())},
-        lambda state: lambda signals: np.abs(_levels(signals) - state["mean"]),
+        _distance,
         THIRDEYE,
     ),
     "attention_change": Method(MAP, _nothing, lambda state: _changes, THIRDEYE, frames=2),

@@ -2,11 +2,16 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.compose import choices
+from zoo.drive.__main__ import load_warm_policy
 from zoo.drive.drive_settings import read_settings
 from zoo.drives.speed_controller import PI
+from zoo.monitor.guard_file import Guard, file_hash, write_guard
+from zoo.monitor.scores import make_score
 
 
 @pytest.mark.parametrize("choice", choices("drive/speed"))
@@ -38,3 +43,16 @@ def test_a_number_for_the_speed_is_the_speed_to_hold(typed: str) -> None:
 @pytest.mark.parametrize("folder", ["a b", "lr=0.1,[x]", "it's", "C:\\x", "~tilde", "${x}"])
 def test_a_folder_to_record_in_is_taken_as_it_stands(folder: str) -> None:
     assert read_settings([f"drive.record=/tmp/{folder}"]).record == Path(f"/tmp/{folder}")
+
+
+def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_path: Path) -> None:
+    checkpoint = write_constant(tmp_path / "best.ckpt", 0.1)
+    guard = Guard(
+        make_score("attention_mean", {"mean": 0.5}), 0.1, 1, 6.0, 2, file_hash(checkpoint)
+    )
+    path = write_guard(tmp_path / "guard.pt", guard)
+    policy = load_warm_policy(checkpoint, 1, path)
+    assert policy.alarms == 0
+    assert policy(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph == 6.0
+    assert policy.alarms == 1
+    assert load_warm_policy(checkpoint, 1)(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph is None

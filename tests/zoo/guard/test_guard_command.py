@@ -126,6 +126,15 @@ def test_a_wrong_option_is_refused_before_a_drive(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_method_that_the_network_lacks_is_refused_before_a_drive(
+    checkpoint: Path, track: str, tmp_path: Path
+) -> None:
+    options = ("method=dropout", f"track={track}", f"out={tmp_path / 'out'}")
+    with pytest.raises(InputError, match=r"method=dropout: .*no dropout"):
+        command([str(checkpoint), *options])
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_guard_that_does_not_fit_is_one_line(checkpoint: Path, tmp_path: Path) -> None:
     result = run(tmp_path, str(checkpoint), f"guard={checkpoint}", module="zoo.evaluate")
     assert result.returncode == 1
