@@ -85,7 +85,7 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
             DriveRow(
                 time_s=number / 30, frame=names[row], steering=0.1, throttle=0.2, speed_mph=9.0,
                 cross_track_m=-0.5, driver=PERSON if person else "policy",
-                intervention=number == 120,
+                intervention=number == 120, spread=0.05,
             )
         ])  # fmt: skip
     writer.close()
@@ -96,7 +96,7 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     assert shots[59].autonomy == 1
     assert shots[60].note == "a person drives"
     assert shots[-1].autonomy == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
-    assert shots[-1].cte_m == -0.5
+    assert (shots[-1].cte_m, shots[-1].spread) == (-0.5, 0.05)
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
