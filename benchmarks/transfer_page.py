@@ -128,14 +128,13 @@ def _autonomy(runs: list[dict], track: str) -> str:
 
 def plot(rows: list[dict]) -> Figure:
     """Plot validation error and autonomy by share of the recording, a line for each setting."""
-    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    figure = Figure(figsize=(12, 3.8), layout="constrained")
     axes = figure.subplots(1, 3)
     _lines(axes[0], rows, relative_errors)
-    axes[0].set(title="balanced validation MAE / always zero", ylim=(0, None))
-    axes[0].axhline(1, color=GREY, ls="--", lw=1)
+    axes[0].set(title="validation error (always 0: 1)", ylim=(0, None))
     for axis, track, seen in zip(axes[1:], TRACKS, ("recorded", "never seen"), strict=True):
         _lines(axis, rows, lambda runs, track=track: autonomies(runs, track))
-        axis.set(title=f"autonomy on {track} ({seen}), %", ylim=(-3, 103))
+        axis.set(title=f"autonomy, %: {track} ({seen})", ylim=(-3, 103))
     axes[0].legend(frameon=False, fontsize=8)
     seeds = count_of(len({row["seed"] for row in rows}), "training seed")
     figure.suptitle(
@@ -156,5 +155,6 @@ def _lines(axis: Axes, rows: list[dict], values: object) -> None:
     axis.set_xscale("log")
     axis.set_xticks([100 * share for share in SHARES], [f"{100 * s:.0f}" for s in SHARES])
     axis.minorticks_off()
+    axis.set_xlim(100 * SHARES[0] / 1.2, 120)
     axis.set_xlabel("share of the training rows, %")
     axis.spines[["top", "right"]].set_visible(False)
