@@ -13,7 +13,7 @@ from zoo.guard.labelled_windows import LEADS_S
 from zoo.guard.published import THIRDEYE
 from zoo.guard.warning_figures import FIGURES
 
-HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC")
+HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC %")
 TITLES = {WEATHER: "Fog, rain and light", DEGRADED: "Degraded networks"}
 
 
@@ -37,7 +37,7 @@ def warning_table(result: GuardResult, group: str) -> Cells:
     rows = []
     for method, by_lead in result.figures[group].items():
         for lead, figures in by_lead.items():
-            texts = [with_interval(figures[name], 1 if name == "auc" else 100) for name in FIGURES]
+            texts = [with_interval(figures[name], 100) for name in FIGURES]
             rows.append([method if lead == LEADS_S[0] else "", str(lead), *texts])
     return Cells(TITLES[group], ["score", "lead s", *HEADINGS], rows)
 
