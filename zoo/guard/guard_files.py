@@ -89,6 +89,7 @@ def print_result(result: GuardResult, console: Console) -> None:
     """Print the tables and sentences."""
     for table in guard_tables.all_tables(result):
         shown = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
+        shown.pad_edge, shown.padding = False, (0, 1, 0, 0)
         for number, heading in enumerate(table.headings):
             shown.add_column(heading, justify="right" if number else "left", no_wrap=not number)
         for row in table.rows:

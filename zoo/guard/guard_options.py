@@ -29,6 +29,7 @@ class GuardOptions(WorldSettings):
 
     speed: SpeedMph
     laps: Laps
+    nominal_laps: Laps
     margin: Margin | None
     nominal: Count
     levels: Annotated[int, Field(ge=1, le=100)]
@@ -60,7 +61,7 @@ class GuardOptions(WorldSettings):
             raise UsageError(f"method={self.method}: no such method; {hint(self.method, usable)}")
 
     def usual(self) -> Setup:
-        """Return the setup of the nominal drive with seed 0.
+        """Return the setup of a nominal drive with seed 0.
 
         Raises:
             UsageError: the world cannot be opened, or a value is not allowed.
@@ -68,7 +69,7 @@ class GuardOptions(WorldSettings):
         check_world(self)
         return Setup(
             **self.place,
-            laps=self.laps,
+            laps=self.nominal_laps,
             speed_mph=self.speed,
             margin_m=self.margin,
             weather=read_weather(self.weather),

@@ -56,7 +56,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     if options.method is not None and options.method not in fitted.scores:
         raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
     conditions = shifted_conditions(
-        replace(usual, seed=3 * options.nominal + 1), options.levels, degraded
+        replace(usual, seed=3 * options.nominal + 1, laps=options.laps), options.levels, degraded
     )
     shifted = drive_shifted(fleet, conditions, fitted)
     figures = count_warnings(shifted, fitted)

@@ -13,7 +13,7 @@ from zoo.guard.labelled_windows import LEADS_S
 from zoo.guard.published import THIRDEYE
 from zoo.guard.warning_figures import FIGURES
 
-HEADINGS = ("recall, %", "precision, %", "false alarms, %", "F3, %", "AUC")
+HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC %")
 TITLES = {WEATHER: "Fog, rain and light", DEGRADED: "Degraded networks"}
 
 
@@ -37,9 +37,9 @@ def warning_table(result: GuardResult, group: str) -> Cells:
     rows = []
     for method, by_lead in result.figures[group].items():
         for lead, figures in by_lead.items():
-            texts = [with_interval(figures[name], 1 if name == "auc" else 100) for name in FIGURES]
+            texts = [with_interval(figures[name], 100) for name in FIGURES]
             rows.append([method if lead == LEADS_S[0] else "", str(lead), *texts])
-    return Cells(TITLES[group], ["score", "s before", *HEADINGS], rows)
+    return Cells(TITLES[group], ["score", "lead s", *HEADINGS], rows)
 
 
 def published_table() -> Cells:
@@ -49,7 +49,7 @@ def published_table() -> Cells:
         for name, lead, recall, precision, rate, f3 in THIRDEYE
     ]
     title = "Published (ThirdEye, levels of weather in the original simulator)"
-    return Cells(title, ["score", "s before", *HEADINGS], rows)
+    return Cells(title, ["score", "lead s", *HEADINGS], rows)
 
 
 def score_table(result: GuardResult) -> Cells:
@@ -65,7 +65,7 @@ def score_table(result: GuardResult) -> Cells:
         ]
         for method, threshold in fitted.thresholds.items()
     ]
-    names = [f"alarms without a failure, {group}, %" for group in groups]
+    names = [f"alarms without a failure, {group} %" for group in groups]
     return Cells("Scores", ["score", "threshold", "ms per frame", *names], rows)
 
 
@@ -155,7 +155,8 @@ def with_interval(figure: Estimate, factor: float) -> str:
 
 def all_tables(result: GuardResult) -> Sequence[Cells]:
     """Return the tables in the order of the terminal and the page."""
-    tables = [warning_table(result, group) for group in result.figures]
+    failed = {one.condition.group for one in result.shifted if one.windows.failures}
+    tables = [warning_table(result, group) for group in result.figures if group in failed]
     tables += [published_table(), score_table(result)]
     return [*tables, *([] if result.pairs is None else [pair_table(result.pairs)])]
 

@@ -8,5 +8,5 @@ THIRDEYE = (
 )
 LINES = (
     "ThirdEye's best F3 3 s ahead: 79",
-    "Grewal et al. 2024, Monte-Carlo dropout: AUC 0.84",
+    "Grewal et al. 2024, Monte-Carlo dropout: AUC 84 %",
 )

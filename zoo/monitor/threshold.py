@@ -46,7 +46,7 @@ def fit_threshold(scores: np.ndarray, false_alarms: float) -> Threshold:
     if len(scores) < LEAST_WINDOWS:
         raise InputError(
             f"{len(scores)} nominal windows: a threshold needs {LEAST_WINDOWS} or more; drive more "
-            "laps= or nominal= drives, or choose a network that fails less"
+            "nominal_laps= or nominal= drives, or choose a network that fails less"
         )
     if not np.isfinite(scores).all() or np.ptp(scores) == 0:
         raise InputError("the nominal scores are all equal or not finite; leave the method out")

@@ -142,6 +142,6 @@ def test_a_guard_that_does_not_fit_is_one_line(checkpoint: Path, tmp_path: Path)
 
 
 def test_too_few_nominal_windows_are_one_line(checkpoint: Path, track: str, tmp_path: Path) -> None:
-    small = ("laps=0.2", "nominal=1", "levels=1", "degraded=0", "epochs=1")
+    small = ("nominal_laps=0.2", "nominal=1", "levels=1", "degraded=0", "epochs=1")
     with pytest.raises(InputError, match="nominal="):
         command([str(checkpoint), f"track={track}", f"out={tmp_path / 'out'}", *WORLD, *small])
