@@ -1,14 +1,16 @@
 """What a policy returns, and the state that some policies keep between frames."""
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 
-class Command(NamedTuple):
-    """A policy's output for one frame.
+@dataclass(frozen=True)
+class Command:
+    """A policy's output for one frame; it unpacks as the pair of steering and throttle.
 
     Attributes:
         steering: steering -1..1, negative is left.
@@ -23,6 +25,12 @@ class Command(NamedTuple):
     spread: float | None = None
     limit_mph: float | None = None
 
+    def __iter__(self) -> Iterator[float | None]:
+        return iter((self.steering, self.throttle))
+
+    def __getitem__(self, number: int) -> float | None:
+        return (self.steering, self.throttle)[number]
+
 
 # Function of a frame, uint8 [160, 320, 3] RGB (None in a world without a renderer), and mph. A
 # plain function may return a pair of steering and throttle.
@@ -31,14 +39,15 @@ PolicyFunction = Callable[[Any, float], Command | tuple[float, float | None]]
 
 def call_policy(policy: PolicyFunction, frame: np.ndarray | None, speed_mph: float) -> Command:
     """Return a policy's command for a frame; see `PolicyFunction`."""
-    return Command(*policy(frame, speed_mph))
+    found = policy(frame, speed_mph)
+    return found if isinstance(found, Command) else Command(*found)
 
 
 def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
     """Return the command of a network's row of outputs.
 
     >>> output_command([1.25, math.log(0.5)], predicts_spread=True)
-    Command(steering=1.0, throttle=None, spread=0.5)
+    Command(steering=1.0, throttle=None, spread=0.5, limit_mph=None)
     """
     controls = outputs[:-1] if predicts_spread else outputs
     steering, *throttle = (min(max(one, -1.0), 1.0) for one in controls)
@@ -53,7 +62,7 @@ def mixture(commands: Sequence[Command]) -> Command:
     (Lakshminarayanan et al. 2017). There is a throttle only if all commands have one.
 
     >>> mixture([Command(0.0), Command(0.5)])
-    Command(steering=0.25, throttle=None, spread=0.25)
+    Command(steering=0.25, throttle=None, spread=0.25, limit_mph=None)
     """
     count = len(commands)
     steering = sum(one.steering for one in commands) / count

@@ -81,12 +81,12 @@ class LabellingPolicy:
         self.labels.append(ExpertLabel(world.pose(), world.frames, *label))
         second = np.random.default_rng([self.seed, 0, int(world.time)])
         if second.random() < self.beta:
-            return command._replace(steering=label[0])
+            return replace(command, steering=label[0])
         number, since_s = divmod(world.time, NUDGE_EVERY_S)
         push = np.random.default_rng([self.seed, 1, int(number)])
         begin_s, force = push.uniform(0, NUDGE_EVERY_S - NUDGE_S), push.uniform(-1, 1)
         if begin_s <= since_s < begin_s + NUDGE_S:
-            return command._replace(steering=command.steering + self.nudge * force)
+            return replace(command, steering=command.steering + self.nudge * force)
         return command
 
     def reset(self) -> None:

@@ -11,6 +11,7 @@ import torch
 from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import read_recordings
+from zoo.checkpoints.command import Command
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
 
@@ -93,9 +94,9 @@ def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
                 if policies[which].window.ahead:
                     policies[which].latency_s = number % 4 * 0.15
                 began = time.perf_counter()
-                answer = policies[which](frame, speed_mph)
+                command = policies[which](frame, speed_mph)
                 times_ms[which].append(1000 * (time.perf_counter() - began))
-                answers[which].append([one for one in answer if one is not None])
+                answers[which].append(_outputs(command))
     finally:
         torch.set_num_threads(threads)
     images = np.stack([exported.view(frame) for frame in frames.frames])
@@ -109,6 +110,11 @@ def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
         checkpoint_ms=statistics.median(times_ms[0]),
         onnx_ms=statistics.median(times_ms[1]),
     )
+
+
+def _outputs(command: Command) -> list[float]:
+    known = (command.steering, command.throttle, command.spread)
+    return [one for one in known if one is not None]
 
 
 @torch.inference_mode()

@@ -1,6 +1,7 @@
 """A policy whose frames a guard watches."""
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ class GuardedPolicy:
         fires = whole and float(np.mean(self._scores)) > self.guard.threshold
         self._alarms[0] += fires and not self.fires
         self.fires = fires
-        return command._replace(limit_mph=self.guard.limit_mph) if fires else command
+        return replace(command, limit_mph=self.guard.limit_mph) if fires else command
 
     @property
     def alarms(self) -> int:

@@ -27,6 +27,12 @@ def test_a_pair_is_a_command_without_doubt() -> None:
     assert call_policy(lambda frame, mph: (0.1, None), None, 9.0) == Command(0.1, None, None)
 
 
+def test_a_command_unpacks_as_the_pair_that_policies_once_returned() -> None:
+    steering, throttle = Command(0.1, 0.2, spread=0.3)
+    assert (steering, throttle) == (0.1, 0.2) == tuple(Command(0.1, 0.2))
+    assert Command(0.1, 0.2)[0] == 0.1
+
+
 def test_a_plain_function_has_no_state() -> None:
     policy = lambda frame, mph: (0.1, None)  # noqa: E731
     reset_policy(policy)

@@ -93,9 +93,9 @@ def test_a_network_that_predicts_its_spread_returns_it(speed: bool) -> None:
     frame = np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
     out = network(*network_inputs(view(frame), SPEED if speed else None))[0].tolist()
 
-    steering, throttle, spread = policy(frame, SPEED)
+    command = policy(frame, SPEED)
 
-    assert steering == min(max(out[0], -1), 1)
-    assert throttle == (min(max(out[1], -1), 1) if speed else None)
-    assert spread == pytest.approx(np.exp(out[-1]))
+    assert command.steering == min(max(out[0], -1), 1)
+    assert command.throttle == (min(max(out[1], -1), 1) if speed else None)
+    assert command.spread == pytest.approx(np.exp(out[-1]))
     assert policy.outputs == 1 + speed
