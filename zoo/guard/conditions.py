@@ -100,5 +100,6 @@ def conditioned_policy(checkpoint: str, noise: float, seed: int) -> Policy | Onn
     with torch.no_grad():
         for one in loaded.network.parameters():
             if one.ndim > 1:
-                one += noise * one.std() * torch.randn(one.shape, generator=generator)
+                deviation = float(one.std(correction=0))  # 0, not NaN, for a single weight
+                one += noise * deviation * torch.randn(one.shape, generator=generator)
     return Policy(loaded)

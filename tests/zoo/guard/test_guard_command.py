@@ -92,11 +92,13 @@ def test_evaluate_drives_with_the_guard_and_without(
 def test_noise_in_the_weights_is_drawn_from_the_seed(checkpoint: Path) -> None:
     path = write_pilotnet(checkpoint.with_name("pilotnet.ckpt"))
     clean, first, again, other = (
-        conditioned_policy(str(path), noise, seed).network.head[0].weight
+        conditioned_policy(str(path), noise, seed).network.head[0].weight.detach()
         for noise, seed in ((0.0, 1), (0.3, 1), (0.3, 1), (0.3, 2))
     )
     assert first.equal(again)
     assert not first.equal(other)
+    network = conditioned_policy(str(path), 0.3, 1).network
+    assert all(one.isfinite().all() for one in network.parameters())
     ratio = float((first - clean).std() / clean.std())
     assert ratio == pytest.approx(0.3, rel=0.2)
 
