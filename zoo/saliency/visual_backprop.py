@@ -106,7 +106,8 @@ class Saliency:
         for stage, gradient in zip(reversed(stages), reversed(gradients), strict=True):
             if where.shape[2:] != stage.features.shape[2:]:  # a layer between them resizes
                 where = F.interpolate(where, stage.features.shape[2:], mode="bilinear")
-            if isinstance(stage.layer, nn.Conv2d):
+            # A convolution over its whole input, such as the sensors of `ncp`, has no map.
+            if isinstance(stage.layer, nn.Conv2d) and stage.features[0, 0].numel() > 1:
                 where = where * feature_map(stage.features.detach(), gradient)
                 # Normalize each product: the scale does not matter, and many maps could overflow.
                 where, maps = where / where.max().clamp(min=1e-30), maps + 1
