@@ -54,6 +54,8 @@ def _construct(group: str, name: str, folder: Path) -> None:
     """Construct those parts of a training that a choice of a group affects."""
     choice = f"{group}=[{name}]" if group == "augment" else f"{group}={name}"
     usual = ["model=tiny"] if group not in ("model", "experiment") else []
+    if choice == "loss=gaussian":
+        usual = ["model=nvidia_gaussian"]
     choices = [f"data.root={folder}", *usual, *([choice] if group != "." else [])]
     config: DictConfig = OmegaConf.create(compose_config(choices))
     run_options(config.get("score"))

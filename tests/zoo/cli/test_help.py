@@ -13,7 +13,7 @@ PROBE = "zoo.doctor.renderer"  # only the doctor runs it, as a subprocess
 SIMULATOR = ("record", "drive", "client")
 # Texts that each help must contain besides the usage: options, or files that the command writes.
 NAMED = {
-    "zoo": ("data.offset=0.275", "experiment: commaai", "seed=1"),
+    "zoo": ("data.offset=0.275", "experiment: action_chunk", "seed=1"),
     "zoo.search": ("family=alpine", "budget=200", "mildest failing road"),
     "zoo.compare": ("out=compare.json", "result.json"),
     "zoo.benchmark": ("suite=v1", "expert_late", "result.json"),
@@ -111,6 +111,6 @@ def test_the_help_of_zoo_explains_keys_by_the_chosen_yaml(helps: dict) -> None:
 def test_the_help_of_zoo_lists_only_parts_of_its_config(helps: dict) -> None:
     _, text, _ = helps["zoo"]
     groups = text.partition("Choices")[2].partition("Keys")[0]
-    assert "model: commaai" in groups
+    assert "\nmodel: " in groups
     for other in ("drive/speed", "\ntrack:", "hydra"):
         assert other not in groups

@@ -96,6 +96,7 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
     assert {tuple(sorted(one)) for one in contents["members"]} == {("drivezoo", "state_dict")}
 
 
+@pytest.mark.slow
 def test_it_drives_the_same_with_every_number_of_workers(file: Path, tmp_path: Path) -> None:
     drives = []
     for workers in (1, 2):

@@ -51,7 +51,7 @@ def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_pat
         make_score("attention_mean", {"mean": 0.5}), 0.1, 1, 6.0, 2, file_hash(checkpoint)
     )
     path = write_guard(tmp_path / "guard.pt", guard)
-    policy = load_warm_policy(checkpoint, 1, path)
+    policy = load_warm_policy(checkpoint, 1, guard=path)
     assert policy.alarms == 0
     assert policy(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph == 6.0
     assert policy.alarms == 1

@@ -274,7 +274,7 @@ def test_a_person_watches_and_commands_in_a_browser(driver: Served, tmp_path: Pa
         browser.wait_for("document.querySelectorAll('#list button').length === 2")
         browser.click("#list li")
         browser.wait_for(f"{said('message-text')}.includes('broken.ckpt')")
-        assert browser.value(said("checkpoint-name")) == "old / best.ckpt"
+        browser.wait_for(f"{said('checkpoint-name')} === 'old / best.ckpt'")
 
         browser.click("#faster")
         browser.wait_for("document.getElementById('set-mph').value === '10'")

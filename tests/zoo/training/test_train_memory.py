@@ -20,7 +20,13 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
+# The other two differ in their network alone, which `test_memory` steps and exports.
+QUICK = ("cnn_gru", "action_chunk")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one in QUICK else pytest.mark.slow) for one in NAMES]
+)
 def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, console) -> None:
     width = "model.width=0.25"
     result = run(
