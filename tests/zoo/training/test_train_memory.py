@@ -20,7 +20,7 @@ SMALL = {
 }
 
 
-# The other two differ in their network alone, which `test_memory` steps and exports.
+# The other two differ in their network alone; `test_memory` and `test_export_command` have all.
 QUICK = ("cnn_gru", "action_chunk")
 
 
