@@ -43,9 +43,11 @@ class Counted:
         above = np.einsum("df,fn,dn->d", failing, self.above, normal)
         with np.errstate(invalid="ignore", divide="ignore"):
             recall, rate = hits / all_failing, false / all_normal
-            # Without any alarm there is no precision, but F3 is 0.
-            precision = hits / (hits + false)
-            f3 = 10 * hits / (10 * hits + 9 * (all_failing - hits) + false)
+            # Without any alarm there is no precision, but F3 is 0. Without a failure there is
+            # neither.
+            exists = np.where(all_failing > 0, 1.0, np.nan)
+            precision = exists * hits / (hits + false)
+            f3 = exists * 10 * hits / (10 * hits + 9 * (all_failing - hits) + false)
             auc = above / (all_failing * all_normal)
         return dict(zip(FIGURES, (recall, precision, rate, f3, auc), strict=True))
 
