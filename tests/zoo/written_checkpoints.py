@@ -30,7 +30,14 @@ def write_constant(path: Path, steering: float, epoch: int = 0, **config: object
     with torch.no_grad():
         network.head.weight.zero_()
         network.head.bias.fill_(steering)
-    card = make_card({"model": model, **config}, view, {"fingerprint": "0" * 16, "rows": 10})
+    return write_network(path, network, view, {"model": model, **config}, epoch)
+
+
+def write_network(
+    path: Path, network: torch.nn.Module, view: View, config: dict, epoch: int = 0
+) -> Path:
+    """Write a checkpoint of a network, and return its path."""
+    card = make_card(config, view, {"fingerprint": "0" * 16, "rows": 10})
     state = {f"network.{name}": one for name, one in network.state_dict().items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     torch.save({"drivezoo": card, "state_dict": state, "epoch": epoch}, path)

@@ -36,7 +36,7 @@ class Session:
         self.steering = self.speed_mph = 0.0
         self.last_s = self.heard_s = -math.inf
         self.overridden = self.limited = False
-        # Policy of all sessions, and this session's own.
+        # Policy of all simulators, and the one with this simulator's state.
         self._shared: PolicyFunction | None = None
         self._policy: PolicyFunction | None = None
         # Last input of the policy, and its output.
@@ -96,7 +96,7 @@ class Session:
             self._meter.send(steering)
 
     def predict(self, policy: PolicyFunction, telemetry: Telemetry, now_s: float) -> Command:
-        """Return the policy's command; a policy with memory remembers this session's frames.
+        """Return the policy's command; a policy with memory has a state for each simulator.
 
         The policy is called once for an image that is sent twice, as the original's two loops do
         with most images. The call takes most of the latency.

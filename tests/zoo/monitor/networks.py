@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 
 from datamodules.view import View
-from zoo.checkpoints.checkpoint import make_card
+from tests.zoo.written_checkpoints import write_network
 from zoo.models.make_network import make_network
 
 
@@ -23,8 +23,4 @@ def write_pilotnet(path: Path, seed: int = 0, dropout: float = 0.3) -> Path:
     view = View([60, 20], "rgb", [66, 200])
     torch.manual_seed(seed)
     network = make_network(model, view)
-    card = make_card({"model": model}, view, {"fingerprint": "0" * 16, "rows": 10})
-    state = {f"network.{name}": one for name, one in network.state_dict().items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    torch.save({"drivezoo": card, "state_dict": state}, path)
-    return path
+    return write_network(path, network, view, {"model": model})
