@@ -4,6 +4,7 @@ import csv
 import math
 from pathlib import Path
 
+from benchmarks.csv_table import write_table
 from benchmarks.marked_page import markdown_table, write_between
 from zoo.drives.intervals import count_with_interval
 
@@ -96,10 +97,7 @@ def read_csv() -> list[Row]:
 
 def write_csv(rows: list[Row]) -> None:
     """Write `docs/benchmark.csv`."""
-    with CSV.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(CSV, rows)
 
 
 def ranked(rows: list[Row]) -> list[dict[str, Row]]:

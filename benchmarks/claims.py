@@ -20,6 +20,7 @@ from itertools import repeat
 from pathlib import Path
 
 from benchmarks.claims_page import CSV, write_page
+from benchmarks.csv_table import write_table
 from benchmarks.results import train_logged
 from datamodules.errors import InputError
 from simulator.command_line import read_options
@@ -239,11 +240,7 @@ def main(arguments: list[str]) -> None:
     except SimulatorError as error:
         raise InputError(str(error)) from None
     if options.runs:
-        rows = merge(make_rows(options))
-        with CSV.open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_table(CSV, merge(make_rows(options)))
     print(", ".join(map(str, [CSV, *write_page(read_csv())])))
 
 

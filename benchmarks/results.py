@@ -21,6 +21,7 @@ from pathlib import Path
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from benchmarks.csv_table import write_table
 from benchmarks.recipes import Recipe, recipes
 from benchmarks.recoveries import FILE, MEASURED, measure_missing
 from benchmarks.result_tables import write_tables
@@ -144,11 +145,7 @@ def _value(text: str) -> str | float:
 
 def write_csv(rows: list[dict]) -> None:
     """Write `docs/results.csv`."""
-    CSV.parent.mkdir(exist_ok=True)
-    with CSV.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(CSV, rows)
 
 
 def main(arguments: list[str]) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 from omegaconf import OmegaConf
 from rich.console import Console
 
+from benchmarks.csv_table import write_table
 from benchmarks.results import train_logged
 from benchmarks.transfer_page import CSV, SETTINGS, SHARES, TRACKS, read_csv, write_page
 from datamodules.errors import InputError
@@ -206,11 +207,7 @@ def merge(rows: list[dict]) -> list[dict]:
 
 def write_csv(rows: list[dict]) -> None:
     """Write `docs/transfer.csv`."""
-    CSV.parent.mkdir(exist_ok=True)
-    with CSV.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(CSV, rows)
 
 
 def make_runs(options: TransferOptions) -> None:
