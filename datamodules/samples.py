@@ -7,6 +7,7 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
 from datamodules.recording import Recording
+from datamodules.split import rows_per_second
 from datamodules.windows import SINGLE_FRAMES, Windows
 
 CENTER, LEFT, RIGHT = range(3)
@@ -58,12 +59,16 @@ class WindowSamples(Samples):
 
     Attributes:
         windows: rows of a sample.
-        row_steering: steering of all rows, corrected for each camera, float32 [N, 3].
+        rows_per_s: rows of a second of the recording.
+        row_steering: recorded steering of all rows, float64 [N].
+        row_correction: steering that each camera adds, float64 [N, 3].
         row_throttle: throttle minus brake of all rows, float32 [N].
     """
 
     windows: Windows
+    rows_per_s: float
     row_steering: np.ndarray
+    row_correction: np.ndarray
     row_throttle: np.ndarray
 
     def frames(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,9 +76,23 @@ class WindowSamples(Samples):
         return self.windows.frames(self.row[numbers]), self.camera[numbers][:, None]
 
     def labels(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the steering and the throttle, float32 [n, sequence + ahead] each."""
+        """Return the steering and the throttle, float32 [n, sequence + ahead] each.
+
+        The frames are seen from the side camera's place, and get its whole correction. In the steps
+        ahead a car that started there returns to the line (see `recovery_course`).
+        """
         rows = self.windows.targets(self.row[numbers])
-        return self.row_steering[rows, self.camera[numbers][:, None]], self.row_throttle[rows]
+        camera = self.camera[numbers]
+        correction = self.row_correction[rows, camera[:, None]]
+        newest = self.windows.sequence - 1
+        seconds = self.windows.stride * np.arange(self.windows.ahead + 1) / self.rows_per_s
+        for side, offset_m in CAMERA_OFFSET_M.items():
+            seen = camera == side
+            correction[seen, newest:] = recovery_course(
+                offset_m, correction[seen, newest], self.speed_mph[numbers][seen], seconds
+            )
+        steering = np.clip(self.row_steering[rows] + correction, -1, 1)
+        return steering.astype(np.float32), self.row_throttle[rows]
 
 
 def make_samples(
@@ -102,7 +121,7 @@ def make_samples(
     """
     if not cameras or any(name not in CAMERAS for name in cameras):
         raise InputError(f"data.cameras={cameras} is not a list of {', '.join(CAMERAS)}")
-    row_steering = np.full((len(recording), len(CAMERAS)), np.nan, np.float32)
+    row_correction = np.zeros((len(recording), len(CAMERAS)))
     parts = []
     for number in sorted(CAMERAS.index(name) for name in set(cameras)):
         has_image = np.array([image is not None for image in recording.images[:, number]], bool)
@@ -112,7 +131,7 @@ def make_samples(
         if recover_s is not None and number != CENTER:
             offset_m = CAMERA_OFFSET_M[number]
             correction = recovery_steering(offset_m, recording.speed_mph, recover_s)
-        row_steering[:, number] = np.clip(recording.steering + correction, -1, 1)
+        row_correction[:, number] = correction
         parts.append((seen, np.full(len(seen), number)))
     row, camera = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if not len(row):
@@ -124,10 +143,11 @@ def make_samples(
         flipped = np.arange(len(order)) >= len(row)
     row, camera = row[order], camera[order]
     row_throttle = (recording.throttle - recording.brake).astype(np.float32)
+    steering = np.clip(recording.steering[row] + row_correction[row, camera], -1, 1)
     columns = {
         "row": row,
         "camera": camera,
-        "steering": row_steering[row, camera],
+        "steering": steering.astype(np.float32),
         "throttle": row_throttle[row],
         "speed_mph": recording.speed_mph[row].astype(np.float32),
         "flipped": flipped,
@@ -135,7 +155,12 @@ def make_samples(
     if not windows.is_windowed:
         return Samples(**columns)
     return WindowSamples(
-        **columns, windows=windows, row_steering=row_steering, row_throttle=row_throttle
+        **columns,
+        windows=windows,
+        rows_per_s=rows_per_second(recording),
+        row_steering=recording.steering,
+        row_correction=row_correction,
+        row_throttle=row_throttle,
     )
 
 
@@ -155,3 +180,33 @@ def recovery_steering(
     curvature = -2 * offset_m / (distance**2 + offset_m**2)
     steering_deg = np.degrees(np.arctan(WHEELBASE_M * curvature))
     return np.clip(steering_deg / MAX_STEERING_DEG, -1, 1)
+
+
+def recovery_course(
+    offset_m: float, steering: np.ndarray, speed_mph: np.ndarray, seconds: np.ndarray
+) -> np.ndarray:
+    """Return the steering on the way back to the line, of a car that follows it by pure pursuit.
+
+    Its arc meets the line at the distance d (see `recovery_steering`). To first order the distance
+    y from the line, at the position x on it, follows y'' = -2 (y + d y') / d**2. From y' = 0 the
+    curvature is its first value times exp(-x / d) (cos(x / d) - sin(x / d)): the car steers back
+    until 0.8 d, and then a little the other way.
+
+    Args:
+        offset_m: metres to the right of the line at the start.
+        steering: steering at the start, -1..1 [n].
+        speed_mph: constant speeds [n].
+        seconds: times after the start [K].
+
+    Returns:
+        Steering [n, K].
+
+    >>> recovery_course(-0.806, np.array([0.275]), np.array([15.0]), np.array([0, 0.4])).round(2)
+    array([[0.28, 0.09]])
+    """
+    curvature = np.abs(np.tan(np.radians(steering * MAX_STEERING_DEG))) / WHEELBASE_M
+    straight = curvature == 0
+    squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
+    distance = np.sqrt(np.maximum(squared, offset_m**2))
+    way = np.outer(np.maximum(speed_mph, 0) * MPS_PER_MPH / distance, seconds)
+    return steering[:, None] * np.exp(-way) * (np.cos(way) - np.sin(way))
