@@ -112,6 +112,9 @@ def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:
     if not unseen:
         return None
     names = " and ".join(unseen)
+    used = evidence.at("data.augment", {})
+    if isinstance(used, Mapping) and "bend" in used:
+        return Cause(f"Its training images do not show the {names}; record more roads.", None)
     return Cause(
         f"Its training images do not show the {names}; augment=[brightness,bend] helps.",
         evidence.again({"augment": "[brightness,bend]"}),

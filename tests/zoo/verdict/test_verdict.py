@@ -100,6 +100,13 @@ def test_a_likely_cause_is_named_with_a_command_against_it(
     assert commands[-1][:4] == ["python", "-m", "zoo.correct", known.checkpoint]
 
 
+def test_bends_are_not_advised_to_a_network_that_had_them() -> None:
+    data = {"record": {"passes": [{"track": "mountain"}]}, "augment": {"bend": {"p": 0.5}}}
+    verdict = judge([drive(20)], evidence({"data": data}))
+    assert "do not show the lake; record more roads" in " ".join(verdict.causes)
+    assert not any("bend" in command for _, command in verdict.commands)
+
+
 def test_a_track_recorded_under_its_longer_name_is_a_track_it_has_seen() -> None:
     known = evidence({"data": {"record": {"passes": [{"track": "zoo_lake"}]}}})
     assert "training images" not in " ".join(judge([drive(20, "lake")], known).causes)
