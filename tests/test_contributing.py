@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,15 +38,7 @@ def run(project: Path, tmp_path: Path) -> Run:
     """Return what a command of the copy prints."""
 
     def run_command(module: str, *arguments: str) -> str:
-        done = subprocess.run(
-            commands.command(module, *arguments),
-            cwd=tmp_path,
-            env=commands.environment() | {"PYTHONPATH": str(project)},
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
+        done = commands.run(tmp_path, *arguments, module=module, code=project)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -78,8 +69,8 @@ def test_the_zoo_lists_the_model_with_its_source(run: Run) -> None:
     assert "strip: Steering from the mean brightness" in run("zoo.models")
 
 
-def train(run: Run, recorded: Written) -> None:
-    parts = ("model=strip", "augment=[invert]", "loss=fourth_power", "callbacks=weight_norm")
+def train(run: Run, recorded: Written, model: str = "strip") -> None:
+    parts = (f"model={model}", "augment=[invert]", "loss=fourth_power", "callbacks=weight_norm")
     usual = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
     places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
     run("zoo", *parts, *usual, *places, "trainer.max_epochs=1")
@@ -91,6 +82,12 @@ def test_the_parts_train_together(run: Run, recorded: Written, tmp_path: Path) -
     assert (metrics["model"], metrics["parameters"]) == ("strip", 33)
     with (tmp_path / "run" / "metrics.csv").open() as file:
         assert any(row.get("weight_norm") for row in csv.DictReader(file))
+
+
+def test_the_model_with_memory_trains(run: Run, recorded: Written, tmp_path: Path) -> None:
+    train(run, recorded, "strip_change")
+    metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert (metrics["model"], metrics["parameters"]) == ("strip_change", 65)
 
 
 @pytest.mark.slow

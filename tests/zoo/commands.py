@@ -13,10 +13,10 @@ from tests.zoo.forked_commands import ForkedCommands
 ROOT = Path(__file__).parents[2]
 
 
-def environment() -> dict[str, str]:
+def environment(code: Path = ROOT) -> dict[str, str]:
     # One thread: the networks are small, and processes of several tests share the cores.
     return os.environ | {
-        "PYTHONPATH": str(ROOT),
+        "PYTHONPATH": os.pathsep.join(dict.fromkeys([str(code), str(ROOT)])),
         "OMP_NUM_THREADS": "1",
         "CUDA_VISIBLE_DEVICES": "",
     }
@@ -27,14 +27,14 @@ def command(module: str, *arguments: str) -> list[str]:
 
 
 def run(
-    cwd: Path, *arguments: str, module: str = "zoo", timeout: int = 120
+    cwd: Path, *arguments: str, module: str = "zoo", timeout: int = 120, code: Path = ROOT
 ) -> subprocess.CompletedProcess:
-    """Return the output and exit status of `python -m zoo ARGUMENTS`."""
+    """Return the output and exit status of `python -m zoo ARGUMENTS`, of the project at `code`."""
     if sys.platform != "linux":  # elsewhere, forking a process that has threads is not safe
         return subprocess.run(
             command(module, *arguments),
             cwd=cwd,
-            env=environment(),
+            env=environment(code),
             capture_output=True,
             text=True,
             timeout=timeout,
@@ -42,16 +42,17 @@ def run(
         )
     with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
         files = Path(output.name), Path(errors.name)
-        status = forked_commands().run([module, *arguments], cwd, environment(), timeout, *files)
+        words, variables = [module, *arguments], environment(code)
+        status = forked_commands(code).run(words, cwd, variables, timeout, *files)
         if status == -signal.SIGALRM:
             raise subprocess.TimeoutExpired([module, *arguments], timeout)
         return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())
 
 
 @functools.cache
-def forked_commands() -> ForkedCommands:
+def forked_commands(code: Path) -> ForkedCommands:
     """Return the process that forks commands for all tests of this process."""
-    return ForkedCommands(environment())
+    return ForkedCommands(environment(code), code)
 
 
 def only_line(result: subprocess.CompletedProcess) -> str:

@@ -32,13 +32,14 @@ IMPORTED = (
 class ForkedCommands:
     """A process that runs one command at a time; it ends with this process."""
 
-    def __init__(self, environment: dict[str, str]) -> None:
+    def __init__(self, environment: dict[str, str], code: Path) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", __name__],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             env=environment,
+            cwd=code,
         )
 
     def run(
