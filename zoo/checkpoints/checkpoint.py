@@ -29,7 +29,7 @@ class Checkpoint:
         network: network with its weights, in evaluation mode, on the CPU.
         view: the network's input.
         config: the experiment's whole config, in plain containers.
-        data: the recording's `fingerprint`, number of `rows` and `rows_per_s`.
+        data: the recording's `fingerprint`, number of `rows`, `rows_per_s`, and median `speed_mph`.
     """
 
     network: nn.Module

@@ -26,7 +26,8 @@ class Data(Fields):
 
     fingerprint: str | None = None
     rows: Whole | None = None
-    rows_per_s: Number | None = None  # earlier versions did not write it
+    rows_per_s: Number | None = None  # earlier versions wrote neither of these
+    speed_mph: Number | None = None
 
 
 class Card(Fields):

@@ -63,6 +63,11 @@ class EnsemblePolicy:
         for one in self._ahead():
             one.latency_s = seconds
 
+    def expect(self, steering: np.ndarray) -> None:
+        """Tell the members that predict ahead which steering the wheels will have."""
+        for one in self._ahead():
+            one.expect(steering)
+
     def _ahead(self) -> list[Any]:
         """Return the members that predict ahead; without one, `latency_s` does not exist."""
         found = [one for one in self.members if hasattr(one, "latency_s")]

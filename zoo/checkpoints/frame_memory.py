@@ -6,7 +6,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from zoo.checkpoints.late_command import outputs_at, returning, way_m
 from zoo.models.window import Window
+
+NOTHING = np.zeros(0)
 
 
 class FrameMemory:
@@ -50,7 +53,8 @@ class SessionPolicy:
     memory: FrameMemory | None = None
     window = Window()
     latency_s: float
-    _steps_per_s = 0.0
+    _steps_per_s = _recorded_mph = 0.0
+    _on_the_way = NOTHING
 
     def keep_memory(self, first: Sequence[Any], window: Window, data: dict) -> None:
         """Keep the state of a network with memory.
@@ -58,47 +62,53 @@ class SessionPolicy:
         Args:
             first: state before the first frame.
             window: network's window.
-            data: checkpoint's `data`, with `rows_per_s`; without it the policy ignores latency.
+            data: checkpoint's `data`, with `rows_per_s`, without which the policy ignores latency,
+                and `speed_mph`, without which it takes each speed for the recorded one.
         """
         self.memory, self.window = FrameMemory(first, window.stride), window
         if window.ahead:
             self.latency_s = 0.0
             self._steps_per_s = float(data.get("rows_per_s") or 0.0) / window.stride
+            self._recorded_mph = float(data.get("speed_mph") or 0.0)
 
     def reset(self) -> None:
-        """Forget the frames before."""
+        """Forget the frames and commands before."""
+        self._on_the_way = NOTHING
         if self.memory is not None:
             self.memory.reset()
 
     def new_session(self) -> Self:
         """Return the policy for one more car, without frames before."""
         other = copy.copy(self)
+        other._on_the_way = NOTHING
         if self.memory is not None:
             other.memory = FrameMemory(self.memory.first, self.memory.stride)
         return other
 
-    def in_time(self, outputs: np.ndarray) -> np.ndarray:
+    def expect(self, steering: np.ndarray) -> None:
+        """Take the steering of the wheels from now until a command reaches them.
+
+        Args:
+            steering: float [n], -1..1, evenly spaced over `latency_s`; NaN where it is not known.
+        """
+        self._on_the_way = steering
+
+    def in_time(self, outputs: np.ndarray, speed_mph: float) -> np.ndarray:
         """Return the outputs for the time at which they reach the wheels, [outputs].
+
+        A car that is slower than the recorded ones needs more time for a step.
 
         Args:
             outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
+            speed_mph: the car's speed in mph.
         """
         if len(outputs) == 1:
             return outputs[0]
-        return outputs_at(outputs, self.latency_s * self._steps_per_s)
-
-
-def outputs_at(outputs: np.ndarray, steps: float) -> np.ndarray:
-    """Return the outputs for a time ahead, interpolated between two steps.
-
-    Args:
-        outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
-        steps: time ahead, in steps; a time after the last step counts as the last step.
-
-    >>> outputs_at(np.array([[0.0], [0.4], [0.2]]), 1.5).round(1).tolist()
-    [0.3]
-    """
-    steps = min(max(steps, 0.0), len(outputs) - 1.0)
-    before = int(steps)
-    after = min(before + 1, len(outputs) - 1)
-    return outputs[before] + (steps - before) * (outputs[after] - outputs[before])
+        steps = self.latency_s * self._steps_per_s
+        if self._recorded_mph:
+            steps *= max(speed_mph, 0.0) / self._recorded_mph
+        found = outputs_at(outputs, steps).copy()
+        if steps:
+            way = way_m(speed_mph, self.latency_s)
+            found[0] += returning(outputs[:, 0], self._on_the_way, way, steps)
+        return found.clip(-1, 1)

@@ -75,7 +75,7 @@ class OnnxPolicy(SessionPolicy):
         if self.memory is None:
             return output_command(self._run(inputs)[0][0].tolist(), self.predicts_spread)
         steps = self.memory.step(self._run, inputs)[0].clip(-1, 1)
-        return Command(*self.in_time(steps).tolist())
+        return Command(*self.in_time(steps, speed_mph).tolist())
 
     def predict(self, images: np.ndarray, speed_mph: np.ndarray) -> np.ndarray:
         """Return the outputs for a batch, float32 [N, outputs] in -1..1, then the spread, if any.

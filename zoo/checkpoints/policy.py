@@ -62,7 +62,7 @@ class Policy(SessionPolicy):
         if self.memory is None:
             return output_command(self.forward(*inputs)[0].tolist(), self.predicts_spread)
         steps = self.memory.step(self.forward, *inputs)[0].clamp(-1, 1).numpy()
-        return Command(*self.in_time(steps).tolist())
+        return Command(*self.in_time(steps, speed_mph).tolist())
 
 
 def load_policy(

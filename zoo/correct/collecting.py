@@ -93,6 +93,10 @@ class LabellingPolicy:
         """Reset the model's policy."""
         reset_policy(self.policy)
 
+    def expect(self, steering: np.ndarray) -> None:
+        """Tell the model's policy which steering the wheels will have, if it predicts ahead."""
+        self.policy.expect(steering)  # type: ignore[attr-defined]
+
     @property
     def latency_s(self) -> float:
         """Return the latency that the model's policy assumes; it has none if that has none."""

@@ -17,7 +17,7 @@ ROUNDING = 1e-7  # mean squared error of telemetry with four decimals, and less 
 
 
 class LatencyMeter:
-    """Meter that keeps the `latency_s` of a policy that predicts ahead up to date.
+    """Meter that tells a policy that predicts ahead the latency and the commands on their way.
 
     Each steering that the simulator reports is compared with the commands that were sent 0, 0.02,
     ..., 2 s before. The latency is the shortest one with the smallest mean squared error, so that
@@ -25,7 +25,8 @@ class LatencyMeter:
     while no latency explains the reports.
 
     Args:
-        policy: policy with the attribute `latency_s`, which is set to 0 first.
+        policy: policy with the attribute `latency_s`, which is set to 0 first. Its method `expect`,
+            if it has one, gets the commands (see `zoo.checkpoints.frame_memory.SessionPolicy`).
 
     >>> class Ahead: latency_s = 0.0
     >>> meter, wheel = LatencyMeter(Ahead), [0.0, 0.0, 0.1, -0.2, 0.3, -0.1, 0.2]
@@ -39,6 +40,7 @@ class LatencyMeter:
     def __init__(self, policy: Any) -> None:
         self.policy = policy
         self.policy.latency_s = 0.0
+        self._expect = getattr(policy, "expect", lambda steering: None)
         count = round(LONGEST_S / STEP_S) + 1
         self._errors, self._weights = np.zeros(count), np.zeros(count)
         self._sent = np.zeros(count)  # command in force in each step before the last report
@@ -77,6 +79,9 @@ class LatencyMeter:
         if abs(now_s - self._judged_s) >= JUDGE_EVERY_S:
             self._judged_s = now_s
             self._judge()
+        on_the_way = self._sent[: round(self.policy.latency_s / STEP_S)].copy()
+        on_the_way[known:] = math.nan
+        self._expect(on_the_way[::-1])
 
     def _judge(self) -> None:
         judged = int((self._weights >= FEWEST).sum())  # longer latencies have fewer comparisons

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 import lightning
+import numpy as np
 from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -90,6 +91,7 @@ def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_confi
         "fingerprint": data.recording.fingerprint(),
         "rows": len(data.recording),
         "rows_per_s": rows_per_second(data.recording),
+        "speed_mph": float(np.median(data.recording.speed_mph)),
     }
     card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
     resumed = find_resume_point(folder, card, console) if resume else None
