@@ -72,6 +72,18 @@ def mixture(commands: Sequence[Command]) -> Command:
     return Command(steering, throttle, math.sqrt(sum(squares) / count))
 
 
+def expect_steering(policy: PolicyFunction, steering: np.ndarray) -> None:
+    """Tell a policy the wheels' steering until its command reaches them; most need not know it.
+
+    Args:
+        policy: policy; told if it has a method `expect`, as policies that predict ahead have.
+        steering: float [n], -1..1, evenly spaced over the policy's `latency_s`.
+    """
+    expect = getattr(policy, "expect", None)
+    if expect is not None:
+        expect(steering)
+
+
 def reset_policy(policy: PolicyFunction) -> None:
     """Let a policy forget the frames before, at a start and after the car was put back."""
     reset = getattr(policy, "reset", None)

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from zoo.checkpoints.command import Command, call_policy, mixture, own_session, reset_policy
+from zoo.checkpoints.command import (
+    Command,
+    call_policy,
+    expect_steering,
+    mixture,
+    own_session,
+    reset_policy,
+)
 
 
 class EnsemblePolicy:
@@ -66,7 +73,7 @@ class EnsemblePolicy:
     def expect(self, steering: np.ndarray) -> None:
         """Tell the members that predict ahead which steering the wheels will have."""
         for one in self._ahead():
-            one.expect(steering)
+            expect_steering(one, steering)
 
     def _ahead(self) -> list[Any]:
         """Return the members that predict ahead; without one, `latency_s` does not exist."""

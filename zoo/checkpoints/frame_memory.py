@@ -89,7 +89,7 @@ class SessionPolicy:
         """Take the steering of the wheels from now until a command reaches them.
 
         Args:
-            steering: float [n], -1..1, evenly spaced over `latency_s`; NaN where it is not known.
+            steering: float [n], -1..1, evenly spaced over `latency_s`.
         """
         self._on_the_way = steering
 

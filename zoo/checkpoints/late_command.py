@@ -36,7 +36,7 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
     Args:
         predicted: steering for now and for the steps ahead, -1..1 [1 + ahead].
         sent: steering that the wheels have until the command reaches them, -1..1 [n], evenly spaced
-            in time; NaN where it is not known, which counts as predicted.
+            in time.
         way_m: distance that the car drives in that time.
         steps: steps in that time.
 
@@ -47,7 +47,7 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
         return 0.0
     parts = (np.arange(len(sent)) + 0.5) / len(sent)
     course = np.interp(parts * steps, np.arange(len(predicted)), predicted)
-    bends = np.nan_to_num(_curvature(sent) - _curvature(course))
+    bends = _curvature(sent) - _curvature(course)
     part_m = way_m / len(sent)
     turned = np.cumsum(bends) * part_m
     right_m = float(np.sum(turned - bends * part_m / 2)) * part_m

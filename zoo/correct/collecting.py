@@ -15,7 +15,13 @@ from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS
 from simulator.weather import read_weather
 from simulator.world import World
-from zoo.checkpoints.command import Command, PolicyFunction, call_policy, reset_policy
+from zoo.checkpoints.command import (
+    Command,
+    PolicyFunction,
+    call_policy,
+    expect_steering,
+    reset_policy,
+)
 from zoo.cli.console_progress import progress_bar
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
 from zoo.drives.drive_record import DriveRow
@@ -94,8 +100,8 @@ class LabellingPolicy:
         reset_policy(self.policy)
 
     def expect(self, steering: np.ndarray) -> None:
-        """Tell the model's policy which steering the wheels will have, if it predicts ahead."""
-        self.policy.expect(steering)  # type: ignore[attr-defined]
+        """Tell the model's policy which steering the wheels will have."""
+        expect_steering(self.policy, steering)
 
     @property
     def latency_s(self) -> float:

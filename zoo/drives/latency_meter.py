@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from zoo.checkpoints.command import expect_steering
+
 STEP_S, LONGEST_S = 0.02, 2.0  # resolution, and greatest latency that is recognized
 FORGET_S = 10.0  # time constant after which an earlier comparison counts 1/e
 JUDGE_EVERY_S = 0.1
@@ -40,7 +42,6 @@ class LatencyMeter:
     def __init__(self, policy: Any) -> None:
         self.policy = policy
         self.policy.latency_s = 0.0
-        self._expect = getattr(policy, "expect", lambda steering: None)
         count = round(LONGEST_S / STEP_S) + 1
         self._errors, self._weights = np.zeros(count), np.zeros(count)
         self._sent = np.zeros(count)  # command in force in each step before the last report
@@ -80,8 +81,8 @@ class LatencyMeter:
             self._judged_s = now_s
             self._judge()
         on_the_way = self._sent[: round(self.policy.latency_s / STEP_S)].copy()
-        on_the_way[known:] = math.nan
-        self._expect(on_the_way[::-1])
+        on_the_way[known:] = steering  # nothing is known of the commands before: it stays
+        expect_steering(self.policy, on_the_way[::-1])
 
     def _judge(self) -> None:
         judged = int((self._weights >= FEWEST).sum())  # longer latencies have fewer comparisons

@@ -90,6 +90,27 @@ def test_the_latency_stays_while_nothing_explains_the_reports(commands: list[flo
     assert meter.policy.latency_s == 0.3
 
 
+class Told(Ahead):
+    """A policy that stores the steering that it is told of."""
+
+    def expect(self, steering: np.ndarray) -> None:
+        self.told = steering
+
+
+def test_a_policy_is_told_the_commands_on_their_way(commands: list[float]) -> None:
+    policy = Told(open_world("lake", "none"))
+    meter = LatencyMeter(policy)
+    feed(meter, commands, 4)
+    meter.report(commands[-4], 6.0)
+    assert policy.latency_s == 0.3
+    assert policy.told.tolist() == [one for one in commands[-3:] for _ in range(5)]
+    meter.restart()
+    meter.report(0.5, 6.0)
+    meter.send(0.7)
+    meter.report(0.5, 6.1)
+    assert policy.told.tolist() == [0.5] * 10 + [0.7] * 5, "the older commands are forgotten"
+
+
 def test_the_latency_survives_that_the_car_is_put_back(commands: list[float]) -> None:
     meter = LatencyMeter(Ahead(open_world("lake", "none")))
     feed(meter, commands, 5)
