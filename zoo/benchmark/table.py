@@ -24,7 +24,7 @@ DIFFERENCES = {
     "cte_mean_m": ("mean error, m", 1, "{:+.2f}"),
 }
 
-
+NAMES_WIDTH, GAP = 12, 3  # of the first column, and before every other one, in characters
 CAPTION = (
     "Below or behind each figure: its 95 % interval. Means: bootstrap over roads and training "
     "seeds; counts: exact Poisson and Wilson."
@@ -34,19 +34,24 @@ CAPTION = (
 def print_result(result: BenchmarkResult, console: Console) -> None:
     """Print a table with a column for each group, the differences, headline and digest."""
     headings, rows = table_cells(result)
-    shown = Table(
-        title=Text(printable(f"{result.entry}, suite {result.suite}")),
-        caption=CAPTION,
-        box=SIMPLE_HEAD,
-        show_edge=False,
-    )
-    shown.pad_edge = False
-    shown.add_column(headings[0], min_width=12)
-    for row in rows:
-        shown.add_column(Text(printable(row[0])), justify="right", no_wrap=True)
-    for number, heading in enumerate(headings[1:], 1):
-        shown.add_row(heading, *[_narrow(row[number]) for row in rows])
-    console.print(shown)
+    columns = [[printable(name), *map(_narrow, cells)] for name, *cells in rows]
+    tables = _side_by_side(columns, console.width - NAMES_WIDTH)
+    for number, part in enumerate(tables, 1):
+        title = f"{result.entry}, suite {result.suite}" if number == 1 else None
+        shown = Table(
+            title=None if title is None else Text(printable(title)),
+            caption=CAPTION if number == len(tables) else " ",
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            show_edge=False,
+        )
+        shown.pad_edge = False
+        shown.add_column(headings[0], min_width=NAMES_WIDTH)
+        for name, *_ in part:
+            shown.add_column(Text(name), justify="right", no_wrap=True)
+        for heading, *cells in zip(headings[1:], *(cells for _, *cells in part), strict=True):
+            shown.add_row(heading, *cells)
+        console.print(shown)
     lines = [
         *difference_lines(result),
         headline_line(result),
@@ -54,6 +59,20 @@ def print_result(result: BenchmarkResult, console: Console) -> None:
     ]
     for line in lines:
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
+
+
+def _side_by_side(columns: list[list[str]], width: int) -> list[list[list[str]]]:
+    """Return columns in parts, each of which fits a width beside the names of its rows."""
+    parts: list[list[list[str]]] = []
+    room = 0
+    for column in columns:
+        wide = GAP + max(len(line) for cell in column for line in cell.split("\n"))
+        if wide > room:
+            parts.append([])
+            room = width
+        parts[-1].append(column)
+        room -= wide
+    return parts
 
 
 def difference_lines(result: BenchmarkResult) -> list[str]:

@@ -1,5 +1,6 @@
 """`python -m zoo.benchmark`: digests, baselines, verification and bad input, on short roads."""
 
+import io
 import json
 import re
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
+from rich.console import Console
 
 from datamodules.errors import InputError, UsageError
 from simulator.track_names import road_folder
@@ -18,6 +20,7 @@ from zoo.benchmark.finished_drives import NAME as UNFINISHED
 from zoo.benchmark.page import NAME as PAGE
 from zoo.benchmark.result import NAME, read_result, write_result
 from zoo.benchmark.summary import summarize_drives
+from zoo.benchmark.table import print_result, table_cells
 from zoo.cli.stop_errors import StoppedError
 
 
@@ -92,6 +95,20 @@ def test_a_result_names_what_was_driven(entry: Path, suite: Path, checkpoint: Pa
     assert figures["driven_m"] == pytest.approx(60, abs=1.5)
     assert "latency_ms" not in figures
     assert set(result.differences["looks"]) == {"autonomy", "cte_mean_m"}
+
+
+@pytest.mark.parametrize("width", [30, 40, 80])
+def test_a_narrow_terminal_shows_every_figure(entry: Path, width: int) -> None:
+    console = Console(file=io.StringIO(), width=width)
+    result = read_result(entry)
+    print_result(result, console)
+    printed = console.file.getvalue()
+    for _, *cells in table_cells(result)[1]:
+        for cell in cells:
+            figure, _, interval = cell.rstrip(")").partition(" (")
+            low, _, high = interval.removesuffix(" or more").partition(" to ")
+            assert f" {figure}\n" in printed or f" {figure} " in printed
+            assert (f"{low}..{high}" if high else low) in printed
 
 
 def test_the_same_command_gives_the_same_digest(

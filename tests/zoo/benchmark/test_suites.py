@@ -9,6 +9,7 @@ from zoo.benchmark.suite import find_suite, read_suite
 DIGESTS = {  # of the drawn roads, and of the names and settings of the drives
     "v1": ("b8f0de7e4cb5bb10", "a7a5168db3e8dbcf"),
     "quick": ("8f37ed4042b2ca79", "101722f58c26a9bf"),
+    "latency": ("cfd5a8509447fba6", "9ca47358a6d079ba"),
 }
 
 
