@@ -43,7 +43,7 @@ def opened(tmp_path: Path) -> Iterator[Opened]:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(environment_id(one), marks=() if "lake" in one else pytest.mark.slow)
+        pytest.param(environment_id(one), marks=() if one == "zoo_lake" else pytest.mark.slow)
         for one in track_names()
     ],
 )

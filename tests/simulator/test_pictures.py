@@ -143,7 +143,13 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
     assert 5 <= int(np.argmin(shifts)) <= 10
 
 
-@pytest.mark.parametrize("name", track_names())
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(one, marks=() if one == "zoo_lake" else pytest.mark.slow)
+        for one in track_names()
+    ],
+)
 @pytest.mark.parametrize("every_m", [35.0, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_the_camera_sees_the_road_before_it_along_the_lap(name: str, every_m: float) -> None:
     """Check a world in which the road is red and everything else is blue."""

@@ -78,7 +78,7 @@ SMALL = (
     "data.block_s=0.5",
     "data.gap_s=0.1",
     "data.batch_size=16",
-    "callbacks=published",
+    "callbacks=checkpoints",
     "score=none",
 )
 

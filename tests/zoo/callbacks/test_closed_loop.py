@@ -62,6 +62,7 @@ def logged(folder: Path, name: str) -> dict[int, float]:
         return {int(row["epoch"]): float(row[name]) for row in csv.DictReader(file) if row[name]}
 
 
+@pytest.mark.slow
 def test_training_goes_on_as_if_nobody_had_driven(
     recorded: Written, tmp_path: Path, console: Console
 ) -> None:

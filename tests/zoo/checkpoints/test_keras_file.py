@@ -248,7 +248,7 @@ def test_a_truncated_file_is_one_line(name: str, share: float, tmp_path: Path) -
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", ["keras 2", "keras"])
+@pytest.mark.parametrize("name", [pytest.param("keras 2", marks=pytest.mark.slow), "keras"])
 def test_a_damaged_file_never_raises_another_error(name: str, tmp_path: Path) -> None:
     path = WRITERS[name](tmp_path)
     data, rng = path.read_bytes(), np.random.default_rng(0)

@@ -56,6 +56,7 @@ def status(folder: Path) -> str:
     return read_status(folder).get("status")
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_resumes_where_it_stopped(
     recorded: Written, place: Path, capsys: pytest.CaptureFixture
 ) -> None:

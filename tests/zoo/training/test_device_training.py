@@ -49,7 +49,9 @@ def test_without_augmentation_it_learns_the_same_to_the_bit(
         assert all(torch.equal(there[name], tensor) for name, tensor in plain.items())
 
 
-@pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
+@pytest.mark.parametrize(
+    "precision", ["32-true", pytest.param("bf16-mixed", marks=pytest.mark.slow)]
+)
 def test_with_augmentation_it_learns_as_on_the_cpu(
     precision: str, recorded: Written, tmp_path: Path
 ) -> None:

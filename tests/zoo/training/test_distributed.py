@@ -282,6 +282,7 @@ def test_an_error_of_our_own_is_not_hidden(tmp_path: Path) -> None:
             raise KeyError("a bug")
 
 
+@pytest.mark.slow
 def test_a_process_that_waits_for_ever_is_ended(tmp_path: Path) -> None:
     """With NCCL the main thread gets no error when the other process ends."""
     source = (

@@ -36,6 +36,7 @@ def run(code: str, *arguments: str) -> str:
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc alone gives memory back")
+@pytest.mark.slow
 def test_freed_memory_is_kept() -> None:
     assert int(run(STEPS, "keep")) < 0.1 * int(run(STEPS))
 

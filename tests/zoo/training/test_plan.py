@@ -60,7 +60,11 @@ def test_batches_that_come_together_are_a_step_each(
 
 @pytest.mark.parametrize(
     "override",
-    ["trainer.gradient_clip_val=1.0", "trainer.accumulate_grad_batches=2", "model=nvidia"],
+    [
+        "trainer.gradient_clip_val=1.0",
+        "trainer.accumulate_grad_batches=2",
+        pytest.param("model=nvidia", marks=pytest.mark.slow),
+    ],
 )
 def test_what_lightning_does_by_the_step_keeps_steps_apart(
     override: str, recorded: Written, tmp_path: Path

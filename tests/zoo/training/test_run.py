@@ -35,7 +35,7 @@ SMALL = (
     "data.block_s=0.5",
     "data.gap_s=0.1",
     "data.batch_size=16",
-    "callbacks=published",
+    "callbacks=checkpoints",
     "score=none",
 )
 
@@ -151,7 +151,8 @@ def test_a_network_learns_the_drawn_road(recorded: Written, tmp_path: Path) -> N
         assert metrics["open_loop"]["test"]["mse"] < 0.5 * baseline["mse"]
 
 
-@pytest.mark.parametrize("schedule", [pytest.param("constant", marks=pytest.mark.slow), "cosine"])
+@pytest.mark.slow
+@pytest.mark.parametrize("schedule", ["constant", "cosine"])
 def test_a_run_killed_and_resumed_ends_with_the_same_weights(
     schedule: str, recorded: Written, tmp_path: Path
 ) -> None:
