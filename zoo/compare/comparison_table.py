@@ -46,8 +46,9 @@ def print_comparison(
     table.caption_justify = "left"
     table.add_column("group", no_wrap=True)
     headings = ("drives", "autonomy,\npoints", "mean error,\nm", "A better,\n%")
-    for heading in (*headings, "verdict,\nto tell"):
+    for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("verdict,\nto tell", justify="right", min_width=10)
     for group, one in comparisons.items():
         table.add_row(
             Text(printable(group)),
