@@ -18,10 +18,10 @@ $(READY): pyproject.toml constraints.txt
 # Two processes run the tests; ARGS="-n 4" starts four. Prints the ten slowest tests.
 # test-all also runs the tests that are marked slow.
 test: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist loadfile --durations=10 -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 -m "not slow" $(ARGS)
 
 test-all: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist loadfile --durations=10 $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 $(ARGS)
 
 lint: $(READY)
 	$(BIN)/ruff check .
