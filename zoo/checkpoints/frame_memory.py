@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from zoo.checkpoints.late_command import outputs_at, returning, way_m
+from zoo.checkpoints.late_command import distance_m, outputs_at, returning
 from zoo.models.window import Window
 
 NOTHING = np.zeros(0)
@@ -109,6 +109,6 @@ class SessionPolicy:
             steps *= max(speed_mph, 0.0) / self._recorded_mph
         found = outputs_at(outputs, steps).copy()
         if steps:
-            way = way_m(speed_mph, self.latency_s)
+            way = distance_m(speed_mph, self.latency_s)
             found[0] += returning(outputs[:, 0], self._on_the_way, way, steps)
         return found.clip(-1, 1)

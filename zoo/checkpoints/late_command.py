@@ -55,7 +55,7 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
     return float(np.degrees(np.arctan(WHEELBASE_M * back))) / MAX_STEERING_DEG
 
 
-def way_m(speed_mph: float, seconds: float) -> float:
+def distance_m(speed_mph: float, seconds: float) -> float:
     """Return the distance in metres that a car drives."""
     return max(speed_mph, 0.0) * MPS_PER_MPH * seconds
 
