@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from rich.console import Console
 
+from simulator.track_file import read_track
 from zoo.benchmark.drivers import Driver, needs_frames, steering_of
 from zoo.benchmark.finished_drives import FinishedDrives
 from zoo.benchmark.result import DriveRecord
@@ -59,8 +60,9 @@ def drive_jobs(
     arguments = [
         (drivers[jobs[number][0]].file, jobs[number][1].setup, mean_steering) for number in order
     ]
+    frames = expected_frames([jobs[number][1].setup for number in order])
     with progress_bar(f"driving {len(order)} roads", console) as show:
-        for place, result in drive_in_processes(drive_road, arguments, workers, show):
+        for place, result in drive_in_processes(drive_road, arguments, workers, show, frames):
             driver, one = jobs[order[place]]
             drives[order[place]] = DriveRecord(
                 checkpoint=driver,
@@ -73,6 +75,14 @@ def drive_jobs(
             if finished is not None:
                 finished.add(order[place], drives[order[place]])
     return [drives[number] for number in range(len(jobs))]
+
+
+def expected_frames(setups: Sequence[Setup]) -> list[float]:
+    """Return about how many frames each drive has, for the time left: laps have most."""
+    lengths = {track: read_track(track).length for track in {one.track for one in setups}}
+    return [
+        lengths[one.track] * one.laps * one.frame_rate / max(one.speed_mph, 1.0) for one in setups
+    ]
 
 
 def drive_road(

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
 from datamodules.errors import InputError
 
 Result = TypeVar("Result")
@@ -24,6 +26,7 @@ def drive_in_processes(
     jobs: Sequence[tuple],
     workers: int,
     show: Callable[[float], None] = lambda share: None,
+    sizes: Sequence[float] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """Yield the number and result of each job, in the order in which they finish.
 
@@ -36,16 +39,27 @@ def drive_in_processes(
         jobs: arguments of each drive.
         workers: number of processes; 0 for one per core.
         show: function called with the share of all jobs that is done, 0..1.
+        sizes: amount of work of each job, in any unit; None for equal jobs.
 
     Raises:
         InputError: a process was killed, for example because memory ran out.
         Exception: a job failed; jobs that have not begun are cancelled.
     """
+    if not jobs:
+        return
     processes = min(workers or os.cpu_count() or 1, len(jobs))
+    weights = np.ones(len(jobs)) if sizes is None else np.asarray(sizes, np.float64)
+    weights = weights / weights.sum()
     if processes == 1:
+        shares = np.zeros(len(jobs))
+
+        def report(share: float, number: int) -> None:
+            shares[number] = share
+            show(float(weights @ shares))
+
         for number, job in enumerate(jobs):
-            yield number, drive(*job, lambda share, done=number: show((done + share) / len(jobs)))
-            show((number + 1) / len(jobs))
+            yield number, drive(*job, partial(report, number=number))
+            report(1.0, number)
         return
     # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
@@ -61,7 +75,7 @@ def drive_in_processes(
                 for one in finished:
                     yield numbers[one], one.result()
                     shares[numbers[one]] = 1.0
-                show(sum(shares) / len(jobs))
+                show(float(weights @ shares))
 
 
 @contextmanager

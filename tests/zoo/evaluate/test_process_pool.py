@@ -52,6 +52,17 @@ def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
     assert shown[-1] == 1
 
 
+def test_progress_counts_the_work_of_each_job() -> None:
+    shown: list[float] = []
+    jobs = [(1,), (2,), (3,)]
+    list(drive_in_processes(half, jobs, workers=1, show=shown.append, sizes=[60, 30, 10]))
+    assert shown == pytest.approx([0.6, 0.9, 1.0])
+
+
+def test_no_jobs_are_no_drives() -> None:
+    assert list(drive_in_processes(half, [], workers=2)) == []
+
+
 def test_results_come_with_the_number_of_their_job() -> None:
     found = dict(drive_in_processes(half, [(4,), (6,), (8,)], workers=2))
     assert {number: value for number, (value, _) in found.items()} == {0: 2.0, 1: 3.0, 2: 4.0}
