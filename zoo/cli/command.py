@@ -114,13 +114,19 @@ class Command:
         return paths, read_options(self.name, kind, options)
 
 
-def help_row(name: str, meaning: str) -> str:
-    """Return a name and its meaning in two columns; a long name has its own line."""
-    indent = " " * (NAMES + 2)
+def help_row(name: str, meaning: str, names: int = NAMES) -> str:
+    """Return a name and its meaning in two columns; a long name has its own line.
+
+    Args:
+        name: text of the first column.
+        meaning: text of the second column, which is wrapped.
+        names: width of the first column, characters.
+    """
+    indent = " " * (names + 2)
     text = textwrap.fill(meaning, WIDTH, initial_indent=indent, subsequent_indent=indent)
-    if len(name) >= NAMES:
+    if len(name) >= names:
         return f"  {name}\n{text}".rstrip()
-    return f"  {name:<{NAMES}}{text[len(indent) :]}".rstrip()
+    return f"  {name:<{names}}{text[len(indent) :]}".rstrip()
 
 
 def _is_option(argument: str) -> bool:

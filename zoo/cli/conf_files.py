@@ -68,6 +68,7 @@ def keys_of(text: str, prefix: str = "") -> list[Key]:
     """
     keys: list[Key] = []
     parents: list[tuple[int, str]] = []
+    last = Key("", "", "")  # the key without a value, which may have a list below it
     for line in text.splitlines():
         found = _LINE.match(line)
         if found is None:
@@ -75,6 +76,8 @@ def keys_of(text: str, prefix: str = "") -> list[Key]:
                 keys[-1] = Key(
                     keys[-1].name, keys[-1].default, f"{keys[-1].comment} {line.strip(' #')}"
                 )
+            elif line.strip().startswith("- ") and last not in keys:
+                keys.append(last)
             continue
         indent = len(found["indent"])
         parents = [one for one in parents if one[0] < indent]
@@ -82,6 +85,7 @@ def keys_of(text: str, prefix: str = "") -> list[Key]:
         value = found["value"].strip().strip("\"'")
         if not found["value"].strip():
             parents.append((indent, found["key"]))
+            last = Key(name, "", found["comment"] or "")
         elif not found["key"].startswith("_"):
             keys.append(Key(name, value, found["comment"] or ""))
     return keys

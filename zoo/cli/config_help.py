@@ -25,6 +25,8 @@ Trains, tests and reports one experiment; with -m, a sweep.
 See also: python -m zoo.models (list of networks), python -m zoo.preview (images that a network is
 fed), python -m datamodules.check (check of a recording)."""
 
+NAMES = 36  # characters of the first column: these keys are long
+
 _PACKAGE = re.compile(r"# @package (?P<package>[\w.]+)")
 
 
@@ -35,13 +37,19 @@ def config_help(arguments: Sequence[str]) -> str:
     ]
     config, chosen = compose_with_choices(quote_paths(overrides))
     groups = [f"{name}: {', '.join(choices(name))}" for name in config_groups()]
-    meanings = _comments(chosen)
-    keys = [help_row(f"{key}={value}", meanings.get(key, "")) for key, value in _keys(config)]
+    meanings = key_comments(chosen)
+    keys = [
+        help_row(f"{key}={value}", meanings.get(key, ""), NAMES)
+        for key, value in typed_keys(config)
+    ]
     return "\n".join([ABOUT, "", "Choices, name=choice", *groups, "", "Keys, key=value", *keys])
 
 
-def _comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
-    """Return the comment of each key in the YAML files; chosen files have priority."""
+def key_comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
+    """Return the comment of each key in the YAML files; chosen files have priority.
+
+    A key that the chosen file leaves without a comment has that of another file of its group.
+    """
     files = [("score", "world/embedded")]
     for group in config_groups():
         names = sorted(choices(group), key=lambda name, group=group: name == chosen.get(group))
@@ -51,17 +59,17 @@ def _comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
         text = (conf_folder() / f"{name}.yaml").read_text(encoding="utf-8")
         header = _PACKAGE.match(text)
         prefix = f"{header['package'] if header else package}.".lstrip(".")
-        found |= {one.name: one.comment for one in keys_of(text, prefix)}
+        found |= {one.name: one.comment for one in keys_of(text, prefix) if one.comment}
     return found
 
 
-def _keys(node: dict, prefix: str = "") -> Iterator[tuple[str, str]]:
+def typed_keys(node: dict, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield each key and its value as users type them."""
     for key, value in node.items():
         if key.startswith("_"):  # `_target_`, which the choices decide
             continue
         if isinstance(value, dict):
-            yield from _keys(value, f"{prefix}{key}.")
+            yield from typed_keys(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", _typed(value)
 

@@ -7,6 +7,8 @@ import sys
 import pytest
 
 from tests.zoo.commands import ROOT, environment
+from zoo.cli.compose import choices, compose_with_choices, config_groups
+from zoo.cli.config_help import key_comments, typed_keys
 
 GUARD = '\nif __name__ == "__main__":'
 PROBE = "zoo.doctor.renderer"  # only the doctor runs it, as a subprocess
@@ -114,3 +116,15 @@ def test_the_help_of_zoo_lists_only_parts_of_its_config(helps: dict) -> None:
     assert "\nmodel: " in groups
     for other in ("drive/speed", "\ntrack:", "hydra"):
         assert other not in groups
+
+
+def test_every_key_of_a_training_has_a_meaning() -> None:
+    """Whatever choice is made; a key below `model` may be described in another network's file."""
+    groups = {group: choices(group) for group in config_groups()}
+    silent = set()
+    for number in range(max(map(len, groups.values()))):
+        overrides = [f"{group}={names[number % len(names)]}" for group, names in groups.items()]
+        config, chosen = compose_with_choices(overrides)
+        meanings = key_comments(chosen)
+        silent |= {key for key, _ in typed_keys(config) if not meanings.get(key)}
+    assert silent == set()
