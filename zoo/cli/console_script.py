@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from zoo.cli.nearest import hint
+from zoo.cli.version import FLAGS, version_line
 
 PACKAGE = Path(__file__).parents[1]
 # Commands whose name is not that of a file in zoo.
@@ -24,6 +25,9 @@ def main() -> int:
             print(help_text(modules), flush=True)
         except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    if name in FLAGS:
+        print(version_line())
         return 0
     if name not in modules:
         near = hint(name, modules, "drivezoo --help lists all")
@@ -47,7 +51,9 @@ def help_text(modules: dict[str, str]) -> str:
     """Return the usage, and each command's purpose from the first line of its docstring."""
     lines = [f"  {name:<12}{_purpose(module)}" for name, module in modules.items()]
     usage = "usage: drivezoo COMMAND [argument] [key=value ...]"
-    return "\n".join([usage, "", *lines, "", "help on a command: drivezoo COMMAND --help"])
+    return "\n".join(
+        [usage, "", *lines, "", "help on a command: drivezoo COMMAND --help; drivezoo --version"]
+    )
 
 
 def _purpose(module: str) -> str:

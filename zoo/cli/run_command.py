@@ -11,6 +11,7 @@ from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
 from zoo.cli.stop_errors import StoppedError
+from zoo.cli.version import FLAGS, version_line
 
 # Hydra is imported late: its import takes a third of a second, in which Ctrl-C would print a
 # traceback.
@@ -45,7 +46,10 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         raise_again()
         check_arguments(arguments)
         guard_rich()
-        command(arguments)
+        if set(arguments).isdisjoint(FLAGS):
+            command(arguments)
+        else:
+            print(version_line())
         if output:
             output.flush()
     except (InputError, StoppedError) as error:

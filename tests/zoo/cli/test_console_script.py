@@ -2,9 +2,10 @@
 
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
-from tests.zoo.commands import environment
+from tests.zoo.commands import environment, run
 from zoo.cli.console_script import WRONG_USE, commands
 
 CALL = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
@@ -54,3 +55,10 @@ def test_a_closed_pipe_ends_it_without_an_error(tmp_path: Path) -> None:
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 0
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    line = drivezoo(tmp_path, "--version").stdout
+    assert line.startswith(f"drivezoo {version('drivezoo')} (Python 3.")
+    for module in ("zoo", "zoo.evaluate", "zoo.leaderboard"):
+        assert run(tmp_path, "--version", module=module).stdout == line

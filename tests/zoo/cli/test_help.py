@@ -107,7 +107,7 @@ def test_the_help_of_zoo_explains_keys_by_the_chosen_yaml(helps: dict) -> None:
     assert "left camera" in shown["data.offset=0.275"]
     assert "mph" in shown["score.speed=15.0"]
     assert "quick_samples" in shown["quick=false"]
-    assert shown["model.weights=null"] == "", "a comment of model=vgg"
+    assert "528" not in shown["model.weights=null"], "a comment of model=vgg"
 
 
 def test_the_help_of_zoo_lists_only_parts_of_its_config(helps: dict) -> None:
