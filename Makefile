@@ -1,12 +1,15 @@
-# make demo | setup | test | test-all | lint | docs | docs-links | train | sweep | drive | clean; PYTHON=python3.12 chooses the interpreter.
+# PYTHON=python3.12 chooses the interpreter.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 export NO_ALBUMENTATIONS_UPDATE = 1
 
-.PHONY: setup test test-all lint docs docs-links train sweep demo drive bench clean
+.PHONY: help setup test test-all lint docs docs-links train sweep demo drive bench dist clean
 
-setup: $(READY)
+help: ## list these commands
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-12s%s\n", $$1, $$2 }' Makefile
+
+setup: $(READY) ## install everything in .venv
 
 # Runs again only if one of the project's files changed.
 $(READY): pyproject.toml constraints.txt
@@ -15,49 +18,46 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 	@echo "installed in .venv; next: make demo, or make train ARGS=\"data.root=FOLDER\""
 
-# Two processes run the tests; ARGS="-n 4" starts four. Prints the ten slowest tests.
-# test-all also runs the tests that are marked slow.
-test: $(READY)
+demo: $(READY) ## record the embedded lake, train on it, drive it; print the files that it wrote
+	$(BIN)/python -m zoo.demo
+
+train: $(READY) ## train: make train ARGS="experiment=tiny41 data.root=FOLDER"
+	$(BIN)/python -m zoo $(ARGS)
+
+sweep: $(READY) ## train a sweep: make sweep ARGS="model=lenet,nvidia data.root=FOLDER"
+	$(BIN)/python -m zoo -m $(ARGS)
+
+drive: $(READY) ## drive: make drive CKPT=FILE [SIM=lake] [ARGS="drive.speed.set_mph=15"]
+	@test -n "$(CKPT)" || { echo "make drive: name a checkpoint, CKPT=outputs/.../checkpoints/best.ckpt" >&2; exit 2; }
+	$(BIN)/python -m zoo.drive "$(CKPT)" $(if $(SIM),drive.sim=$(SIM)) $(ARGS)
+
+test: $(READY) ## run the tests in two processes, and name the ten slowest; ARGS="-n 4" starts four
 	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 -m "not slow" $(ARGS)
 
-test-all: $(READY)
+test-all: $(READY) ## run the slow tests, too
 	$(BIN)/python -m pytest -n 2 --dist loadfile --durations=10 $(ARGS)
 
-lint: $(READY)
+lint: $(READY) ## check style, imports, types and spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 	$(BIN)/codespell conf datamodules docs simulator tests zoo benchmarks *.md
 
-# The manual, docs/_build/index.html; links within it are checked. docs-links opens those to other sites.
-docs: $(READY)
-	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build
-
-docs-links: $(READY)
-	$(BIN)/sphinx-build -b linkcheck docs docs/_build/links
-
-# make train ARGS="experiment=tiny41 data.root=FOLDER"
-train: $(READY)
-	$(BIN)/python -m zoo $(ARGS)
-
-# make sweep ARGS="model=lenet,nvidia data.root=FOLDER"
-sweep: $(READY)
-	$(BIN)/python -m zoo -m $(ARGS)
-
-# Records the embedded lake, trains on it, drives it, and prints the files that it wrote.
-demo: $(READY)
-	$(BIN)/python -m zoo.demo
-
-# make drive CKPT=outputs/.../best.ckpt [SIM=lake] [ARGS="drive.speed.set_mph=15"]
-drive: $(READY)
-	@test -n "$(CKPT)" || { echo "make drive: name a checkpoint, CKPT=outputs/.../checkpoints/best.ckpt" >&2; exit 2; }
-	$(BIN)/python -m zoo.drive "$(CKPT)" $(if $(SIM),drive.sim=$(SIM)) $(ARGS)
-
-# Prints timings and what they are compared with, in under five minutes: make bench [ONLY=feed,start]
-bench: $(READY)
+bench: $(READY) ## print timings, and what they are compared with: make bench [ONLY=feed,start]
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)
 
-clean:
+docs: $(READY) ## build the manual, docs/_build/index.html, and check the links within it
+	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build
+
+docs-links: $(READY) ## open the manual's links to other sites
+	$(BIN)/sphinx-build -b linkcheck docs docs/_build/links
+
+dist: $(READY) ## build the wheel, install it in a fresh environment, and train and drive with it
+	rm -rf dist
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	.ci/try-wheel $(PYTHON)
+
+clean: ## remove what was set up
 	rm -rf .venv build dist docs/_build *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -3,6 +3,7 @@
 from typing import Any
 
 from zoo.benchmark.__main__ import BenchmarkOptions
+from zoo.clean import CleanOptions
 from zoo.cli.command_config import read_keys, read_options
 from zoo.compare.__main__ import CompareOptions
 from zoo.correct.correct_options import CorrectOptions
@@ -21,6 +22,7 @@ from zoo.search.search_options import SearchOptions
 from zoo.sweep.__main__ import SweepOptions
 
 KINDS = {
+    "clean": CleanOptions,
     "compare": CompareOptions,
     "benchmark": BenchmarkOptions,
     "correct": CorrectOptions,

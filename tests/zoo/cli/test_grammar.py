@@ -13,6 +13,7 @@ from zoo.cli.conf_files import command_keys, conf_folder
 
 # What stands before the options.
 ARGUMENTS = {
+    "clean": [],
     "compare": ["a", "b"],
     "benchmark": ["x.ckpt"],
     "correct": ["x.ckpt"],
@@ -33,6 +34,7 @@ ARGUMENTS = {
 }
 # A key of each, mistyped, and a value of another type where a key takes no text.
 TYPOS = {
+    "clean": ("remov=true", "remove", "older_days=many"),
     "compare": ("ou=x.json", "out", None),
     "benchmark": ("workerss=1", "workers", "workers=many"),
     "correct": ("rouds=2", "rounds", "rounds=many"),

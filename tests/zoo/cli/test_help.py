@@ -16,6 +16,7 @@ SIMULATOR = ("record", "drive", "client")
 # Texts that each help must contain besides the usage: options, or files that the command writes.
 NAMED = {
     "zoo": ("data.offset=0.275", "experiment: action_chunk", "seed=1"),
+    "zoo.clean": ("older_days=0.0", "remove=false"),
     "zoo.search": ("family=alpine", "budget=200", "mildest failing road"),
     "zoo.compare": ("out=compare.json", "result.json"),
     "zoo.benchmark": ("suite=v1", "expert_late", "result.json"),
