@@ -6,6 +6,8 @@ import lightning
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from zoo.cli.verbosity import is_quiet
+
 
 class TrainingProgress(lightning.Callback):
     """A callback that shows epoch, samples per second, training loss and validation MSE.
@@ -26,7 +28,7 @@ class TrainingProgress(lightning.Callback):
         self.console = Console(soft_wrap=True)
         self.started, self.done = time.perf_counter(), 0
         self.steps = int(trainer.num_training_batches)
-        if trainer.is_global_zero and self.console.is_terminal:
+        if trainer.is_global_zero and self.console.is_terminal and not is_quiet():
             self.progress = Progress(
                 TextColumn("{task.description}"),
                 BarColumn(),
@@ -66,7 +68,7 @@ class TrainingProgress(lightning.Callback):
         self, trainer: lightning.Trainer, module: lightning.LightningModule
     ) -> None:
         """Print the epoch's line."""
-        if not trainer.is_global_zero:
+        if not trainer.is_global_zero or is_quiet():
             return
         metrics = trainer.callback_metrics
         line = f"epoch {trainer.current_epoch + 1:>3}/{trainer.max_epochs}"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.terminal import printable
+from zoo.cli.verbosity import is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,7 +37,8 @@ def print_written(
 
 def print_next(command: str, purpose: str = "", console: Console | None = None) -> None:
     """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell."""
-    _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
+    if not is_quiet():
+        _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
 
 
 def _print(line: str, console: Console | None) -> None:

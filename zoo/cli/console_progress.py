@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from zoo.cli.process_ranks import is_first_process
+from zoo.cli.verbosity import is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -18,7 +19,7 @@ DRAW_EVERY_S = 0.1
 @contextmanager
 def loading(what: str = "loading PyTorch") -> Iterator[None]:
     """Show a spinner on stderr while slow imports run, if stderr is a terminal."""
-    if not sys.stderr.isatty() or not is_first_process():
+    if not sys.stderr.isatty() or not is_first_process() or is_quiet():
         yield
         return
     from rich.console import Console
@@ -34,7 +35,7 @@ def working(what: str, console: "Console") -> Iterator[None]:
 
     columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
     with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
+        *columns, console=console, transient=True, disable=not console.is_terminal or is_quiet()
     ) as progress:
         progress.add_task(what, total=None)
         yield
@@ -47,6 +48,9 @@ def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], No
     Yield a function that takes the finished share of the work, 0..1. It is cheap enough for every
     frame of a drive, because a separate thread draws the bar.
     """
+    if is_quiet():
+        yield lambda share: None
+        return
     began = time.monotonic()
     if not console.is_terminal:
         next_line = began + LINE_EVERY_S

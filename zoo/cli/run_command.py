@@ -11,6 +11,7 @@ from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
 from zoo.cli.stop_errors import StoppedError
+from zoo.cli.verbosity import is_verbose, take_verbosity
 from zoo.cli.version import FLAGS, version_line
 
 # Hydra is imported late: its import takes a third of a second, in which Ctrl-C would print a
@@ -46,6 +47,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         raise_again()
         check_arguments(arguments)
         guard_rich()
+        arguments = take_verbosity(arguments)
         if set(arguments).isdisjoint(FLAGS):
             command(arguments)
         else:
@@ -78,6 +80,8 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         )
     if failure is None:
         return 0
+    if is_verbose():
+        traceback.print_exception(failure)
     print(error_line(name, failure), file=sys.stderr)
     if isinstance(failure, StoppedError):
         return STOPPED

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
-from zoo.leaderboard.ranking import read_run
 from zoo.runs.status import read_status
+from zoo.sweep.job_result import result_text
 from zoo.sweep.launch_rounds import Job
 from zoo.sweep.sweep_record import varying
 
@@ -34,7 +34,7 @@ def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
                 reported.add(job)
                 count += 1
                 line = f"{count}/{len(jobs)}  job {job.number} ({varied[job.overrides]}): "
-                line += _result_text(job, status)
+                line += result_text(job.folder)
                 console.print(line, highlight=False, markup=False)
 
     def poll() -> None:
@@ -49,12 +49,3 @@ def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
         stopped.set()
         thread.join()
         report_ended()
-
-
-def _result_text(job: Job, status: dict) -> str:
-    run = read_run(job.folder) if status["status"] == "finished" else None
-    if run is None:
-        return ": ".join(filter(None, [status["status"], status.get("reason")]))
-    figures = [] if run.autonomy is None else [f"autonomy {run.autonomy:.1%}"]
-    figures += [] if run.val_mse is None else [f"val MSE {run.val_mse:.4f}"]
-    return f"finished in {run.wall_s:.0f} s" + "".join(f", {one}" for one in figures)

@@ -20,8 +20,10 @@ from datamodules.errors import InputError
 from zoo.cli.console_progress import loading
 from zoo.cli.process_ranks import needs_processes
 from zoo.cli.stop_errors import PrunedError, StoppedError
+from zoo.cli.verbosity import is_verbose
 from zoo.runs.saved_config import TRUST, find_refusals
 from zoo.runs.status import is_beating, read_status, write_status
+from zoo.sweep.job_result import result_text
 from zoo.sweep.sweep_record import read_record, varying
 
 DONE = ("finished", "pruned")
@@ -47,12 +49,13 @@ def run_job(config: DictConfig) -> float:
     if not _claim(folder):
         return float("nan")
     serial = hydra.runtime.choices["hydra/launcher"] == SERIAL
+    whole = serial and is_verbose()
     if serial:
-        print(_heading(folder), flush=True)
+        print(_heading(folder), end="\n" if whole else ": ", flush=True)
     else:
         _set_up_worker(config)
     try:
-        with _training, contextlib.nullcontext() if serial else _output_to(folder / "log.txt"):
+        with _training, contextlib.nullcontext() if whole else _output_to(folder / "log.txt"):
             if needs_processes(config):
                 return _train_in_subprocess(config, folder)
             return _train(config, folder)
@@ -66,15 +69,18 @@ def run_job(config: DictConfig) -> float:
         if read_status(folder).get("status") != "failed":
             write_status(folder, "failed", reason=_first_line(error))
         return float("nan")
+    finally:
+        if serial and not whole:
+            print(result_text(folder), flush=True)
 
 
 def _heading(folder: Path) -> str:
-    """Return a line with the job's number and the overrides that only it has."""
+    """Return the job's number and the overrides that only it has."""
     jobs = read_record(folder.parent).jobs
     if jobs is None:
-        return f"\njob {folder.name}"
+        return f"job {folder.name}"
     own = varying(jobs)[tuple(jobs[int(folder.name)])]
-    return f"\njob {folder.name} (0 to {len(jobs) - 1}): {own}"
+    return f"job {folder.name} (0 to {len(jobs) - 1}): {own}"
 
 
 def _set_up_worker(config: DictConfig) -> None:
@@ -153,7 +159,7 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
 
 @contextlib.contextmanager
 def _output_to(path: Path) -> Iterator[None]:
-    """Redirect printed output to a file, since parallel jobs would mix their lines."""
+    """Redirect printed output to a file: a sweep prints one line for each job."""
     with (
         path.open("a", buffering=1) as log,
         contextlib.redirect_stdout(log),

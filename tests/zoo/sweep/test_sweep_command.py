@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -113,9 +114,15 @@ def test_the_same_command_runs_failed_jobs_again(
 ) -> None:
     overrides = ("data.batch_size=100000,16", "trainer.max_epochs=1")
     assert sweep(recorded, *overrides) == 1
-    assert "1 of 2 jobs failed: 0: data.batch_size=100000" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "1 of 2 jobs failed: 0: data.batch_size=100000" in printed.err
+    jobs = [line for line in printed.out.splitlines() if line.startswith("job ")]
+    assert re.fullmatch(r"job 0 \(0 to 1\): data.batch_size=100000: failed: .*", jobs[0])
+    assert re.fullmatch(r"job 1 \(0 to 1\): data.batch_size=16: finished in \d+ s, .*", jobs[1])
+    assert "train/loss" not in printed.out, "one line a job"
     (folder,) = place.glob("outputs/sweeps/*/*")
     assert [status(folder / name) for name in "01"] == ["failed", "finished"]
+    assert "train/loss" in (folder / "1" / "log.txt").read_text()
     second = (folder / "1" / "metrics.json").read_bytes()
     record = read_record(folder)
     sizes = [next(one for one in job if "batch_size" in one) for job in record.jobs]
