@@ -65,11 +65,11 @@ def report_sections(run: "Run") -> "list[Section]":
 
     makers = {
         "Headline": headline_blocks,
+        "Driving": drive_blocks,  # with the film, which readers look for
         "Data": data_blocks,
         "Network": network_blocks,
         "Training": training_blocks,
         "Open loop": open_loop_blocks,
-        "Driving": drive_blocks,
         "Settings": settings_blocks,
         "Model card": card_blocks,
     }

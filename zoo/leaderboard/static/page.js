@@ -58,7 +58,10 @@ function drawParallel() {
   const svg = document.getElementById("parallel");
   if (!data.entries.length || data.axes.length < 2) return document.getElementById("parallel-panel").remove();
   const width = Math.max(svg.parentNode.clientWidth, 150 * data.axes.length), height = 400;
-  const [left, right, top, bottom] = [60, 110, 46, 14];
+  const [left, right, top, bottom] = [60, 140, 46, 14];
+  // Labels are cut to the distance of two axes, and left out where they would overlap.
+  const gap = (width - left - right) / (data.axes.length - 1), letter = 9, line = 15;
+  const fits = Math.max(4, Math.floor(Math.min(gap, right) / letter) - 1);
   svg.replaceChildren();
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   svg.style.width = `${width}px`;
@@ -77,11 +80,16 @@ function drawParallel() {
   }
   data.axes.forEach((axis, number) => {
     draw(svg, "line", { class: "axis", x1: x(number), x2: x(number), y1: y(0), y2: y(1) });
-    const heading = axis.heading.length > 22 ? `…${axis.heading.slice(-21)}` : axis.heading;
-    draw(svg, "text", { class: "heading", x: x(number), y: 20, "text-anchor": number ? "middle" : "start" }, heading);
-    for (const [part, label] of scales[number].ticks) {
+    const heading = axis.heading.length > fits ? `…${axis.heading.slice(1 - fits)}` : axis.heading;
+    const head = draw(svg, "text", { class: "heading", x: x(number) - 6, y: 20 }, heading);
+    draw(head, "title", {}, axis.heading);
+    let above = -Infinity;
+    for (const [part, label] of scales[number].ticks.sort(([a], [b]) => a - b)) {
       draw(svg, "line", { class: "axis", x1: x(number), x2: x(number) + 5, y1: y(part), y2: y(part) });
-      draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, label.length > 14 ? `${label.slice(0, 13)}…` : label);
+      if (y(part) - above < line) continue;
+      above = y(part);
+      const text = label.length > fits - 2 ? `${label.slice(0, fits - 3)}…` : label;
+      draw(draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, text), "title", {}, label);
     }
     const brush = draw(svg, "rect", { class: "brush", x: x(number) - 9, width: 18, y: 0, height: 0 });
     const hand = draw(svg, "rect", { class: "hand", x: x(number) - 9, width: 18, y: y(0) - 6, height: y(1) - y(0) + 12 });
