@@ -129,7 +129,7 @@ def _strongest(
     """Return the rows of largest strength, of which no two are within `APART_S`."""
     apart = max(1, round(APART_S * rows_per_second(recording)))
     free = strength >= least
-    found = []
+    found: list[NotableRow] = []
     for row in np.argsort(-strength, kind="stable"):
         if len(found) == MOST_ROWS or strength[row] < least:
             break
