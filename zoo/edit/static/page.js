@@ -81,7 +81,11 @@ function show(state) {
 }
 
 // The timeline shows the steering as it will be written.
+let drawn = "";
 function showMirrored(stretches) {
+  const key = JSON.stringify([stretches, edits.dropped, edits.splits, data.known]);
+  if (key === drawn) return;
+  drawn = key;
   for (const name of ["steering", "predicted"]) {
     if (!data[name]) continue;
     timeline.data[name].set(data[name]);

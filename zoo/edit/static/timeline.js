@@ -16,7 +16,7 @@ export class Timeline {
     this.selection = null; // [first, end]
     this.view = [0, 1];
     this.waiting = false;
-    this.overviewCurve = null; // canvas with the curve of all rows, which is drawn once per size
+    this.layers = {}; // what stays while rows are played, by canvas: [key, canvas]
     this.listen();
   }
 
@@ -27,7 +27,7 @@ export class Timeline {
   }
 
   redrawAll() {
-    this.overviewCurve = null;
+    this.layers = {};
     this.draw();
   }
 
@@ -122,21 +122,30 @@ export class Timeline {
 
   drawDetail() {
     const { pen, width, height } = prepare(this.detail);
-    const { rows, steering, speed, predicted, breaks } = this.data;
     const [first, end] = this.view;
     const x = (row) => ((row - first) / (end - first)) * width;
-    const lane = TOP + (height - TOP) * LANE;
-    const middle = (TOP + lane) / 2;
-    const range = niceRange(greatest(steering, first, end));
-    const steeringY = (value) => middle + (Math.max(Math.min(value, range), -range) / range) * (lane - TOP - 10) / 2;
-    const fastest = Math.max(Math.ceil(greatest(speed, 0, rows) / 10) * 10, 10);
-    const speedY = (value) => height - 4 - (value / fastest) * (height - lane - 12);
-    this.shadeEdits(pen, x, height);
+    this.drawLayer(this.detail, pen, String(this.view), (own) => this.drawCurves(own, x, width, height));
     if (this.selection) {
       const [left, right] = this.selection.map(x);
       pen.fillStyle = colour("--accent", 0.22);
       pen.fillRect(left, 0, Math.max(right - left, 1), height);
     }
+    pen.strokeStyle = colour("--text");
+    const now = x(this.row + 0.5);
+    line(pen, [[now, 0], [now, height]]);
+  }
+
+  drawCurves(pen, x, width, height) {
+    const { rows, steering, speed, predicted, breaks } = this.data;
+    const [first, end] = this.view;
+    const lane = TOP + (height - TOP) * LANE;
+    const middle = (TOP + lane) / 2;
+    const range = niceRange(greatest(steering, first, end));
+    const clipped = (value) => Math.max(Math.min(value, range), -range);
+    const steeringY = (value) => middle + (clipped(value) / range) * (lane - TOP - 10) / 2;
+    const fastest = Math.max(Math.ceil(greatest(speed, 0, rows) / 10) * 10, 10);
+    const speedY = (value) => height - 4 - (value / fastest) * (height - lane - 26); // below its label
+    this.shadeEdits(pen, x, height);
     pen.strokeStyle = colour("--line");
     line(pen, [[0, steeringY(0)], [width, steeringY(0)]]);
     line(pen, [[0, lane + 4], [width, lane + 4]]);
@@ -144,54 +153,55 @@ export class Timeline {
     for (const row of breaks) if (row > first && row < end) line(pen, [[x(row), 0], [x(row), height]]);
     pen.setLineDash([]);
     pen.lineWidth = 1.5;
-    pen.strokeStyle = colour("--speed");
-    curve(pen, speed, this.view, x, speedY, width);
-    pen.strokeStyle = colour("--accent");
-    curve(pen, steering, this.view, x, steeringY, width);
-    if (predicted) {
-      pen.strokeStyle = colour("--predicted");
-      curve(pen, predicted, this.view, x, steeringY, width);
+    for (const [values, name, y] of [[speed, "--speed", speedY], [steering, "--accent", steeringY], [predicted, "--predicted", steeringY]]) {
+      pen.strokeStyle = colour(name);
+      if (values) curve(pen, values, this.view, x, y, width);
     }
     this.drawSplits(pen, x, height);
-    pen.strokeStyle = colour("--text");
-    const now = x(this.row + 0.5);
-    line(pen, [[now, 0], [now, height]]);
+    const labels = [[`${range} left`, steeringY(-range) + 10], [`${range} right`, steeringY(range) - 2], [`${fastest} mph`, lane + 17]];
     pen.fillStyle = colour("--soft");
-    pen.font = `12px ${getComputedStyle(document.body).fontFamily}`;
-    for (const [text, y] of [[`${range} left`, steeringY(-range) + 10], [`${range} right`, steeringY(range) - 2], [`${fastest} mph`, lane + 17]]) {
-      pen.fillText(text, 8, y);
-    }
+    pen.font = font();
+    for (const [text, y] of labels) pen.fillText(text, 8, y);
     pen.textAlign = "right";
     pen.fillText(`rows ${Math.floor(first) + 1} to ${Math.min(Math.ceil(end), rows)}`, width - 8, lane + 17);
-    pen.textAlign = "left";
   }
 
   drawOverview() {
     const { pen, width, height } = prepare(this.overview);
     const { rows, steering } = this.data;
     const x = (row) => (row / rows) * width;
-    if (!this.overviewCurve || this.overviewCurve.width !== this.overview.width) {
-      this.overviewCurve = document.createElement("canvas");
-      this.overviewCurve.width = this.overview.width;
-      this.overviewCurve.height = this.overview.height;
-      const own = this.overviewCurve.getContext("2d");
-      own.setTransform(pen.getTransform());
-      own.strokeStyle = colour("--accent");
+    this.drawLayer(this.overview, pen, "", (own) => {
       const range = niceRange(greatest(steering, 0, rows));
-      curve(own, steering, [0, rows], x, (value) => height / 2 + (value / range) * (height / 2 - 3), width);
-    }
-    this.shadeEdits(pen, x, height);
-    pen.save();
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.drawImage(this.overviewCurve, 0, 0);
-    pen.restore();
-    this.drawSplits(pen, x, height, false);
+      const y = (value) => height / 2 + (value / range) * (height / 2 - 3);
+      this.shadeEdits(own, x, height);
+      own.strokeStyle = colour("--accent");
+      curve(own, steering, [0, rows], x, y, width);
+      this.drawSplits(own, x, height, false);
+    });
     const [left, right] = this.view.map(x);
     pen.fillStyle = colour("--text", 0.08);
     pen.strokeStyle = colour("--text");
     pen.fillRect(left, 0, right - left, height);
     pen.strokeRect(left + 0.5, 0.5, Math.max(right - left - 1, 2), height - 1);
     line(pen, [[x(this.row), 0], [x(this.row), height]]);
+  }
+
+  // Draws a layer, with `paint` only if the key or the size has changed since the last time.
+  drawLayer(canvas, pen, key, paint) {
+    const whole = `${key} ${canvas.width} ${canvas.height}`;
+    const found = this.layers[canvas.id];
+    if (found?.[0] !== whole) {
+      const layer = document.createElement("canvas");
+      [layer.width, layer.height] = [canvas.width, canvas.height];
+      const own = layer.getContext("2d");
+      own.setTransform(pen.getTransform());
+      paint(own);
+      this.layers[canvas.id] = [whole, layer];
+    }
+    pen.save();
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.drawImage(this.layers[canvas.id][1], 0, 0);
+    pen.restore();
   }
 
   shadeEdits(pen, x, height) {
@@ -203,7 +213,7 @@ export class Timeline {
 
   drawSplits(pen, x, height, labelled = true) {
     pen.strokeStyle = pen.fillStyle = colour("--text");
-    pen.font = `600 12px ${getComputedStyle(document.body).fontFamily}`;
+    pen.font = font(600);
     pen.lineWidth = 2;
     this.edits.splits.forEach((row, number) => {
       line(pen, [[x(row), 0], [x(row), height]]);
@@ -229,6 +239,8 @@ function colour(name, opacity = 1) {
   const found = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   return opacity === 1 ? found : `${found}${Math.round(255 * opacity).toString(16).padStart(2, "0")}`;
 }
+
+const font = (weight = 400) => `${weight} 12px ${getComputedStyle(document.body).fontFamily}`;
 
 function line(pen, points) {
   pen.beginPath();
