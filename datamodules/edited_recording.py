@@ -74,8 +74,7 @@ def write_edited(
     parts = edits.parts()
     if not parts:
         raise InputError("all rows are dropped; restore some before you write")
-    if os.path.lexists(out):
-        raise InputError(f"out={out}: exists already; name another folder")
+    refuse_existing(out)
     part = out.with_name(f".{out.name}.{secrets.token_hex(8)}.part")
     places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
     total = sum(len(rows) for rows, _ in parts)
@@ -111,13 +110,18 @@ def write_edited(
 
 
 def free_folder(folder: Path) -> Path:
-    """Return a folder's path with `_edited` added, and a number if that exists already."""
-    base = folder.with_name(f"{folder.name}_edited")
-    number, found = 1, base
+    """Return a folder that does not exist: this one, or its name with `_2`, `_3`, ..."""
+    number, found = 1, folder
     while os.path.lexists(found):
         number += 1
-        found = base.with_name(f"{base.name}_{number}")
+        found = folder.with_name(f"{folder.name}_{number}")
     return found
+
+
+def refuse_existing(out: Path) -> None:
+    """Raise InputError if a folder to write exists."""
+    if os.path.lexists(out):
+        raise InputError(f"out={out}: exists already; name another folder")
 
 
 @dataclass

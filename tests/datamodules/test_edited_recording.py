@@ -156,8 +156,9 @@ def test_an_existing_folder_is_refused(
     with pytest.raises(InputError, match=r"exists already; name another"):
         write_edited(recording, Edits(ROWS), source.folder)
     assert contents(source.folder) == before
-    (tmp_path / "lap_edited").mkdir()
-    assert free_folder(tmp_path / "lap") == tmp_path / "lap_edited_2"
+    assert free_folder(tmp_path / "lap") == tmp_path / "lap"
+    (tmp_path / "lap").mkdir()
+    assert free_folder(tmp_path / "lap") == tmp_path / "lap_2"
 
 
 def test_dropping_all_rows_is_refused(recording: Recording, tmp_path: Path) -> None:

@@ -37,6 +37,10 @@ def edit(arguments: list[str]) -> None:
         InputError: a recording, checkpoint, edit or output folder is wrong.
     """
     folders, options = COMMAND.read(arguments, EditOptions)
+    from datamodules.edited_recording import refuse_existing
+
+    if options.out:
+        refuse_existing(options.out.expanduser())
     from rich.console import Console
 
     from datamodules.recording import read_recordings

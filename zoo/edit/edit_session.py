@@ -47,7 +47,8 @@ class EditSession:
     Args:
         recording: recording to edit.
         edits: edits to begin with.
-        out: folder to write; None to name it after the recording's.
+        out: new folder to write; None for the recording's with `_edited`. If it exists, as after
+            the first writing, a number is added.
         report: function called with each written recording.
 
     Attributes:
@@ -61,7 +62,9 @@ class EditSession:
         out: Path | None = None,
         report: Callable[[WrittenRecording], None] = lambda written: None,
     ) -> None:
-        self.recording, self.out, self._report = recording, out, report
+        self.recording, self._report = recording, report
+        first = Path(recording.names[0]).absolute()
+        self._out = (out or first.with_name(f"{first.name}_edited")).expanduser().absolute()
         self.written: WrittenRecording | None = None
         self._history = History(edits)
         self._saved = Edits(len(recording))
@@ -103,8 +106,7 @@ class EditSession:
             InputError: see `write_edited`.
         """
         edits = self._history.now
-        out = self.out or free_folder(Path(self.recording.names[0]).absolute())
-        self.written = write_edited(self.recording, edits, out, progress)
+        self.written = write_edited(self.recording, edits, free_folder(self._out), progress)
         self._saved = edits
         self._report(self.written)
 
@@ -140,7 +142,6 @@ class EditSession:
         """Return the edits and the writing as plain containers."""
         history, written = self._history, self.written
         edits = history.now
-        out = self.out or free_folder(Path(self.recording.names[0]).absolute())
         return {
             "dropped": edits.dropped,
             "mirrored": edits.mirrored,
@@ -149,7 +150,7 @@ class EditSession:
             "undo": len(history.past),
             "redo": len(history.future),
             "unsaved": self.unsaved,
-            "out": str(out),
+            "out": str(free_folder(self._out)),
             "writing": self._share,
             "finished": self._finished,
             "failure": self._failure,

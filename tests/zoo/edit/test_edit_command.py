@@ -29,7 +29,7 @@ def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> 
         (("drop=0-5",), ("drop=0-5", "1..120")),
         (("keep=many",), ("keep=many", "FIRST-LAST")),
         (("split=121",), ("split=121", "2..120")),
-        (("out=.", "page=false"), ("out=", "another folder")),
+        (("out=.",), ("out=.", "another folder")),
         (("ckpt=no.ckpt",), ("no.ckpt", "no such checkpoint")),
     ],
 )

@@ -46,12 +46,21 @@ def test_edits_are_saved_once_they_are_written(recorded: Written, tmp_path: Path
 
 
 def test_a_failure_in_the_background_is_kept_for_the_page(recorded: Written) -> None:
-    session = session_of(recorded, recorded.folder)
+    session = session_of(recorded)
+    session.change("drop", (0, 120))
     session.start_writing()
     session.finish()
-    assert "exists already" in session.state()["failure"]
+    assert "restore" in session.state()["failure"]
 
 
-def test_a_new_name_is_found_for_each_writing(recorded: Written) -> None:
+def test_the_new_folder_is_named_after_the_recorded_one(recorded: Written) -> None:
     name = f"{recorded.folder.name}_edited"
     assert session_of(recorded).state()["out"] == str(recorded.folder.with_name(name))
+
+
+def test_a_second_writing_goes_to_another_folder(recorded: Written, tmp_path: Path) -> None:
+    session = session_of(recorded, tmp_path / "new")
+    session.change("trim", (10, 12))
+    for name in ("new", "new_2"):
+        session.write()
+        assert session.written.folders == (tmp_path / name,)
