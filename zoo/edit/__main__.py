@@ -37,18 +37,17 @@ def edit(arguments: list[str]) -> None:
         InputError: a recording, checkpoint, edit or output folder is wrong.
     """
     folders, options = COMMAND.read(arguments, EditOptions)
-    from datamodules.edited_recording import refuse_existing
-
-    if options.out:
-        refuse_existing(options.out.expanduser())
     from rich.console import Console
 
+    from datamodules.edited_recording import refuse_existing
     from datamodules.recording import read_recordings
     from datamodules.recording_edits import typed_edits
     from datamodules.recording_report import report_lines
     from zoo.cli.console_progress import progress_bar
     from zoo.edit.edit_session import EditSession
 
+    if options.out:
+        refuse_existing(options.out.expanduser())
     recording = read_recordings(folders, options.images, on_bad_image="skip")
     texts = options.drop, options.keep, options.mirror, options.split
     edits = typed_edits(len(recording), *(text or "" for text in texts))
@@ -69,9 +68,9 @@ def serve_page(session: "EditSession", options: EditOptions) -> None:
     """Serve the page until Ctrl-C, then wait until a recording that is being written is whole."""
     from zoo.drive.notices import Notices
     from zoo.edit.edit_page import EditPage
-    from zoo.edit.frame_analysis import FrameAnalysis, load_quiet_policy
+    from zoo.edit.frame_analysis import FrameAnalysis, load_predictor
 
-    path, policy = load_quiet_policy(options.ckpt) if options.ckpt else ("", None)
+    path, policy = load_predictor(options.ckpt) if options.ckpt else ("", None)
     analysis = FrameAnalysis(session.recording, policy)
     with open_server(options.port, Notices()) as server:
         server.show(EditPage(session, analysis, str(path)))
@@ -105,10 +104,8 @@ def open_server(port: int, notices: "Notices") -> "PageServer":
 def print_result(written: "WrittenRecording") -> None:
     """Print the written folders, and how many rows were left out because of a bad image."""
     if written.left_out:
-        count = len(written.left_out)
-        print(
-            printable(f"left out {count} rows with a bad image, the first: {written.left_out[0]}")
-        )
+        first = f"{len(written.left_out)} (the first: {written.left_out[0]})"
+        print(printable(f"rows left out because of a bad image: {first}"))
     folders = [str(folder) for folder in written.folders]
     print_written(folders, ["datamodules.check", *folders])
     sys.stdout.flush()
@@ -117,7 +114,7 @@ def print_result(written: "WrittenRecording") -> None:
 def resume_words(folders: list[str], options: EditOptions, session: "EditSession") -> Iterator[str]:
     """Yield the words of a command that begins with the edits of now."""
     yield from ("python", "-m", "zoo.edit", *folders, *session.options())
-    for key in ("ckpt", "images", "out"):
+    for key in ("ckpt", "images") if session.written else ("ckpt", "images", "out"):
         if value := getattr(options, key):
             yield f"{key}={value}"
 

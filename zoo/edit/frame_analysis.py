@@ -110,7 +110,7 @@ class FrameAnalysis:
         self.predicted[row] = command.steering
 
 
-def load_quiet_policy(named: str) -> tuple[Path, "PolicyFunction"]:
+def load_predictor(named: str) -> tuple[Path, "PolicyFunction"]:
     """Return a checkpoint's path and its policy.
 
     Raises:

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
+from zoo.drive.notices import Notices
+from zoo.edit.__main__ import open_server
 
 
 def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> None:
@@ -58,3 +61,11 @@ def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_pa
     assert process.returncode == 0, rest
     assert f"next: python -m zoo.edit '{folder}' drop=11-20" in rest
     assert "Traceback" not in rest
+
+
+def test_a_port_in_use_is_named_with_its_holder() -> None:
+    with (
+        open_server(0, Notices()) as first,
+        pytest.raises(InputError, match=rf"port={first.server_port}: held by .*port=0"),
+    ):
+        open_server(first.server_port, Notices())

@@ -377,7 +377,7 @@ async function start() {
   $("cameras").classList.toggle("one", !about.cameras[1] && !about.cameras[2]);
   timeline.show({ ...data, steering: data.steering.slice(), predicted: data.predicted?.slice() });
   show(await state.json());
-  go(0);
+  go((Number(location.hash.slice(1)) || 1) - 1); // the address may end with #ROW
   if (about.bad_images) notify(`${count(about.bad_images)} rows without an image are not shown`);
   document.documentElement.dataset.ready = performance.now().toFixed(0);
   poll();
