@@ -30,7 +30,7 @@ MOST_ANIMATION, MOST_IMAGE = 1_000_000, 150_000  # bytes
 def driving(run: Path, folder: Path) -> Iterator[str]:
     """Drive a lap with a run's best checkpoint, keep the frames, and give the page's address."""
     keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
-    process, url = serve("zoo.drive", str(run), *keys, f"drive.record={folder}")
+    process, url = serve("zoo.drive", str(run.resolve()), *keys, f"drive.record={folder}")
     yield url
     process.communicate()
 
@@ -41,15 +41,18 @@ def editing(run: Path, folder: Path) -> Iterator[str]:
     record = [sys.executable, "-m", "simulator", "record", "track=lake", "laps=1", f"out={folder}"]
     subprocess.run(record, check=True)
     edits = ["drop=150-240", "mirror=700-860", "split=1000"]
-    process, url = serve("zoo.edit", str(folder), f"ckpt={run}", "port=0", *edits)
+    options = [f"ckpt={run.resolve()}", "port=0", *edits]
+    process, url = serve("zoo.edit", folder.name, *options, folder=folder.parent)
     yield f"{url}#420"
     process.terminate()
     process.communicate()
 
 
-def serve(*command: str) -> tuple[subprocess.Popen, str]:
-    """Start a command that serves a page; return its process and the page's address."""
-    process = subprocess.Popen([sys.executable, "-m", *command], stdout=subprocess.PIPE, text=True)
+def serve(*command: str, folder: Path = ROOT) -> tuple[subprocess.Popen, str]:
+    """Start a command that serves a page in a folder; return its process and the address."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", *command], stdout=subprocess.PIPE, text=True, cwd=folder
+    )
     for line in process.stdout:
         if line.startswith("open http"):
             return process, line.split()[1]
@@ -125,7 +128,7 @@ def main(run: Path) -> None:
         with driving(run, drive) as url:
             take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10)
         animate(drive, IMAGES / "lap.webp")
-        with editing(run, Path(scratch) / "lap") as url:
+        with editing(run, Path(scratch) / "my_lap") as url:
             take_screenshot(url, (1400, 890), IMAGES / "edit_page.webp", wait_s=20)
     page = (run / "report" / "index.html").resolve().as_uri()
     take_screenshot(page, (1000, 1100), IMAGES / "report.webp", wait_s=3)
