@@ -2,7 +2,8 @@
 
 RUN is a run's folder: its best checkpoint drives a lap of the embedded lake over the socket, while
 headless Chromium shows the live page. Writes `docs/images/lap.webp` (the lap as an animation),
-`live_page.webp` and `report.webp`. Takes some three minutes on two cores.
+`live_page.webp`, `report.webp` and `edit_page.webp` (the editing page, with a lap of the expert).
+Takes some four minutes on two cores.
 """
 
 import subprocess
@@ -29,18 +30,33 @@ MOST_ANIMATION, MOST_IMAGE = 1_000_000, 150_000  # bytes
 def driving(run: Path, folder: Path) -> Iterator[str]:
     """Drive a lap with a run's best checkpoint, keep the frames, and give the page's address."""
     keys = ["drive.sim=lake", "drive.laps=1", "drive.port=0", "drive.speed.set_mph=20"]
+    process, url = serve("zoo.drive", str(run.resolve()), *keys, f"drive.record={folder}")
+    yield url
+    process.communicate()
+
+
+@contextmanager
+def editing(run: Path, folder: Path) -> Iterator[str]:
+    """Record a lap of the expert, and give the address of the page that edits it."""
+    record = [sys.executable, "-m", "simulator", "record", "track=lake", "laps=1", f"out={folder}"]
+    subprocess.run(record, check=True)
+    edits = ["drop=150-240", "mirror=700-860", "split=1000"]
+    options = [f"ckpt={run.resolve()}", "port=0", *edits]
+    process, url = serve("zoo.edit", folder.name, *options, folder=folder.parent)
+    yield f"{url}#420"
+    process.terminate()
+    process.communicate()
+
+
+def serve(*command: str, folder: Path = ROOT) -> tuple[subprocess.Popen, str]:
+    """Start a command that serves a page in a folder; return its process and the address."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "zoo.drive", str(run), *keys, f"drive.record={folder}"],
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-m", *command], stdout=subprocess.PIPE, text=True, cwd=folder
     )
     for line in process.stdout:
         if line.startswith("open http"):
-            break
-    else:
-        raise SystemExit("the driver did not start; the lines above say why")
-    yield line.split()[1]
-    process.communicate()
+            return process, line.split()[1]
+    raise SystemExit(f"{command[0]} did not start; the lines above say why")
 
 
 def take_screenshot(url: str, size: tuple[int, int], path: Path, wait_s: float) -> None:
@@ -112,6 +128,8 @@ def main(run: Path) -> None:
         with driving(run, drive) as url:
             take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10)
         animate(drive, IMAGES / "lap.webp")
+        with editing(run, Path(scratch) / "my_lap") as url:
+            take_screenshot(url, (1400, 890), IMAGES / "edit_page.webp", wait_s=20)
     page = (run / "report" / "index.html").resolve().as_uri()
     take_screenshot(page, (1000, 1100), IMAGES / "report.webp", wait_s=3)
 

@@ -1,7 +1,6 @@
 """The live page of a drive: the files of `static/`, the state they poll, and their commands."""
 
 import hmac
-import json
 import math
 import time
 from collections.abc import Callable, Iterable
@@ -14,10 +13,10 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drive.background_call import call_in_thread
 from zoo.drive.driver import Driver
 from zoo.drive.live_saliency import LiveSaliency, jpeg
+from zoo.drive.page_requests import RequestError, json_answer, read_command, respond
 from zoo.drive.poll_interval import PollInterval
 
 FRAME_S = 0.1  # least time between two encodings of a frame, which all pages share
-MOST_COMMAND = 4096  # bytes of a command
 MOST_LISTED = 50  # checkpoints in the list
 STATIC = Path(__file__).parent / "static"
 FILES = {
@@ -25,30 +24,6 @@ FILES = {
     "/style.css": ("style.css", "text/css; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
 }
-# Another site can neither embed the page, to make users click its buttons, nor show its images.
-HEADERS = [
-    ("Cache-Control", "no-store"),
-    (
-        "Content-Security-Policy",
-        "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'",
-    ),
-    ("Cross-Origin-Resource-Policy", "same-origin"),
-    ("X-Content-Type-Options", "nosniff"),
-    ("Referrer-Policy", "no-referrer"),  # the address may hold the token
-]
-
-
-class RequestError(Exception):
-    """A refused request.
-
-    Args:
-        status: HTTP status of the answer.
-        line: reason, shown to the user.
-    """
-
-    def __init__(self, status: HTTPStatus, line: str) -> None:
-        super().__init__(line)
-        self.status = status
 
 
 class LivePage:
@@ -76,7 +51,7 @@ class LivePage:
         self._jpeg, self._encoded_s = b"", -math.inf
         self._get = {
             "/state.json": self._poll,
-            "/checkpoints.json": lambda: _json(call_in_thread(list_checkpoints, self.folder)),
+            "/checkpoints.json": lambda: json_answer(call_in_thread(list_checkpoints, self.folder)),
             "/frame.jpg": lambda: (self._frame(), "image/jpeg"),
             "/saliency.jpg": lambda: (self._saliency(), "image/jpeg"),
         }
@@ -89,17 +64,7 @@ class LivePage:
 
     def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
         """Answer a request."""
-        status = HTTPStatus.OK
-        try:
-            body, kind = self._answer(environ)
-        except RequestError as error:
-            status = error.status
-            body, kind = _json({"error": str(error)})
-        length = ("Content-Length", str(len(body)))
-        start_response(
-            f"{status.value} {status.phrase}", [("Content-Type", kind), length, *HEADERS]
-        )
-        return [body]
+        return respond(self._answer, environ, start_response)
 
     def _answer(self, environ: dict) -> tuple[bytes, str]:
         method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
@@ -115,7 +80,7 @@ class LivePage:
 
     def _poll(self) -> tuple[bytes, str]:
         self.interval.asked(time.monotonic())
-        return _json(self.state())
+        return json_answer(self.state())
 
     def state(self) -> dict:
         """Return the state of the drive as plain containers; None for unknown values."""
@@ -155,31 +120,9 @@ class LivePage:
         if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):
             line = "token: wrong or missing; open the address with ?token= that zoo.drive printed"
             raise RequestError(HTTPStatus.FORBIDDEN, line)
-        # A form of another site cannot send JSON. Its script can, but with an Origin, which the
-        # guard refuses.
-        if environ.get("CONTENT_TYPE", "").partition(";")[0].strip() != "application/json":
-            line = "Content-Type: must be application/json"
-            raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, line)
-        length = environ.get("CONTENT_LENGTH") or ""
-        if not length.isdecimal() or int(length) > MOST_COMMAND:
-            line = f"Content-Length: must be a number up to {MOST_COMMAND}"
-            raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
-        try:
-            command = json.loads(environ["wsgi.input"].read(int(length)))
-        except (ValueError, RecursionError):
-            raise RequestError(HTTPStatus.BAD_REQUEST, "the command is no JSON") from None
-        if (
-            not isinstance(command, dict)
-            or len(command) != 1
-            or not set(command) & {*self._commands}
-        ):
-            known = ", ".join(self._commands)
-            raise RequestError(
-                HTTPStatus.BAD_REQUEST, f"the command must be an object with one key of {known}"
-            )
-        ((name, value),) = command.items()
+        name, value = read_command(environ, self._commands)
         self._commands[name](value)
-        return _json(self.state())
+        return json_answer(self.state())
 
     def _pause(self, value: object) -> None:
         self.driver.paused = _true_or_false("pause", value)
@@ -234,7 +177,3 @@ def _true_or_false(name: str, value: object) -> bool:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _json(value: object) -> tuple[bytes, str]:
-    return json.dumps(value).encode(), "application/json"

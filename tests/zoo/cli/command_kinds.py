@@ -9,6 +9,7 @@ from zoo.compare.__main__ import CompareOptions
 from zoo.correct.correct_options import CorrectOptions
 from zoo.doubt.__main__ import DoubtOptions
 from zoo.drive.drive_settings import DriveSettings, read_settings
+from zoo.edit.edit_options import EditOptions
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.replay_score import ReplayOptions
 from zoo.export.__main__ import ExportOptions
@@ -28,6 +29,7 @@ KINDS = {
     "correct": CorrectOptions,
     "doubt": DoubtOptions,
     "drive": DriveSettings,
+    "edit": EditOptions,
     "evaluate": EvaluateOptions,
     "export": ExportOptions,
     "film": FilmOptions,

@@ -25,6 +25,7 @@ NAMED = {
     "zoo.doctor": ("CKPT", "RECORDING", "port=4567"),
     "zoo.doubt": ("samples=20", "an ensemble", "out=doubt.ckpt"),
     "zoo.drive": ("port=4567", "speed=pi", "one of bends"),
+    "zoo.edit": ("drop=null", "page=true", "FOLDER..."),
     "zoo.evaluate": ("laps=1.0", "perturb=null"),
     "zoo.export": ("out=", "frames="),
     "zoo.film": ("out=null", "fps=null", "plays as fast as it was driven"),

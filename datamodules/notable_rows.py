@@ -1,0 +1,147 @@
+"""Rows of a recording that are worth a look: the sharpest bends, jumps, and frames that differ."""
+
+import io
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import median_filter
+
+from datamodules.image import (
+    HEAD,
+    MOST_IMAGE_BYTES,
+    NO_IMAGE,
+    TAIL,
+    find_fault,
+    find_scan_fault,
+    find_size_fault,
+    image_size,
+    jpeg_size,
+)
+from datamodules.recording import Recording
+from datamodules.regular_file import read_regular
+from datamodules.split import rows_per_second
+from datamodules.stretches import find_breaks
+
+MOST_ROWS = 40  # rows of each kind
+APART_S = 2.0  # least time between two rows of a kind
+SMOOTHED_S = 0.5  # a bend is steered longer than a correction
+LEAST_STEERING = 0.02  # smaller bends, jumps and errors are not listed
+LEAST_SPEED_MPH = 1.0
+FEWEST_AROUND = 15  # rows on each side that a frame's difference is compared with
+LEAST_RATIO = 2.0  # difference of an odd frame from both neighbours, over the usual one
+THUMBNAIL = (40, 20)  # pixels, width and height
+
+
+@dataclass(frozen=True)
+class NotableRow:
+    """A row and how notable it is, in the unit of its kind."""
+
+    row: int
+    value: float
+
+
+def sharpest_bends(recording: Recording) -> list[NotableRow]:
+    """Return the rows in the middle of the sharpest bends; values are the mean steering, -1..1."""
+    rows = max(1, round(SMOOTHED_S * rows_per_second(recording)))
+    smooth = np.convolve(recording.steering, np.ones(rows) / rows, "same")
+    return _strongest(recording, np.abs(smooth), LEAST_STEERING, smooth)
+
+
+def steering_jumps(recording: Recording) -> list[NotableRow]:
+    """Return the rows with the largest change of steering since the row before."""
+    change = np.zeros(len(recording))
+    change[1:] = np.where(find_breaks(recording), 0, np.diff(recording.steering))
+    return _strongest(recording, np.abs(change), LEAST_STEERING, change)
+
+
+def standstills(recording: Recording) -> list[NotableRow]:
+    """Return the first rows of the longest standstills; values are numbers of rows."""
+    still = np.concatenate([[False], recording.speed_mph < LEAST_SPEED_MPH, [False]])
+    first, end = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2).T
+    order = np.argsort(first - end, kind="stable")[:MOST_ROWS]
+    return [NotableRow(int(first[one]), float(end[one] - first[one])) for one in order]
+
+
+def odd_frames(recording: Recording, differences: np.ndarray) -> list[NotableRow]:
+    """Return the frames that differ most from both neighbours, which alone are alike.
+
+    A value is the smaller of a frame's two differences over the median of the rows around it: a
+    bend or a bridge changes many frames in a row, a damaged or foreign frame only one. An image
+    that cannot be read has the value infinity.
+
+    Args:
+        recording: recording of the frames.
+        differences: see `frame_difference`, of each row from the row before; NaN where unknown,
+            infinity for a row whose image cannot be read; float [N].
+    """
+    bad = np.isposinf(differences)
+    before = np.where(np.isfinite(differences), differences, np.nan)
+    before[1:][find_breaks(recording)] = np.nan
+    after = np.append(before[1:], np.nan)
+    alone = np.fmin(before, after)
+    alone[np.isnan(before) | np.isnan(after)] = np.nan
+    around = max(FEWEST_AROUND, round(rows_per_second(recording)))
+    usual = _running_median(before, around)
+    ratio = np.nan_to_num(alone / np.maximum(usual, 1.0))
+    ratio[bad] = np.inf
+    return _strongest(recording, ratio, LEAST_RATIO, ratio)
+
+
+def largest_errors(recording: Recording, predicted: np.ndarray) -> list[NotableRow]:
+    """Return the rows with the largest difference of predicted and recorded steering.
+
+    Args:
+        recording: recording with the steering.
+        predicted: predicted steering, float [N]; NaN where unknown.
+    """
+    error = np.nan_to_num(predicted - recording.steering)
+    return _strongest(recording, np.abs(error), LEAST_STEERING, error)
+
+
+def thumbnail(path: str) -> np.ndarray:
+    """Return a small grey image, uint8 [20, 40]: decoding to it takes half of the usual time.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no whole JPEG or PNG.
+    """
+    data = read_regular(path, MOST_IMAGE_BYTES)
+    fault = find_fault(data[:HEAD], data[-TAIL:])
+    if fault or (fault := find_size_fault(*(jpeg_size(data) or image_size(io.BytesIO(data))))):
+        raise ValueError(fault)
+    if fault := find_scan_fault(data):
+        raise ValueError(fault)
+    small = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    if small is None:
+        raise ValueError(NO_IMAGE)
+    return cv2.resize(small, THUMBNAIL, interpolation=cv2.INTER_AREA)
+
+
+def frame_difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the mean difference of two thumbnails' pixels, 0..255."""
+    return float(cv2.absdiff(one, other).mean())
+
+
+def _strongest(
+    recording: Recording, strength: np.ndarray, least: float, values: np.ndarray
+) -> list[NotableRow]:
+    """Return the rows of largest strength, of which no two are within `APART_S`."""
+    apart = max(1, round(APART_S * rows_per_second(recording)))
+    free = strength >= least
+    found: list[NotableRow] = []
+    for row in np.argsort(-strength, kind="stable"):
+        if len(found) == MOST_ROWS or strength[row] < least:
+            break
+        if free[row]:
+            found.append(NotableRow(int(row), float(values[row])))
+            free[max(0, row - apart + 1) : row + apart] = False
+    return found
+
+
+def _running_median(values: np.ndarray, around: int) -> np.ndarray:
+    """Return the median of the rows around each row; unknown rows count as the median of all."""
+    known = ~np.isnan(values)
+    if not known.any():
+        return np.zeros(len(values))
+    return median_filter(np.where(known, values, np.median(values[known])), 2 * around + 1)

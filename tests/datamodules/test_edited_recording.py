@@ -1,0 +1,178 @@
+"""An edited recording: a new folder that loads as any other, while the recorded one stays."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import datamodules.edited_recording
+from datamodules.edited_recording import free_folder, write_edited
+from datamodules.errors import InputError
+from datamodules.image import read_image
+from datamodules.recording import Recording, read_recordings
+from datamodules.recording_edits import Edits, drop, mirror, split
+from datamodules.stretches import find_breaks
+from tests.recordings import Written, write_recording
+
+ROWS = 40
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Written:
+    return write_recording(tmp_path_factory.mktemp("source") / "lap", ROWS, speed=20.5)
+
+
+@pytest.fixture(scope="module")
+def recording(source: Written) -> Recording:
+    return read_recordings(str(source.folder))
+
+
+def contents(folder: Path) -> dict[str, tuple[bytes, int]]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
+
+
+def test_kept_rows_are_the_recorded_ones_to_the_bit(
+    recording: Recording, source: Written, tmp_path: Path
+) -> None:
+    before = contents(source.folder)
+    written = write_edited(recording, drop(Edits(ROWS), (5, 30)), tmp_path / "new")
+    assert (written.folders, written.rows) == ((tmp_path / "new",), (15,))
+    again = read_recordings(str(tmp_path / "new"))
+    kept = [*range(5), *range(30, 40)]
+    for name in ("steering", "throttle", "brake", "speed_mph", "time_s"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(recording, name)[kept])
+    for new, row in zip(again.images, kept, strict=True):
+        for path, old in zip(new, recording.images[row], strict=True):
+            assert Path(path).read_bytes() == Path(old).read_bytes()
+    assert np.flatnonzero(find_breaks(again)).tolist() == [4], "the gap is seen as a pause"
+    assert contents(source.folder) == before
+
+
+def test_the_new_folder_needs_no_other(source: Written, tmp_path: Path) -> None:
+    shutil.copytree(source.folder, tmp_path / "old")
+    write_edited(read_recordings(str(tmp_path / "old")), Edits(ROWS), tmp_path / "new")
+    shutil.rmtree(tmp_path / "old")
+    (tmp_path / "new").rename(tmp_path / "moved")
+    again = read_recordings(str(tmp_path / "moved"))
+    assert read_image(again.images[0, 0]).shape == (160, 320, 3)
+
+
+def test_images_are_links_or_else_copies(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def images(folder: Path) -> list[Path]:
+        return sorted((folder / "IMG").iterdir())
+
+    edits = drop(Edits(ROWS), (2, ROWS))
+    try:
+        os.link(recording.images[0, 0], tmp_path / "probe")
+    except OSError:
+        pytest.skip("the file system has no hard links")
+    write_edited(recording, edits, tmp_path / "linked")
+    assert all(path.stat().st_nlink > 1 for path in images(tmp_path / "linked"))
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(datamodules.edited_recording.os, "link", refuse)
+    write_edited(recording, edits, tmp_path / "copied")
+    assert all(path.stat().st_nlink == 1 for path in images(tmp_path / "copied"))
+    assert len(images(tmp_path / "copied")) == 6
+
+
+def test_mirrored_rows_turn_images_cameras_and_steering(
+    recording: Recording, tmp_path: Path
+) -> None:
+    write_edited(recording, mirror(drop(Edits(ROWS), (0, 10)), (20, 30)), tmp_path / "new")
+    again = read_recordings(str(tmp_path / "new"))
+    np.testing.assert_array_equal(
+        again.steering[:20], recording.steering[[*range(10, 20), *range(30, 40)]]
+    )
+    np.testing.assert_array_equal(again.steering[20:], -recording.steering[20:30])
+    assert "-0," not in (tmp_path / "new" / "driving_log.csv").read_text()
+    for camera, other in ((0, 0), (1, 2), (2, 1)):
+        new, old = read_image(again.images[20, camera]), read_image(recording.images[20, other])
+        assert np.abs(new.astype(int) - old[:, ::-1]).mean() < 3, "only the JPEG differs"
+    assert again.time_s[20] == recording.time_s[20]
+    assert find_breaks(again)[19], "no window of frames has rows of both kinds"
+
+
+def test_parts_are_folders_in_the_new_folder(recording: Recording, tmp_path: Path) -> None:
+    written = write_edited(recording, split(Edits(ROWS), 25), tmp_path / "new")
+    assert [folder.name for folder in written.folders] == ["1", "2"]
+    assert written.rows == (25, 15)
+    again = read_recordings([str(folder) for folder in written.folders])
+    np.testing.assert_array_equal(again.steering, recording.steering)
+
+
+def test_several_recordings_become_one_although_names_repeat(
+    source: Written, tmp_path: Path
+) -> None:
+    shutil.copytree(source.folder, tmp_path / "other")
+    both = read_recordings([str(source.folder), str(tmp_path / "other")])
+    Path(both.images[ROWS, 0]).write_bytes(source.image(3).read_bytes())
+    write_edited(both, Edits(2 * ROWS), tmp_path / "new")
+    again = read_recordings(str(tmp_path / "new"))
+    assert len(set(again.images.flat)) == 6 * ROWS
+    assert Path(again.images[ROWS, 0]).read_bytes() == source.image(3).read_bytes()
+    np.testing.assert_array_equal(again.time_s, both.time_s)
+
+
+def test_without_times_a_gap_is_an_empty_line(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "old", ROWS, cameras=("center",)).folder
+    names = sorted((folder / "IMG").iterdir())
+    for number, path in enumerate(names):
+        path.rename(path.with_name(f"{number:03d}.jpg"))
+    lines = [f"IMG/{number:03d}.jpg,,,0.1,0.5,0,9" for number in range(ROWS)]
+    (folder / "driving_log.csv").write_text("\n".join(lines) + "\n")
+    write_edited(read_recordings(str(folder)), drop(Edits(ROWS), (5, 30)), tmp_path / "new")
+    line = read_recordings(str(tmp_path / "new")).line
+    assert np.flatnonzero(np.diff(line) > 1).tolist() == [4]
+
+
+def test_a_row_with_a_bad_image_is_left_out(source: Written, tmp_path: Path) -> None:
+    shutil.copytree(source.folder, tmp_path / "old")
+    secret = tmp_path / "secret.jpg"
+    secret.write_text("no image")
+    recording = read_recordings(str(tmp_path / "old"))
+    Path(recording.images[3, 0]).write_bytes(source.image(3).read_bytes()[:-40])
+    Path(recording.images[7, 1]).unlink()
+    Path(recording.images[7, 1]).symlink_to(secret)
+    written = write_edited(recording, Edits(ROWS), tmp_path / "new")
+    assert written.rows == (ROWS - 2,)
+    assert "row 4: " in written.left_out[0]
+    assert "truncated" in written.left_out[0]
+    assert "row 8: " in written.left_out[1]
+    assert len(list((tmp_path / "new" / "IMG").iterdir())) == 3 * (ROWS - 2)
+
+
+def test_an_existing_folder_is_refused(
+    recording: Recording, source: Written, tmp_path: Path
+) -> None:
+    before = contents(source.folder)
+    with pytest.raises(InputError, match=r"exists already; name another"):
+        write_edited(recording, Edits(ROWS), source.folder)
+    assert contents(source.folder) == before
+    assert free_folder(tmp_path / "lap") == tmp_path / "lap"
+    (tmp_path / "lap").mkdir()
+    assert free_folder(tmp_path / "lap") == tmp_path / "lap_2"
+
+
+def test_dropping_all_rows_is_refused(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="restore"):
+        write_edited(recording, drop(Edits(ROWS), (0, ROWS)), tmp_path / "new")
+
+
+def test_a_failure_leaves_nothing(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fill(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(datamodules.edited_recording.os, "link", fill)
+    with pytest.raises(InputError, match=r"No space left on device.*out="):
+        write_edited(recording, Edits(ROWS), tmp_path / "new")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,76 @@
+"""A page that is served in this process."""
+
+import contextlib
+import http.client
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from datamodules.recording import read_recordings
+from datamodules.recording_edits import Edits
+from tests.recordings import Written
+from zoo.drive.notices import Notices
+from zoo.edit.edit_page import EditPage, PageServer
+from zoo.edit.edit_session import EditSession
+from zoo.edit.frame_analysis import FrameAnalysis
+
+
+class ServedPage:
+    """A page and its address.
+
+    Args:
+        server: server of the page.
+        page: page that it serves.
+    """
+
+    def __init__(self, server: PageServer, page: EditPage) -> None:
+        self.port, self.page = server.server_port, page
+        self.url = f"http://127.0.0.1:{self.port}"
+
+    def ask(
+        self, method: str, path: str, body: object = None, **headers: str
+    ) -> tuple[int, str, bytes]:
+        """Return status, content type and body of an answer."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        kind = {} if body is None else {"Content-Type": "application/json"}
+        named = {name.replace("_", "-"): value for name, value in headers.items()}
+        sent = None if body is None else json.dumps(body)
+        with contextlib.closing(connection):
+            connection.request(method, path, sent, kind | named)
+            answer = connection.getresponse()
+            return answer.status, answer.headers["Content-Type"], answer.read()
+
+    def read(self, path: str) -> dict:
+        status, _, body = self.ask("GET", path)
+        assert status == 200, body
+        return json.loads(body)
+
+    def order(self, **command: object) -> tuple[int, dict]:
+        status, _, body = self.ask("POST", "/command", command)
+        return status, json.loads(body)
+
+
+@pytest.fixture
+def served(recorded: Written, tmp_path: Path) -> Iterator[ServedPage]:
+    """Yield the page of a recording of 120 rows, with a policy that steers by the image."""
+    shutil.copytree(recorded.folder, tmp_path / "lap")
+    recording = read_recordings(str(tmp_path / "lap"))
+    analysis = FrameAnalysis(recording, lambda frame, speed: (float(frame.mean()) / 255, None))
+    session = EditSession(recording, Edits(len(recording)))
+    page = EditPage(session, analysis, "best.ckpt")
+    with PageServer(0, Notices(lambda line: None)) as server:
+        server.show(page)
+        thread = threading.Thread(target=server.serve_forever, args=(0.02,))
+        thread.start()
+        analysis.start()
+        try:
+            yield ServedPage(server, page)
+        finally:
+            server.shutdown()
+            thread.join()
+            analysis.stop()
+            session.finish()

@@ -1,0 +1,187 @@
+"""The editing page, over HTTP and in a browser."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.recording import read_recordings
+from tests.recordings import Written
+from tests.zoo.drive.browser import CHROMIUM, Browser
+from tests.zoo.edit.conftest import ServedPage
+
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="chromium is not installed; apt install chromium"
+)
+
+
+def analysed(served: ServedPage, seconds: float = 30) -> dict:
+    ends = time.monotonic() + seconds
+    while (state := served.read("/state.json"))["analysed"] < 120:
+        assert time.monotonic() < ends, state
+        time.sleep(0.05)
+    return state
+
+
+def test_the_page_comes_from_the_package(served: ServedPage) -> None:
+    for path, holds in (("/", b"page.js"), ("/page.js", b"timeline.js"), ("/style.css", b"--bad")):
+        status, _, body = served.ask("GET", path)
+        assert status == 200
+        assert holds in body
+        assert b"https://" not in body, "it would fetch something from elsewhere"
+
+
+def test_the_columns_are_the_recorded_ones(served: ServedPage, recorded: Written) -> None:
+    about = served.read("/recording.json")
+    assert (about["rows"], about["cameras"], about["breaks"]) == (120, [True] * 3, [])
+    columns = np.frombuffer(served.ask("GET", "/columns.bin")[2], "<f4").reshape(3, 120)
+    np.testing.assert_allclose(columns[0], recorded.steering, atol=1e-6)
+    np.testing.assert_allclose(columns[1], recorded.speed_mph, rtol=1e-6)
+    np.testing.assert_allclose(columns[2], recorded.time_s - recorded.time_s[0], atol=1e-3)
+
+
+def test_images_are_the_recorded_files(served: ServedPage, recorded: Written) -> None:
+    for camera, name in enumerate(("center", "left", "right")):
+        status, kind, body = served.ask("GET", f"/image?row=7&camera={camera}")
+        assert (status, kind) == (200, "image/jpeg")
+        assert body == recorded.image(7, name).read_bytes()
+
+
+def test_only_images_are_shown(served: ServedPage) -> None:
+    path = Path(served.page.recording.images[3, 0])
+    path.write_text("a private file that a log names")
+    status, _, body = served.ask("GET", "/image?row=3")
+    assert status == 415
+    assert b"private" not in body.replace(str(path).encode(), b"")
+    for query in ("row=120", "row=-1", "row=x", "row=1&camera=3", "row=%C2%B2"):
+        assert served.ask("GET", f"/image?{query}")[0] == 400
+    assert served.ask("GET", "/../../etc/passwd")[0] == 404
+
+
+def test_a_row_is_described_by_its_place(served: ServedPage) -> None:
+    row = served.read("/row.json?row=7")
+    assert row["place"].endswith("driving_log.csv, row 8")
+    assert row["image"].startswith("center_")
+
+
+def test_frames_are_analysed_and_predicted_in_the_background(served: ServedPage) -> None:
+    analysed(served)
+    predicted = np.frombuffer(served.ask("GET", "/predicted.bin?first=20")[2], "<f4")
+    assert predicted.shape == (100,)
+    assert ((predicted > 0.2) & (predicted < 0.8)).all()
+    notable = served.read("/notable.json")
+    assert notable["bends"][0][0] < 120
+    assert len(notable["errors"]) > 1
+    assert notable["frames"] == notable["standstills"] == []
+
+
+def test_an_edit_changes_the_state_and_can_be_undone(served: ServedPage) -> None:
+    assert served.order(drop=[10, 20])[1]["dropped"] == [[10, 20]]
+    assert served.order(split=60)[1]["parts"] == [50, 60]
+    assert served.order(undo=True)[1]["splits"] == []
+    assert served.order(redo=True)[1]["splits"] == [60]
+
+
+@pytest.mark.parametrize(
+    ("command", "word"),
+    [
+        ({"drop": [10, 200]}, "1..120"),
+        ({"drop": [1.5, 3]}, "drop"),
+        ({"drop": "all"}, "drop"),
+        ({"mirror": [True, 5]}, "mirror"),
+        ({"split": "/etc"}, "split"),
+        ({"split": 0}, "2..120"),
+        ({"write": "/tmp/x", "drop": [1, 2]}, "one key"),
+        ({"load": "/tmp/x"}, "one key"),
+    ],
+)
+def test_a_wrong_command_is_refused(served: ServedPage, command: dict, word: str) -> None:
+    status, answer = served.order(**command)
+    assert status == 400
+    assert word in answer["error"]
+    assert served.read("/state.json")["undo"] == 0
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"Origin": "http://evil.example"}, {"Host": "evil.example"}, {"Content_Type": "text/plain"}],
+)
+def test_another_site_cannot_send_commands(served: ServedPage, headers: dict[str, str]) -> None:
+    assert served.ask("POST", "/command", {"drop": [1, 2]}, **headers)[0] in (403, 415)
+    assert served.read("/state.json")["undo"] == 0
+
+
+def test_a_written_recording_loads_and_the_next_gets_another_name(
+    served: ServedPage, tmp_path: Path
+) -> None:
+    served.order(drop=[0, 100])
+    for name in ("lap_edited", "lap_edited_2"):
+        assert served.order(write="anywhere/else")[0] == 200, "the value is no path"
+        served.page.session.finish()
+        assert served.read("/state.json")["written"]["folders"] == [str(tmp_path / name)]
+        assert len(read_recordings(str(tmp_path / name))) == 20
+
+
+def drag(browser: Browser, selector: str, first: float, last: float) -> None:
+    """Drag over an element, between two shares of its width."""
+    box = browser.value(
+        f"(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect();"
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+    y = box[1] + box[3] / 2
+    steps = [("mousePressed", first), ("mouseMoved", (first + last) / 2)]
+    for kind, share in [*steps, ("mouseMoved", last), ("mouseReleased", last)]:
+        x = box[0] + box[2] * share
+        browser.call(
+            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1
+        )
+
+
+@needs_chromium
+def test_a_user_cleans_a_recording(served: ServedPage, tmp_path: Path) -> None:
+    analysed(served)
+    with Browser(tmp_path / "profile", 1400, 900) as browser:
+        browser.open(served.url)
+        browser.wait_for("document.documentElement.dataset.ready")
+        browser.wait_for("document.querySelector('#center img').naturalWidth === 320")
+        drag(browser, "#detail", 0.25, 0.5)
+        browser.wait_for("document.querySelector('#selected').textContent.includes('31 to 6')")
+        browser.click("#drop")
+        browser.wait_for("document.querySelector('#kept').textContent.includes('of 120 rows')")
+        browser.click("#undo")
+        browser.wait_for("document.querySelector('#kept').textContent === '120 rows'")
+        browser.click("#redo")
+        browser.wait_for("document.querySelector('#kept').textContent.includes('of 120 rows')")
+        browser.click("[data-kind=errors]")
+        browser.wait_for("!!document.querySelector('#rows button')")
+        browser.click("#rows button")
+        browser.wait_for("!!document.querySelector('#rows [aria-current=true]')")
+        browser.click("#write")
+        browser.wait_for("document.querySelector('#confirm').open")
+        browser.click("#confirm-write")
+        browser.wait_for("!document.querySelector('#written').hidden")
+        browser.click("#cancel")
+        check_narrow(browser)
+        check_playback(browser, served)
+        assert browser.errors == []
+    assert 80 < len(read_recordings(str(tmp_path / "lap_edited"))) < 100
+
+
+def check_narrow(browser: Browser) -> None:
+    """Check that nothing is wider than a phone, and that the largest image is the centre one."""
+    sizes = {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": False}
+    browser.call("Emulation.setDeviceMetricsOverride", **sizes)
+    browser.wait_for("document.documentElement.scrollWidth <= 400")
+    width = "document.querySelector('#{}').clientWidth".format
+    assert browser.value(width("center")) > 1.5 * browser.value(width("left"))
+
+
+def check_playback(browser: Browser, served: ServedPage) -> None:
+    """Check that playing skips dropped rows, and stops at the end."""
+    served.order(drop=[5, 110])
+    browser.open(served.url)
+    browser.wait_for("document.querySelector('#kept').textContent.includes('15 of 120')")
+    browser.click("#play")
+    browser.wait_for("Number(document.querySelector('#row').value) > 110")
+    browser.wait_for("document.querySelector('#play').textContent === 'Play'")

@@ -1,0 +1,81 @@
+"""Requests and answers of a page that a command serves: headers, commands, refusals."""
+
+import json
+from collections.abc import Callable, Collection, Iterable
+from http import HTTPStatus
+
+MOST_COMMAND = 4096  # bytes of a command
+# Another site can neither embed the page, to make users click its buttons, nor show its images.
+HEADERS = [
+    ("Cache-Control", "no-store"),
+    (
+        "Content-Security-Policy",
+        "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'",
+    ),
+    ("Cross-Origin-Resource-Policy", "same-origin"),
+    ("X-Content-Type-Options", "nosniff"),
+    ("Referrer-Policy", "no-referrer"),  # the address may hold the token
+]
+
+Answer = tuple[bytes, str]  # body and content type
+
+
+class RequestError(Exception):
+    """A refused request.
+
+    Args:
+        status: HTTP status of the answer.
+        line: reason, shown to the user.
+    """
+
+    def __init__(self, status: HTTPStatus, line: str) -> None:
+        super().__init__(line)
+        self.status = status
+
+
+def respond(
+    answer: Callable[[dict], Answer], environ: dict, start_response: Callable
+) -> Iterable[bytes]:
+    """Send what `answer` returns for a request, or the error that it raises as JSON."""
+    status = HTTPStatus.OK
+    try:
+        body, kind = answer(environ)
+    except RequestError as error:
+        status = error.status
+        body, kind = json_answer({"error": str(error)})
+    length = ("Content-Length", str(len(body)))
+    start_response(f"{status.value} {status.phrase}", [("Content-Type", kind), length, *HEADERS])
+    return [body]
+
+
+def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:
+    """Return the name and value of a posted command, an object with one key.
+
+    Raises:
+        RequestError: the command is no JSON, too long or unknown.
+    """
+    # A form of another site cannot send JSON. Its script can, but with an Origin, which the
+    # guard refuses.
+    if environ.get("CONTENT_TYPE", "").partition(";")[0].strip() != "application/json":
+        line = "Content-Type: must be application/json"
+        raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, line)
+    length = environ.get("CONTENT_LENGTH") or ""
+    if not length.isdecimal() or int(length) > MOST_COMMAND:
+        line = f"Content-Length: must be a number up to {MOST_COMMAND}"
+        raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
+    try:
+        command = json.loads(environ["wsgi.input"].read(int(length)))
+    except (ValueError, RecursionError):
+        raise RequestError(HTTPStatus.BAD_REQUEST, "the command is no JSON") from None
+    if not isinstance(command, dict) or len(command) != 1 or not set(command) & {*known}:
+        names = ", ".join(known)
+        raise RequestError(
+            HTTPStatus.BAD_REQUEST, f"the command must be an object with one key of {names}"
+        )
+    ((name, value),) = command.items()
+    return name, value
+
+
+def json_answer(value: object) -> Answer:
+    """Return the body and content type of a JSON answer."""
+    return json.dumps(value).encode(), "application/json"

@@ -1,0 +1,1 @@
+"""A page on which users look at a recording and clean it: `python -m zoo.edit`."""

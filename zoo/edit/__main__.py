@@ -1,0 +1,123 @@
+"""`python -m zoo.edit FOLDER... [key=value ...]`: look at a recording and clean it on a page.
+
+Drop bad stretches, trim, split, merge and mirror, with undo, and write the result as a new
+recording. The recorded folder stays as it is. Several folders become one recording.
+
+  python -m zoo.edit FOLDER
+  python -m zoo.edit FOLDER drop=120-180,2600- out=cleaned page=false
+"""
+
+import contextlib
+import errno
+import shlex
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from datamodules.errors import InputError
+from datamodules.terminal import printable
+from zoo.cli.closing_lines import print_next, print_written
+from zoo.cli.command import Command
+from zoo.cli.run_command import run_command
+from zoo.edit.edit_options import EditOptions
+
+if TYPE_CHECKING:
+    from datamodules.edited_recording import WrittenRecording
+    from zoo.drive.notices import Notices
+    from zoo.edit.edit_page import PageServer
+    from zoo.edit.edit_session import EditSession
+
+COMMAND = Command(__doc__, {"FOLDER...": "recording's folder; several become one recording"})
+
+
+def edit(arguments: list[str]) -> None:
+    """Read the arguments; serve the page until Ctrl-C, or write at once.
+
+    Raises:
+        InputError: a recording, checkpoint, edit or output folder is wrong.
+    """
+    folders, options = COMMAND.read(arguments, EditOptions)
+    from rich.console import Console
+
+    from datamodules.edited_recording import refuse_existing
+    from datamodules.recording import read_recordings
+    from datamodules.recording_edits import typed_edits
+    from datamodules.recording_report import report_lines
+    from zoo.cli.console_progress import progress_bar
+    from zoo.edit.edit_session import EditSession
+
+    if options.out:
+        refuse_existing(options.out.expanduser())
+    recording = read_recordings(folders, options.images, on_bad_image="skip")
+    texts = options.drop, options.keep, options.mirror, options.split
+    edits = typed_edits(len(recording), *(text or "" for text in texts))
+    for line in report_lines(recording):
+        print(printable(line))
+    session = EditSession(recording, edits, options.out, print_result)
+    if not options.page:
+        with progress_bar("writing", Console(stderr=True)) as report:
+            session.write(report)
+        return
+    serve_page(session, options)
+    if session.unsaved:
+        print("the edits are not written; to resume with them:")
+        print_next(shlex.join(resume_words(folders, options, session)))
+
+
+def serve_page(session: "EditSession", options: EditOptions) -> None:
+    """Serve the page until Ctrl-C, then wait until a recording that is being written is whole."""
+    from zoo.drive.notices import Notices
+    from zoo.edit.edit_page import EditPage
+    from zoo.edit.frame_analysis import FrameAnalysis, load_predictor
+
+    path, policy = load_predictor(options.ckpt) if options.ckpt else ("", None)
+    analysis = FrameAnalysis(session.recording, policy)
+    with open_server(options.port, Notices()) as server:
+        server.show(EditPage(session, analysis, str(path)))
+        url = f"http://{server.server_name}:{server.server_port}"
+        with contextlib.suppress(KeyboardInterrupt):
+            print(f"open {url} in a browser to look at the recording and edit it; Ctrl-C ends it")
+            sys.stdout.flush()
+            analysis.start()
+            server.serve_forever()
+        analysis.stop()
+        session.finish()
+
+
+def open_server(port: int, notices: "Notices") -> "PageServer":
+    """Return a listening server.
+
+    Raises:
+        InputError: the port is in use; names the process that holds it.
+    """
+    from zoo.drive.port_holder import port_holder
+    from zoo.edit.edit_page import PageServer
+
+    try:
+        return PageServer(port, notices)
+    except OSError as error:
+        holder = port_holder(port) if error.errno == errno.EADDRINUSE else None
+        reason = f"held by {holder}" if holder else error.strerror
+        raise InputError(f"port={port}: {reason}; add port=0 for a free one") from None
+
+
+def print_result(written: "WrittenRecording") -> None:
+    """Print the written folders, and how many rows were left out because of a bad image."""
+    if written.left_out:
+        first = f"{len(written.left_out)} (the first: {written.left_out[0]})"
+        print(printable(f"rows left out because of a bad image: {first}"))
+    folders = [str(folder) for folder in written.folders]
+    print_written(folders, ["datamodules.check", *folders])
+    sys.stdout.flush()
+
+
+def resume_words(folders: list[str], options: EditOptions, session: "EditSession") -> Iterator[str]:
+    """Yield the words of a command that begins with the edits of now."""
+    yield from ("python", "-m", "zoo.edit", *folders, *session.options())
+    for key in ("ckpt", "images") if session.written else ("ckpt", "images", "out"):
+        if value := getattr(options, key):
+            yield f"{key}={value}"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.edit", edit, sys.argv[1:]))

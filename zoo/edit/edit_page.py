@@ -1,0 +1,217 @@
+"""The editing page: the files of `static/`, the recording's columns and images, and commands."""
+
+import math
+import socketserver
+from collections.abc import Callable, Iterable
+from http import HTTPStatus
+from pathlib import Path
+from urllib.parse import parse_qs
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
+
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.image import HEAD, MOST_IMAGE_BYTES, TAIL, find_fault
+from datamodules.recording import file_name
+from datamodules.regular_file import read_regular
+from datamodules.split import rows_per_second
+from datamodules.stretches import find_breaks
+from zoo.drive.notices import Notices
+from zoo.drive.origin import OriginGuard
+from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond
+from zoo.edit.edit_session import EditSession
+from zoo.edit.frame_analysis import FrameAnalysis
+
+HOST = "127.0.0.1"
+PATIENCE_S = 20.0  # for a request to arrive
+STATIC = Path(__file__).parent / "static"
+FILES = {
+    "/": ("index.html", "text/html; charset=utf-8"),
+    "/style.css": ("style.css", "text/css; charset=utf-8"),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "/timeline.js": ("timeline.js", "text/javascript; charset=utf-8"),
+}
+STRETCH_EDITS = ("drop", "restore", "trim", "mirror", "merge")
+COMMANDS = (*STRETCH_EDITS, "split", "undo", "redo", "write")
+
+
+class EditPage:
+    """WSGI application of the page.
+
+    A request names a row and a camera, never a path: the page shows only images of the recording,
+    and writes only to the folder that the command line chose.
+
+    Args:
+        session: edits of the recording.
+        analysis: analysis of its frames.
+        checkpoint: path of the checkpoint that predicts, for the page; empty without one.
+    """
+
+    def __init__(self, session: EditSession, analysis: FrameAnalysis, checkpoint: str = "") -> None:
+        self.session, self.analysis, self.checkpoint = session, analysis, checkpoint
+        self.recording = session.recording
+        self._files = {
+            path: ((STATIC / name).read_bytes(), kind) for path, (name, kind) in FILES.items()
+        }
+        self._get: dict[str, Callable[[dict], Answer]] = {
+            "/recording.json": lambda query: json_answer(self.about()),
+            "/columns.bin": lambda query: (self._columns(), "application/octet-stream"),
+            "/predicted.bin": self._predicted,
+            "/state.json": lambda query: json_answer(self.state()),
+            "/notable.json": lambda query: json_answer(self.notable()),
+            "/row.json": lambda query: json_answer(self.describe(self._row(query))),
+            "/image": self._image,
+        }
+
+    def __call__(self, environ: dict, start_response: Callable) -> Iterable[bytes]:
+        """Answer a request."""
+        return respond(self._answer, environ, start_response)
+
+    def _answer(self, environ: dict) -> Answer:
+        method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
+        if path == "/command":
+            if method != "POST":
+                raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
+            return self._command(environ)
+        if path not in self._files and path not in self._get:
+            raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
+        if method != "GET":
+            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
+        if path in self._files:
+            return self._files[path]
+        return self._get[path](parse_qs(environ.get("QUERY_STRING", "")))
+
+    def about(self) -> dict:
+        """Return what does not change: names, sizes, pauses, cameras and the checkpoint."""
+        one = self.recording
+        return {
+            "names": one.names,
+            "rows": len(one),
+            "cameras": [any(path is not None for path in column) for column in one.images.T],
+            "breaks": (np.flatnonzero(find_breaks(one)) + 1).tolist(),
+            "rows_per_second": rows_per_second(one),
+            "times": bool(np.isfinite(one.time_s).any()),
+            "bad_images": len(one.bad_images),
+            "checkpoint": self.checkpoint,
+        }
+
+    def _columns(self) -> bytes:
+        """Return steering, speed in mph and seconds since the first row, float32 [3, N]."""
+        one = self.recording
+        columns = (one.steering, one.speed_mph, one.time_s - one.time_s[0])
+        return np.stack(columns).astype("<f4").tobytes()
+
+    def _predicted(self, query: dict) -> Answer:
+        """Return the predicted steering from the row `first` to the last analysed one, float32."""
+        first = _number(query, "first", len(self.recording))
+        predicted = self.analysis.predicted[first : self.analysis.done]
+        return predicted.astype("<f4").tobytes(), "application/octet-stream"
+
+    def state(self) -> dict:
+        """Return what changes: the edits, the writing and the analysis."""
+        return self.session.state() | {"analysed": self.analysis.done}
+
+    def notable(self) -> dict:
+        """Return the notable rows by kind, as pairs of row and value; null for infinity."""
+        return {
+            kind: [(one.row, one.value if math.isfinite(one.value) else None) for one in rows]
+            for kind, rows in self.analysis.notable().items()
+        }
+
+    def describe(self, row: int) -> dict:
+        """Return a row's place in its log, its centre image's name, and its pedals."""
+        one = self.recording
+        return {
+            "row": row,
+            "place": one.place(row),
+            "image": file_name(one.images[row, 0]),
+            "throttle": float(one.throttle[row]),
+            "brake": float(one.brake[row]),
+        }
+
+    def _image(self, query: dict) -> Answer:
+        """Return a row's image as it was recorded."""
+        path = self.recording.images[self._row(query), _number(query, "camera", 2)]
+        if path is None:
+            raise RequestError(HTTPStatus.NOT_FOUND, "this camera has no image in this row")
+        try:
+            data = read_regular(path, MOST_IMAGE_BYTES)
+        except OSError as error:
+            line = f"{path}: {error.strerror or error}"
+            raise RequestError(HTTPStatus.NOT_FOUND, line) from None
+        # A log may name any file of the user; only images leave the process.
+        if fault := find_fault(data[:HEAD], data[-TAIL:]):
+            raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"{path}: {fault}")
+        return data, "image/png" if data.startswith(b"\x89PNG") else "image/jpeg"
+
+    def _row(self, query: dict) -> int:
+        return _number(query, "row", len(self.recording) - 1)
+
+    def _command(self, environ: dict) -> Answer:
+        name, value = read_command(environ, COMMANDS)
+        if name == "write":
+            if not self.session.start_writing():
+                raise RequestError(HTTPStatus.CONFLICT, "the recording is being written; wait")
+            return json_answer(self.state())
+        if name in STRETCH_EDITS:
+            value = _stretch(name, value)
+        elif name == "split" and (isinstance(value, bool) or not isinstance(value, int)):
+            raise RequestError(HTTPStatus.BAD_REQUEST, f"split: {value!r:.40} is no row")
+        try:
+            self.session.change(name, value)
+        except InputError as error:
+            raise RequestError(HTTPStatus.BAD_REQUEST, str(error)) from None
+        return json_answer(self.state())
+
+
+def _number(query: dict, key: str, most: int) -> int:
+    text = query.get(key, ["0"])[0]
+    if not (text.isascii() and text.isdecimal() and len(text) < 13 and int(text) <= most):
+        raise RequestError(HTTPStatus.BAD_REQUEST, f"{key}={text[:40]}: must be in 0..{most}")
+    return int(text)
+
+
+def _stretch(name: str, value: object) -> tuple[int, int]:
+    match value:
+        case [int(first), int(end)] if not isinstance(first, bool) and not isinstance(end, bool):
+            return first, end
+    line = f"{name}: {value!r:.40} is no pair of a first row and the row after the last"
+    raise RequestError(HTTPStatus.BAD_REQUEST, line)
+
+
+class PageServer(socketserver.ThreadingMixIn, WSGIServer):
+    """HTTP server on this machine alone, with a thread for each request.
+
+    Args:
+        port: TCP port; 0 for a free one.
+        notices: log of refused requests.
+
+    Raises:
+        OSError: the port is in use.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, port: int, notices: Notices) -> None:
+        self.guard = OriginGuard(exposed=False, notices=notices)
+        super().__init__((HOST, port), _Handler)
+
+    def server_bind(self) -> None:
+        """Bind the socket, without the name lookup of `http.server`."""
+        socketserver.TCPServer.server_bind(self)
+        self.server_name, self.server_port = HOST, self.server_address[1]
+        self.setup_environ()
+
+    def show(self, page: EditPage) -> None:
+        """Answer requests with a page from now on."""
+        self.set_app(self.guard(page))
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Ignore a browser that has closed its connection."""
+
+
+class _Handler(WSGIRequestHandler):
+    timeout = PATIENCE_S
+
+    def log_message(self, text: str, *values: object) -> None:
+        pass  # a line for each image would hide the others

@@ -1,0 +1,164 @@
+"""State of an editing session: the edits with undo, and the writing of the edited recording."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from datamodules import recording_edits
+from datamodules.edited_recording import WrittenRecording, free_folder, write_edited
+from datamodules.errors import InputError
+from datamodules.recording import Recording
+from datamodules.recording_edits import Edits
+
+MOST_UNDO = 1000  # steps
+
+
+@dataclass(frozen=True)
+class History:
+    """Edits now, before (the latest last), and after undo (the next last)."""
+
+    now: Edits
+    past: tuple[Edits, ...] = ()
+    future: tuple[Edits, ...] = ()
+
+    def then(self, edits: Edits) -> "History":
+        """Return the history after a change; without a difference, the same one."""
+        if edits == self.now:
+            return self
+        return History(edits, (*self.past, self.now)[-MOST_UNDO:])
+
+    def undo(self) -> "History":
+        """Return the history one step back, if there is one."""
+        if not self.past:
+            return self
+        return History(self.past[-1], self.past[:-1], (*self.future, self.now))
+
+    def redo(self) -> "History":
+        """Return the history one undone step forward, if there is one."""
+        if not self.future:
+            return self
+        return History(self.future[-1], (*self.past, self.now), self.future[:-1])
+
+
+class EditSession:
+    """An editing session of one recording; safe to use from several threads.
+
+    Args:
+        recording: recording to edit.
+        edits: edits to begin with.
+        out: new folder to write; None for the recording's with `_edited`. If it exists, as after
+            the first writing, a number is added.
+        report: function called with each written recording.
+
+    Attributes:
+        written: recording that was written last; None before.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        edits: Edits,
+        out: Path | None = None,
+        report: Callable[[WrittenRecording], None] = lambda written: None,
+    ) -> None:
+        self.recording, self._report = recording, report
+        first = Path(recording.names[0]).absolute()
+        self._out = (out or first.with_name(f"{first.name}_edited")).expanduser().absolute()
+        self.written: WrittenRecording | None = None
+        self._history = History(edits)
+        self._saved = Edits(len(recording))
+        self._lock = threading.RLock()
+        self._share: float | None = None  # of the writing
+        self._failure, self._finished = "", 0  # of the last writing; number of writings
+        self._thread: threading.Thread | None = None
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether there are edits that were not written."""
+        return self._history.now != self._saved
+
+    def options(self) -> list[str]:
+        """Return the command's options for the edits of now."""
+        return recording_edits.edit_options(self._history.now)
+
+    def change(self, name: str, value: object) -> None:
+        """Apply an edit: `drop`, `restore`, `trim`, `mirror`, `merge`, `split`, `undo` or `redo`.
+
+        Args:
+            name: name of the edit.
+            value: first row and the row after the last one; a row for `split`, True for the others.
+
+        Raises:
+            UsageError: the rows are not of the recording.
+        """
+        with self._lock:
+            if name in ("undo", "redo"):
+                self._history = getattr(self._history, name)()
+            else:
+                change = getattr(recording_edits, name)
+                self._history = self._history.then(change(self._history.now, value))
+
+    def write(self, progress: Callable[[float], None] = lambda share: None) -> None:
+        """Write the edited recording.
+
+        Raises:
+            InputError: see `write_edited`.
+        """
+        edits = self._history.now
+        self.written = write_edited(self.recording, edits, free_folder(self._out), progress)
+        self._saved = edits
+        self._report(self.written)
+
+    def start_writing(self) -> bool:
+        """Write in the background; return False if a writing still runs."""
+        with self._lock:
+            if self._share is not None:
+                return False
+            self._share, self._failure = 0.0, ""
+            self._thread = threading.Thread(target=self._write_in_background, daemon=True)
+            self._thread.start()
+            return True
+
+    def finish(self) -> None:
+        """Wait until nothing is being written."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _write_in_background(self) -> None:
+        def note(share: float) -> None:
+            self._share = share
+
+        try:
+            self.write(note)
+        except InputError as error:
+            self._failure = str(error)
+        except Exception as error:
+            self._failure = f"{type(error).__name__}: {error}"
+        finally:
+            self._share, self._finished = None, self._finished + 1
+
+    def state(self) -> dict:
+        """Return the edits and the writing as plain containers."""
+        history, written = self._history, self.written
+        edits = history.now
+        return {
+            "dropped": edits.dropped,
+            "mirrored": edits.mirrored,
+            "splits": edits.splits,
+            "parts": [len(rows) for rows, _ in edits.parts()],
+            "undo": len(history.past),
+            "redo": len(history.future),
+            "unsaved": self.unsaved,
+            "out": str(free_folder(self._out)),
+            "writing": self._share,
+            "finished": self._finished,
+            "failure": self._failure,
+            "written": written
+            and {
+                "folders": [str(one) for one in written.folders],
+                "rows": written.rows,
+                "left_out": written.left_out[:5],
+                "left_out_count": len(written.left_out),
+            },
+        }

@@ -1,0 +1,126 @@
+"""Background analysis of frames: how they differ, and what a network steers."""
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from datamodules.image import read_image
+from datamodules.notable_rows import (
+    NotableRow,
+    frame_difference,
+    largest_errors,
+    odd_frames,
+    sharpest_bends,
+    standstills,
+    steering_jumps,
+    thumbnail,
+)
+from datamodules.recording import Recording
+from datamodules.stretches import find_breaks
+
+if TYPE_CHECKING:
+    from zoo.checkpoints.command import PolicyFunction
+
+CHUNK = 64  # rows that are compared, then predicted
+
+
+class FrameAnalysis:
+    """Analysis of all rows in their order, in a background thread.
+
+    Args:
+        recording: recording to analyse.
+        policy: policy whose steering is predicted; None for none.
+
+    Attributes:
+        done: number of analysed rows.
+        predicted: steering of the policy, float32 [N]; NaN where unknown.
+    """
+
+    def __init__(self, recording: Recording, policy: "PolicyFunction | None" = None) -> None:
+        self.recording, self.policy = recording, policy
+        self.done = 0
+        self.predicted = np.full(len(recording), np.nan, np.float32)
+        self._differences = np.full(len(recording), np.nan)
+        self._last: np.ndarray | None = None
+        self._resets = np.concatenate([[True], find_breaks(recording)])
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._analyse, daemon=True)
+
+    def start(self) -> None:
+        """Begin the analysis."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the analysis, and wait until its thread has ended."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def notable(self) -> dict[str, list[NotableRow]]:
+        """Return the notable rows by kind; those of frames and errors among the analysed rows."""
+        found = {
+            "bends": sharpest_bends(self.recording),
+            "jumps": steering_jumps(self.recording),
+            "frames": odd_frames(self.recording, self._differences),
+            "standstills": standstills(self.recording),
+        }
+        if self.policy is not None:
+            found["errors"] = largest_errors(self.recording, self.predicted)
+        return found
+
+    def _analyse(self) -> None:
+        if self.policy is not None:
+            import torch
+
+            torch.set_num_threads(1)  # of this thread; the page's requests need the other cores
+        for first in range(0, len(self.recording), CHUNK):
+            rows = range(first, min(first + CHUNK, len(self.recording)))
+            for analyse in (self._compare, self._predict):
+                for row in rows:
+                    if self._ending.is_set():
+                        return
+                    analyse(row)
+            self.done = rows.stop
+
+    def _compare(self, row: int) -> None:
+        last = self._last
+        try:
+            self._last = thumbnail(self.recording.images[row, 0])
+        except (OSError, ValueError):
+            self._last = None
+            self._differences[row] = np.inf
+            return
+        if last is not None:
+            self._differences[row] = frame_difference(last, self._last)
+
+    def _predict(self, row: int) -> None:
+        if self.policy is None:
+            return
+        from zoo.checkpoints.command import call_policy, reset_policy
+
+        if self._resets[row]:
+            reset_policy(self.policy)
+        try:
+            frame = read_image(self.recording.images[row, 0])
+            command = call_policy(self.policy, frame, float(self.recording.speed_mph[row]))
+        except Exception:  # a bad image, or any exception of a network; the row stays unknown
+            return
+        self.predicted[row] = command.steering
+
+
+def load_predictor(named: str) -> tuple[Path, "PolicyFunction"]:
+    """Return a checkpoint's path and its policy.
+
+    Raises:
+        InputError: there is no such checkpoint, or it cannot be loaded.
+    """
+    from zoo.checkpoints.checkpoint_path import find_checkpoint
+    from zoo.cli.console_progress import loading
+
+    path = find_checkpoint(named)
+    with loading():
+        from zoo.checkpoints.policy import load_policy
+
+        return path, load_policy(path)
