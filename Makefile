@@ -28,7 +28,7 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/codespell conf datamodules docs simulator tests zoo benchmarks *.md
+	$(BIN)/codespell conf datamodules docs drivezoo simulator tests zoo benchmarks *.md
 
 # The manual, docs/_build/index.html; links within it are checked. docs-links opens those to other sites.
 docs: $(READY)

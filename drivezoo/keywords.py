@@ -1,0 +1,57 @@
+"""Keywords of a function as the arguments of a command."""
+
+from collections.abc import Iterable, Mapping
+
+from zoo.cli.conf_files import command_keys
+
+
+def overrides(keywords: Mapping[str, object]) -> list[str]:
+    """Return keywords as overrides of `python -m zoo`; the keys of a dict are joined by dots.
+
+    >>> overrides({"model": "lenet", "data": {"root": "lake", "val_share": 0.2}, "quick": True})
+    ['model=lenet', 'data.root=lake', 'data.val_share=0.2', 'quick=true']
+    """
+    return [f"{key}={typed(value)}" for key, value in _flat(keywords)]
+
+
+def options(command: str, keywords: Mapping[str, object]) -> list[str]:
+    """Return keywords as options of a command, such as `weather={"fog": 0.4}`.
+
+    >>> options("evaluate", {"track": ["lake", "mountain"], "film": True, "margin": None})
+    ['track=lake,mountain', 'film=true', 'margin=null']
+    >>> options("drive", {"speed": {"set_mph": 12}})
+    ['speed.set_mph=12']
+    """
+    parents = {one.name.partition(".")[0] for one in command_keys(command) if "." in one.name}
+    found = []
+    for key, value in keywords.items():
+        pairs = _flat({key: value}) if key in parents else [(key, value)]
+        for name, one in pairs:
+            is_list = isinstance(one, list | tuple)
+            found.append(f"{name}={','.join(map(typed, one)) if is_list else typed(one)}")
+    return found
+
+
+def typed(value: object) -> str:
+    """Return a value as users type it; a text stays as it is.
+
+    >>> typed([1, None, "a"]), typed({"fog": 0.4}), typed(Path("a/b"))
+    ('[1,null,a]', '{fog: 0.4}', 'a/b')
+    """
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(typed, value))}]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {typed(one)}" for key, one in value.items()) + "}"
+    return str(value)
+
+
+def _flat(keywords: Mapping[str, object], prefix: str = "") -> Iterable[tuple[str, object]]:
+    for key, value in keywords.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
