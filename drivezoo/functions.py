@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivezoo.keywords import options, overrides
 from drivezoo.one_line_errors import one_line_errors
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console
 
     from drivezoo.training import Training
     from zoo.evaluate.evaluation import Evaluation
 
 # A checkpoint as the commands take it, what `train` returned, or a policy.
-Driver = "str | Path | Training | Callable[..., Any]"
+Driver: TypeAlias = "str | Path | Training | Callable[..., Any]"
 
 
 @one_line_errors
@@ -71,7 +73,7 @@ def evaluate(driver: Driver, **keys: Any) -> Evaluation:
 
     settings = read_options("evaluate", EvaluateOptions, options("evaluate", keys))
     result = evaluate_driver(_checkpoint(driver), settings, _console())
-    write_asked(result, settings)
+    write_asked(result, settings.table, settings.plot)
     if result.problem:
         raise InputError(result.problem)
     return result

@@ -27,16 +27,16 @@ def options(command: str, keywords: Mapping[str, object]) -> list[str]:
     for key, value in keywords.items():
         pairs = _flat({key: value}) if key in parents else [(key, value)]
         for name, one in pairs:
-            is_list = isinstance(one, list | tuple)
-            found.append(f"{name}={','.join(map(typed, one)) if is_list else typed(one)}")
+            texts = [typed(each) for each in one] if isinstance(one, list | tuple) else [typed(one)]
+            found.append(f"{name}={','.join(texts)}")
     return found
 
 
 def typed(value: object) -> str:
     """Return a value as users type it; a text stays as it is.
 
-    >>> typed([1, None, "a"]), typed({"fog": 0.4}), typed(Path("a/b"))
-    ('[1,null,a]', '{fog: 0.4}', 'a/b')
+    >>> typed([1, None, "a"]), typed({"fog": 0.4})
+    ('[1,null,a]', '{fog: 0.4}')
     """
     if value is None:
         return "null"

@@ -122,17 +122,17 @@ def command(arguments: list[str]) -> None:
         from zoo.runs.result_table import write_asked
 
         print_evaluation(result, console)
-        print_end(result, write_asked(result, options), console)
+        print_end(result, write_asked(result, options.table, options.plot), console)
         if result.problem:
             raise InputError(result.problem)
         return
-    from zoo.evaluate.replay_score import ReplayOptions, replay_recording
+    from zoo.evaluate.replay_score import ReplayOptions, replay_and_print
 
     recordings = [one.partition("=")[2] for one in rest if one not in others]
     if len(recordings) > 1:
         raise UsageError("replay: given twice; give it once")
     options = read_options("replay", ReplayOptions, others)
-    replay_recording(checkpoint, recordings[0], options, console)
+    replay_and_print(checkpoint, recordings[0], options, console)
 
 
 if __name__ == "__main__":

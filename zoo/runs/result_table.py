@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import printable
@@ -141,18 +141,11 @@ def write_plot(figure: "Figure", path: str | Path) -> Path:
     return _write(path, contents.getvalue(), "plot")
 
 
-class Asked(Protocol):
-    """Options that name the files of a table and of a plot."""
-
-    table: str | None
-    plot: str | None
-
-
-def write_asked(result: Result, options: Asked) -> list[Path]:
+def write_asked(result: Result, table: str | None, plot: str | None = None) -> list[Path]:
     """Write the table and the plot that the user asks for; return their paths."""
-    written = [] if options.table is None else [result.write_table(options.table)]
-    if options.plot is not None:
-        written.append(write_plot(result.plot(), options.plot))
+    written = [] if table is None else [result.write_table(table)]
+    if plot is not None:
+        written.append(write_plot(result.plot(), plot))
     return written
 
 
