@@ -5,9 +5,16 @@ Importing is cheap: each function imports torch and the simulator when it is cal
 
 from datamodules.errors import InputError, UsageError
 from drivezoo.functions import (
+    benchmark,
+    compare,
+    drive,
     evaluate,
+    leaderboard,
+    replay,
+    results,
     train,
 )
+from drivezoo.policies import load_policy, policy
 from zoo import __version__
 from zoo.cli.stop_errors import StoppedError
 
@@ -16,6 +23,14 @@ __all__ = [
     "StoppedError",
     "UsageError",
     "__version__",
+    "benchmark",
+    "compare",
+    "drive",
     "evaluate",
+    "leaderboard",
+    "load_policy",
+    "policy",
+    "replay",
+    "results",
     "train",
 ]

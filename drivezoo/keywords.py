@@ -1,6 +1,8 @@
 """Keywords of a function as the arguments of a command."""
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
 from zoo.cli.conf_files import command_keys
 
@@ -55,3 +57,14 @@ def _flat(keywords: Mapping[str, object], prefix: str = "") -> Iterable[tuple[st
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
+
+
+def checkpoint_of(driver: Any) -> Any:
+    """Return the path of a checkpoint as text; other values unchanged."""
+    driver = getattr(driver, "checkpoint", driver)
+    return str(driver) if isinstance(driver, Path) else driver
+
+
+def folder_of(result: Any) -> str:
+    """Return the folder of a result as text; a path as text."""
+    return str(getattr(result, "folder", result))

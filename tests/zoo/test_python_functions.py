@@ -6,11 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium
+import numpy as np
 import pytest
 
 import drivezoo
 from drivezoo.training import Training
-from tests.recordings import Written
+from tests.recordings import Written, write_recording
+from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
 from tests.zoo.written_checkpoints import write_constant
 
 SHORT = {"laps": 0.02, "quality": "simple", "workers": 1}
@@ -94,3 +97,57 @@ def test_the_import_is_cheap() -> None:
         [sys.executable, "-c", source], capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == []
+
+
+def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
+    env = gymnasium.make("Lake-v0", quality="simple")
+    act = drivezoo.policy(write_constant(tmp_path / "best.ckpt", 0.25), speed=12)
+    observation, _ = env.reset(seed=1)
+    for _ in range(3):
+        action = act(observation)
+        assert env.action_space.contains(action)
+        observation, *_ = env.step(action)
+    assert action[0] == pytest.approx(0.25, abs=1e-3)
+    assert action[1] > 0
+    assert observation["speed"][0] > 0
+    env.close()
+    with pytest.raises(drivezoo.InputError, match=r"uint8 \[66, 200, 3\].*\[160, 320, 3\]"):
+        act(observation | {"image": observation["image"][:66, :200]})
+    with pytest.raises(drivezoo.InputError, match=r"float64 \[160, 320, 3\]"):
+        act(observation | {"image": observation["image"] / 255})
+
+
+def test_a_recording_is_replayed(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "lake", rows=190).folder
+    keys = {"out": tmp_path / "a", "table": tmp_path / "a.tex"}
+    found = drivezoo.replay(lambda frame, mph: (0.0, None), folder, **keys)
+    assert found.table()[0]["autonomy"] == found.figures["autonomy"]
+    assert "autonomy" in (tmp_path / "a.tex").read_text()
+
+
+def test_results_of_the_benchmark_are_compared(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    for name, autonomy in (("a", 0.6), ("b", 0.8)):
+        write(tmp_path / name, result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name))
+    found = drivezoo.compare("a", "b", table="ab.csv", plot="ab.svg")
+    assert "B drives better" in repr(found)
+    assert [row["group"] for row in found.table()][-1] == "all but laps"
+    assert len((tmp_path / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
+    assert "<svg" in (tmp_path / "ab.svg").read_text()
+
+
+def test_runs_are_ranked_and_listed(run: Training, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (row,) = drivezoo.leaderboard(run.folder, table="ranking.csv").table()
+    assert row["lake_autonomy"] == run.figures["lake_autonomy"]
+    assert drivezoo.results(run).table() == run.table()
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a", "folder.csv"])
+def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    path = write_constant(tmp_path / "best.ckpt", 0.1)
+    with pytest.raises(drivezoo.UsageError, match=r"table=.*(\.csv|folder)"):
+        drivezoo.evaluate(path, table=tmp_path / name, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
