@@ -15,6 +15,7 @@ from drivezoo.functions import (
     train,
 )
 from drivezoo.policies import load_policy, policy
+from drivezoo.saved_results import read_benchmark, read_run, write_table
 from zoo import __version__
 from zoo.cli.stop_errors import StoppedError
 
@@ -30,7 +31,10 @@ __all__ = [
     "leaderboard",
     "load_policy",
     "policy",
+    "read_benchmark",
+    "read_run",
     "replay",
     "results",
     "train",
+    "write_table",
 ]

@@ -34,7 +34,8 @@ class ServedDrive(Result):
         return cls(folder, read_summary_file(folder / SUMMARY_NAME))
 
     def __repr__(self) -> str:
-        return f"ServedDrive in {self.folder}: {self.figures.get('laps') or 0:.2f} laps"
+        driven_m, lost = (self.figures.get(key) or 0 for key in ("driven_m", "interventions"))
+        return f"ServedDrive in {self.folder}: {driven_m:.0f} m, {lost:g} interventions"
 
     def result_table(self) -> ResultTable:
         """Return one row with all figures."""

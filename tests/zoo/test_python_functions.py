@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 import drivezoo
 from drivezoo.training import Training
 from tests.recordings import Written, write_recording
+from tests.zoo.commands import ROOT
 from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
 from tests.zoo.written_checkpoints import write_constant
 
@@ -151,3 +153,11 @@ def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: 
     with pytest.raises(drivezoo.UsageError, match=r"table=.*(\.csv|folder)"):
         drivezoo.evaluate(path, table=tmp_path / name, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_the_manual_and_the_notebooks_use_names_that_exist() -> None:
+    pages = [ROOT / "docs" / "python.md", *sorted((ROOT / "notebooks").glob("*.ipynb"))]
+    for page in pages:
+        used = set(re.findall(r"\bzoo\.(\w+)\(", page.read_text()))
+        assert used
+        assert used <= set(drivezoo.__all__), page

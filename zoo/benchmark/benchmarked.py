@@ -1,7 +1,7 @@
 """The result of `python -m zoo.benchmark`: its table and its plot, and how it is printed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -10,7 +10,7 @@ from rich.console import Console
 from zoo.benchmark.entry import nan_line
 from zoo.benchmark.marks import Reached, missed_line
 from zoo.benchmark.marks_page import print_marks
-from zoo.benchmark.result import BenchmarkResult
+from zoo.benchmark.result import BenchmarkResult, Interval, read_result
 from zoo.benchmark.table import headline_line, print_result, table_cells
 from zoo.drives.interval_plot import interval_plot
 from zoo.runs.result_table import Result, ResultTable
@@ -30,7 +30,22 @@ class Benchmarked(Result):
     folder: Path
     result: BenchmarkResult
     reached: Sequence[Reached]
-    written: list[Path]
+    written: list[Path] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Benchmarked":
+        """Return the result of a file `result.json`, or of its folder; it has no marks.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
+        path = Path(path).expanduser()
+        return cls(path if path.is_dir() else path.parent, read_result(path), [])
+
+    @property
+    def headline(self) -> Interval:
+        """Return the interquartile mean of the autonomy over all roads but the laps."""
+        return self.result.headline
 
     @property
     def problem(self) -> str:

@@ -149,6 +149,17 @@ def write_asked(result: Result, table: str | None, plot: str | None = None) -> l
     return written
 
 
+def table_of(rows: Sequence[Mapping[str, Cell]]) -> ResultTable:
+    """Return rows of figures as a table whose printed numbers have four digits.
+
+    >>> table_of([{"network": "lenet", "autonomy": 0.98765}, {"network": None}]).cells
+    [['lenet', '0.9877'], ['-', '-']]
+    """
+    headings = columns_of(rows)
+    cells = [[_text(row.get(name)) for name in headings] for row in rows]
+    return ResultTable(rows, headings, cells)
+
+
 def columns_of(rows: Sequence[Mapping[str, Cell]]) -> list[str]:
     """Return the names of all rows' figures, in order."""
     return list(dict.fromkeys(name for row in rows for name in row))
@@ -241,6 +252,12 @@ def _write(path: Path, contents: str | bytes, key: str) -> Path:
         return write_whole(path, contents)
     except OSError as error:
         raise InputError(f"{key}={path}: {error.strerror}; name another file") from None
+
+
+def _text(value: Cell) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _html(text: str) -> str:

@@ -45,7 +45,7 @@ TYPOS = {
     "film": ("fsp=3", "fps", "fps=fast"),
     "guard": ("levelz=3", "levels", "levels=many"),
     "import": ("recrding=x", "recording", "colour=green"),
-    "leaderboard": ("tabel=x.csv", "table", None),
+    "leaderboard": ("tble=x.csv", "table", None),
     "replay": ("marign=1", "margin", "frames=some"),
     "rerun": ("trsut=x", "trust", None),
     "results": ("metric=true", "metrics", "metrics=all"),
