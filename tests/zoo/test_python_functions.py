@@ -1,4 +1,4 @@
-"""The commands as functions: the same figures and files as the commands, and errors to catch."""
+"""The commands as functions: their figures, files and errors, and the notebooks that call them."""
 
 import csv
 import json
@@ -8,29 +8,35 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 import drivezoo
 from drivezoo.training import Training
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import ROOT
+from tests.zoo import commands
+from tests.zoo.benchmark.test_benchmark_command import write_suite
 from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+from tests.zoo.notebooks import FOLDER as NOTEBOOKS
+from tests.zoo.notebooks import run_notebook
 from tests.zoo.written_checkpoints import write_constant
 
-SHORT = {"laps": 0.02, "quality": "simple", "workers": 1}
+SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests
+
+mpl.use("Agg")  # notebooks import pyplot, which would look for a display
 
 
 @pytest.fixture(scope="module")
 def run(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Training:
-    """Train as the fixture `run_folder` does, but with the function."""
+    """Train a small network with the function."""
     cwd = tmp_path_factory.mktemp("work")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(cwd)
         return drivezoo.train(
-            model="nvidia",
-            data={"root": recorded.folder, "block_s": 0.5, "gap_s": 0.1, "batch_size": 16},
-            trainer={"max_epochs": 2},
+            model="linear",
+            data={"root": recorded.folder, "block_s": 0.5, "gap_s": 0.1},
+            trainer={"max_epochs": 1},
             score={"laps": 0.02},
             hydra={"run": {"dir": "run"}},
         )
@@ -41,10 +47,16 @@ def figures_of(folder: Path) -> dict:
     return {key: metrics[key] for key in ("open_loop", "best_epoch", "epochs", "parameters")}
 
 
-def test_a_training_has_the_commands_figures(run: Training, run_folder: Path) -> None:
-    assert figures_of(run.folder) == figures_of(run_folder)
+def test_a_training_has_the_commands_figures(
+    run: Training, recorded: Written, tmp_path: Path
+) -> None:
+    data = (f"data.root={recorded.folder}", "data.block_s=0.5", "data.gap_s=0.1")
+    keys = ("trainer.max_epochs=1", "score=none", "hydra.run.dir=run")
+    done = commands.run(tmp_path, "model=linear", *data, *keys)
+    assert done.returncode == 0, done.stderr
+    assert figures_of(run.folder) == figures_of(tmp_path / "run")
     assert run.checkpoint == run.folder / "checkpoints" / "best.ckpt"
-    assert "nvidia" in repr(run)
+    assert "linear" in repr(run)
     (row,) = run.table()
     assert row["test_mse"] == run.metrics["open_loop"]["test"]["mse"]
     assert row["lake_autonomy"] == run.metrics["drive"]["tracks"]["lake"]["autonomy"][0]
@@ -156,8 +168,50 @@ def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: 
 
 
 def test_the_manual_and_the_notebooks_use_names_that_exist() -> None:
-    pages = [ROOT / "docs" / "python.md", *sorted((ROOT / "notebooks").glob("*.ipynb"))]
+    pages = [
+        commands.ROOT / "docs" / "python.md",
+        *sorted((commands.ROOT / "notebooks").glob("*.ipynb")),
+    ]
     for page in pages:
         used = set(re.findall(r"\bzoo\.(\w+)\(", page.read_text()))
         assert used
         assert used <= set(drivezoo.__all__), page
+
+
+def test_the_quickstart_trains_and_drives(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tiny = {"RECORDING": str(recorded.folder), "EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}
+    found = run_notebook("quickstart.ipynb", **tiny)
+    assert found["rows"][0]["drives"] == 1
+    assert found["run"].checkpoint.is_file()
+    assert (tmp_path / "driving.tex").read_text().count(r"\\") > 10
+
+
+def test_the_study_compares_networks_and_resumes(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tiny = {
+        "RECORDING": str(recorded.folder),
+        "MODELS": ["linear", "tiny"],
+        "SEEDS": [1],
+        "EPOCHS": 0,
+        "SUITE": str(write_suite(tmp_path)),
+        "WORKERS": 1,
+    }
+    first, second = (run_notebook("study.ipynb", **tiny) for _ in range(2))
+    assert [row["training seeds"] for row in first["rows"]] == [1, 1]
+    assert second["rows"] == first["rows"]
+    assert len(first["comparisons"]) == 1
+    assert (tmp_path / "study" / "study.pdf").stat().st_size > 1000
+    assert "linear & 15 & 1 &" in (tmp_path / "study" / "study.tex").read_text()
+
+
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.name)
+def test_a_notebook_has_no_outputs(path: Path) -> None:
+    for cell in json.loads(path.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
