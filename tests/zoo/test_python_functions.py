@@ -167,6 +167,14 @@ def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: 
     assert not (tmp_path / "out").exists()
 
 
+def test_parquet_without_its_library_names_the_extra(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(drivezoo.InputError, match=r"a.parquet: .*drivezoo\[parquet\]"):
+        drivezoo.write_table([{"a": 1}], tmp_path / "a.parquet")
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_manual_and_the_notebooks_use_names_that_exist() -> None:
     pages = [
         commands.ROOT / "docs" / "python.md",
