@@ -47,7 +47,9 @@ def train(**keys: Any) -> Training:
     from zoo.__main__ import train as train_run
     from zoo.cli.run_command import check_arguments
 
-    arguments = overrides({key: checkpoint_of(one) for key, one in keys.items()})
+    if "resume" in keys:
+        keys["resume"] = folder_of(keys["resume"])
+    arguments = overrides(keys)
     check_arguments(arguments)
     if is_sweep(arguments):
         raise UsageError("hydra.mode=MULTIRUN: call train for each run, or type python -m zoo -m")

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from datamodules.errors import InputError, UsageError
 from zoo.cli.conf_files import command_keys
 
 
@@ -48,7 +49,7 @@ def typed(value: object) -> str:
         return f"[{','.join(map(typed, value))}]"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {typed(one)}" for key, one in value.items()) + "}"
-    return str(value)
+    return str(getattr(value, "checkpoint", value))  # of what `train` returned
 
 
 def _flat(keywords: Mapping[str, object], prefix: str = "") -> Iterable[tuple[str, object]]:
@@ -60,9 +61,21 @@ def _flat(keywords: Mapping[str, object], prefix: str = "") -> Iterable[tuple[st
 
 
 def checkpoint_of(driver: Any) -> Any:
-    """Return the path of a checkpoint as text; other values unchanged."""
-    driver = getattr(driver, "checkpoint", driver)
-    return str(driver) if isinstance(driver, Path) else driver
+    """Return the path of a checkpoint as text; a policy unchanged.
+
+    Raises:
+        UsageError: the driver is neither.
+        InputError: the training kept no checkpoint.
+    """
+    found = getattr(driver, "checkpoint", driver)
+    if found is None and driver is not None:
+        raise InputError(f"{driver.folder}: the run kept no checkpoint; train again with one")
+    if not isinstance(found, str | Path) and not callable(found):
+        raise UsageError(
+            f"{found}: is no driver; name a checkpoint's path, a run, or a function of a frame and "
+            "mph"
+        )
+    return str(found) if isinstance(found, Path) else found
 
 
 def folder_of(result: Any) -> str:
