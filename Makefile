@@ -42,7 +42,7 @@ lint: $(READY) ## check style, imports, types and spelling
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/codespell conf datamodules docs simulator tests zoo benchmarks *.md
+	$(BIN)/codespell conf datamodules docs drivezoo simulator tests zoo benchmarks *.md
 
 bench: $(READY) ## print timings, and what they are compared with: make bench [ONLY=feed,start]
 	$(BIN)/python benchmarks/bench.py $(if $(ONLY),ONLY=$(ONLY)) $(ARGS)

@@ -11,6 +11,7 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 
+FRAME_SHAPE = (FRAME_HEIGHT, FRAME_WIDTH, 3)
 # OpenCV's codes of colours with three channels: from RGB, and back.
 CODES = {
     "bgr": (cv2.COLOR_RGB2BGR, cv2.COLOR_BGR2RGB),
@@ -74,7 +75,16 @@ class View:
         return (*size, 1 if self.colour in ("gray", "hsv_s") else 3)
 
     def __call__(self, frame: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Return the view of a frame uint8 [160, 320, 3] RGB, written to `out` if given."""
+        """Return the view of a frame uint8 [160, 320, 3] RGB, written to `out` if given.
+
+        Raises:
+            InputError: the frame has another shape or type.
+        """
+        if frame.shape != FRAME_SHAPE or frame.dtype != np.uint8:
+            raise InputError(
+                f"frame: is {frame.dtype} {list(frame.shape)}; a network takes the camera's image, "
+                f"uint8 {list(FRAME_SHAPE)} RGB: resize or convert it"
+            )
         top, bottom = self.crop
         image, convert = frame[top : FRAME_HEIGHT - bottom], CONVERSIONS[self.colour]
         if self.resize.endswith("_first"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
-PACKAGES = ("datamodules", "simulator", "zoo")
+PACKAGES = ("datamodules", "drivezoo", "simulator", "zoo")
 MODULES = [
     ".".join(path.relative_to(REPOSITORY).with_suffix("").parts)
     for package in PACKAGES

@@ -6,7 +6,11 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
-FORBIDDEN = {"datamodules": {"zoo", "simulator"}, "simulator": {"zoo", "datamodules"}}
+FORBIDDEN = {
+    "datamodules": {"drivezoo", "zoo", "simulator"},
+    "simulator": {"drivezoo", "zoo", "datamodules"},
+    "zoo": {"drivezoo"},
+}
 FILES = [
     path
     for package in FORBIDDEN

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
 from zoo.cli.command import is_help
 from zoo.cli.console_progress import loading
@@ -28,51 +28,75 @@ def zoo(arguments: list[str]) -> None:
         from zoo.cli.config_help import config_help
 
         print(config_help(arguments))
-        return
+    elif is_sweep(arguments) and not any(map(is_resume, arguments)):
+        choose_waiting()
+        from zoo.sweep.start_sweep import sweep
+
+        sweep([name_latest(one) for one in arguments])
+    else:
+        train(arguments)
+
+
+def train(arguments: list[str], several: bool = True) -> Path:
+    """Train once in a new folder, or resume the run of `resume=FOLDER`; return the run's folder.
+
+    Args:
+        arguments: overrides of the config.
+        several: whether the training may start further processes with the same command.
+    """
     choose_waiting()
     arguments = [name_latest(one) for one in arguments]
-    resumed = [one for one in arguments if one.startswith("resume=")]
+    resumed = [one for one in arguments if is_resume(one)]
     if resumed:
         overrides = [one for one in arguments if one not in resumed]
         from zoo.training.resume import resume
 
-        resume(find_run(resumed[0].removeprefix("resume=")), overrides)
-        return
-    if is_sweep(arguments):
-        from zoo.sweep.start_sweep import sweep
-
-        sweep(arguments)
-        return
+        folder = find_run(resumed[0].removeprefix("resume="))
+        resume(folder, overrides)
+        return folder
     with ExitStack() as starting:
         starting.enter_context(loading())
-        train_once(arguments, starting.close)
+        return train_once(arguments, starting.close, several)
 
 
-def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
-    """Train once in a new folder.
+def is_resume(argument: str) -> bool:
+    """Return whether an argument names a run to resume."""
+    return argument.startswith("resume=")
+
+
+def train_once(arguments: list[str], is_started: Callable[[], None], several: bool = True) -> Path:
+    """Train once in a new folder, and return it.
 
     Args:
         arguments: overrides of the config.
         is_started: function to call when the run begins to print its progress.
+        several: whether the training may start further processes with the same command.
     """
     import hydra
     from hydra.core.hydra_config import HydraConfig
     from hydra.errors import HydraException
 
     from zoo.cli.compose import conf_folder, quote_paths
+    from zoo.cli.process_ranks import needs_processes
     from zoo.runs.run_folder import claimed_folder, is_folder_named
 
     failures: list[Exception] = []
-    began = False
+    folder, began, typed = Path(), False, sys.argv
 
     def train(config: "DictConfig") -> float:
-        nonlocal began
+        nonlocal began, folder
         began = True
+        folder = Path(HydraConfig.get().runtime.output_dir)
         from zoo.training.run import run_experiment
 
         is_started()
         try:
-            return run_experiment(config, Path(HydraConfig.get().runtime.output_dir))
+            if not several and needs_processes(config):
+                raise UsageError(
+                    f"trainer.devices={config.trainer.devices}: only the command python -m zoo "
+                    "starts several processes; set trainer.devices=1 trainer.strategy=auto"
+                )
+            return run_experiment(config, folder)
         except InputError as error:
             failures.append(error)  # Hydra would print a traceback
             return float("nan")
@@ -95,8 +119,11 @@ def train_once(arguments: list[str], is_started: Callable[[], None]) -> None:
             f"{named}: cannot be the run's folder ({error.strerror or error}); name another one "
             "with hydra.run.dir=FOLDER"
         ) from error
+    finally:
+        sys.argv = typed
     if failures:
         raise failures[0]
+    return folder
 
 
 def is_sweep(arguments: list[str]) -> bool:

@@ -15,10 +15,10 @@ def replay(arguments: list[str]) -> None:
     """Read the arguments and replay."""
     from rich.console import Console
 
-    from zoo.evaluate.replay_score import ReplayOptions, replay_recording
+    from zoo.evaluate.replay_score import ReplayOptions, replay_and_print
 
     (checkpoint, recording), options = COMMAND.read(arguments, ReplayOptions)
-    replay_recording(checkpoint, recording, options, Console(emoji=False))
+    replay_and_print(checkpoint, recording, options, Console(emoji=False))
 
 
 if __name__ == "__main__":

@@ -5,19 +5,31 @@ two baselines: steering always zero, and always the mean.
 """
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import printable
+from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
+from zoo.runs.result_table import Cell, Result, ResultTable, check_table
 
 COMMAND = Command(__doc__, {"[RUN_FOLDER...]": "folders of finished runs"})
-HEADER = (
-    "experiment | split | parameters | samples/s | s/epoch | best of epochs "
-    "| test MSE (zero, mean) | test MAE (zero, mean) | test balanced MAE (zero, mean)"
+HEADINGS = (
+    "experiment",
+    "split",
+    "parameters",
+    "samples/s",
+    "s/epoch",
+    "best of epochs",
+    "test MSE (zero, mean)",
+    "test MAE (zero, mean)",
+    "test balanced MAE (zero, mean)",
 )
+ERRORS = ("mse", "mae", "balanced_mae")
+DRIVING = ("autonomy", "interventions", "cte_mean_m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +37,29 @@ class ResultsOptions:
     """Options of the table; `conf/results.yaml` has their meanings and defaults."""
 
     metrics: bool
+    table: str | None
+
+
+@dataclass(frozen=True, repr=False)
+class FinishedRuns(Result):
+    """Finished runs.
+
+    Attributes:
+        folders: folder of each run.
+        figures: figures of each run by name.
+        cells: printed texts of each run.
+    """
+
+    folders: Sequence[Path]
+    figures: Sequence[dict[str, Cell]]
+    cells: Sequence[list[str]]
+
+    def __repr__(self) -> str:
+        return f"FinishedRuns: {', '.join(map(str, self.folders))}"
+
+    def result_table(self) -> ResultTable:
+        """Return a row for each run."""
+        return ResultTable(self.figures, HEADINGS, self.cells)
 
 
 def print_results(arguments: list[str]) -> None:
@@ -41,21 +76,35 @@ def print_results(arguments: list[str]) -> None:
         return
     if not folders:
         raise UsageError(f"name the folders of finished runs; usage: {COMMAND.usage}")
-    rows = []
+    check_table(options.table)
+    runs = read_finished(folders)
+    print(f"| {' | '.join(HEADINGS)} |")
+    print("|---|---|" + "---:|" * (len(HEADINGS) - 2))
+    for row in runs.cells:
+        print(printable(f"| {' | '.join(row)} |"))
+    if options.table:
+        print_written([runs.write_table(options.table)])
+
+
+def read_finished(folders: Sequence[str | Path]) -> FinishedRuns:
+    """Return the figures of finished runs.
+
+    Raises:
+        InputError: a folder has no figures of a finished run, or they are damaged.
+    """
+    figures, cells = [], []
     for folder in folders:
         try:
-            rows.append(result_row(Path(folder)))
+            figures.append(run_figures(Path(folder)))
+            cells.append(run_cells(figures[-1]))
         except (KeyError, TypeError, AttributeError) as error:  # another version wrote the run
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise InputError(f"{folder}: its figures or config are damaged ({reason})") from None
-    print(f"| {HEADER} |")
-    print("|---|---|" + "---:|" * (HEADER.count("|") - 1))
-    for row in rows:
-        print(printable(row))
+    return FinishedRuns([Path(one) for one in folders], figures, cells)
 
 
-def result_row(folder: Path) -> str:
-    """Return a run's row of the Markdown table."""
+def run_figures(folder: Path) -> dict[str, Cell]:
+    """Return a run's figures by name, those of its drives with the track's name in front."""
     from zoo.runs.config_files import load_config, read_hydra_file
     from zoo.runs.metrics_file import read_metrics_file
 
@@ -65,24 +114,47 @@ def result_row(folder: Path) -> str:
     metrics = read_metrics_file(folder)
     config = load_config(folder)
     name = read_hydra_file(folder).choices.experiment or metrics["model"]
-    if config.quick:
-        name += ", quick"
+    found: dict[str, Cell] = {
+        "run": str(folder),
+        "experiment": f"{name}, quick" if config.quick else name,
+        "seed": metrics.get("seed"),
+        "split": str(config.data.split),
+        "parameters": metrics["parameters"],
+        "samples_per_second": metrics["samples_per_second"],
+        "seconds_per_epoch": metrics["seconds_per_epoch"],
+        "best_epoch": metrics["best_epoch"],
+        "epochs": metrics["epochs"],
+        "val_mse": metrics["open_loop"].get("val", {}).get("mse"),
+    }
+    if "test" in metrics["open_loop"]:
+        for figure in ERRORS:
+            found[f"test_{figure}"] = metrics["open_loop"]["test"][figure]
+            zero, mean = (one[figure] for one in metrics["baselines"]["test"].values())
+            found |= {f"test_{figure}_zero": zero, f"test_{figure}_mean": mean}
+    for track, one in ((metrics.get("drive") or {}).get("tracks") or {}).items():
+        for figure in DRIVING:
+            value, deviation = (one or {}).get(figure) or (None, None)
+            found |= {f"{track}_{figure}": value, f"{track}_{figure}_std": deviation}
+    return found
+
+
+def run_cells(figures: dict[str, Cell]) -> list[str]:
+    """Return the texts of a run's row."""
     cells = [
-        name,
-        str(config.data.split),
-        f"{metrics['parameters']:,}",
-        _figure(metrics["samples_per_second"], ",.0f"),
-        _figure(metrics["seconds_per_epoch"], ".1f"),
-        f"{metrics['best_epoch']} of {metrics['epochs']}",
+        str(figures["experiment"]),
+        str(figures["split"]),
+        f"{figures['parameters']:,}",
+        _figure(figures["samples_per_second"], ",.0f"),
+        _figure(figures["seconds_per_epoch"], ".1f"),
+        f"{figures['best_epoch']} of {figures['epochs']}",
     ]
-    for figure in ("mse", "mae", "balanced_mae"):
-        if "test" not in metrics["open_loop"]:
+    for name in (f"test_{figure}" for figure in ERRORS):
+        if name not in figures:
             cells.append("no test rows")
             continue
-        own = metrics["open_loop"]["test"][figure]
-        zero, mean = (b[figure] for b in metrics["baselines"]["test"].values())
+        own, zero, mean = (figures[key] for key in (name, f"{name}_zero", f"{name}_mean"))
         cells.append(f"{own:.4f} ({zero:.4f}, {mean:.4f})")
-    return f"| {' | '.join(cells)} |"
+    return cells
 
 
 def _figure(value: float | None, form: str) -> str:

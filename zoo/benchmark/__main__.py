@@ -9,7 +9,7 @@ them.
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 from rich.console import Console
@@ -22,6 +22,9 @@ from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError
+
+if TYPE_CHECKING:
+    from zoo.benchmark.benchmarked import Benchmarked
 
 COMMAND = Command(__doc__, {"CKPT...": f"{CHECKPOINT}; or a baseline: {', '.join(BASELINES)}"})
 VERIFY = "verify"
@@ -39,33 +42,35 @@ class BenchmarkOptions:
     out: str | None
     workers: Annotated[int, Field(ge=0)]
     drives: Annotated[int, Field(ge=0)]
+    table: str | None
+    plot: str | None
 
 
-def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> Path:
-    """Drive a suite with the checkpoints of an entry, write and print the figures.
-
-    Returns:
-        The folder with `result.json` and `benchmark.html`.
+def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> "Benchmarked":
+    """Drive a suite with the checkpoints of an entry, and write the figures.
 
     Raises:
-        InputError: a checkpoint or the suite cannot be used; or, after all files are written, the
-            network steered NaN or a mark of the suite is missed.
+        InputError: a checkpoint or the suite cannot be used.
+        StoppedError: on Ctrl-C.
     """
     # Reports a wrong path before torch is imported.
     names = [one if one in BASELINES else str(find_checkpoint(one)) for one in names]
     with loading():
+        from zoo.benchmark.benchmarked import Benchmarked
         from zoo.benchmark.drivers import find_drivers
         from zoo.benchmark.drives import drive_suite
-        from zoo.benchmark.entry import entry_result, nan_line, write_entry
+        from zoo.benchmark.entry import entry_result, write_entry
         from zoo.benchmark.finished_drives import NAME, FinishedDrives
-        from zoo.benchmark.marks import missed_line, reached_marks
-        from zoo.benchmark.marks_page import print_marks, write_marks
+        from zoo.benchmark.marks import reached_marks
+        from zoo.benchmark.marks_page import write_marks
         from zoo.benchmark.suite import read_suite
-        from zoo.benchmark.table import print_result
         from zoo.runs.code_fingerprint import code_fingerprint
         from zoo.runs.new_folder import new_folder
+        from zoo.runs.result_table import check_plot, check_table, write_asked
 
         # Report wrong input before processes start.
+        check_table(options.table)
+        check_plot(options.plot)
         suite = read_suite(options.suite, options.split)
         drivers = find_drivers(names, suite)
     folder = new_folder(options.out, "benchmarks", resumed_by=NAME)
@@ -82,17 +87,14 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
             f"the same command with out={folder} resumes"
         ) from None
     result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
-    print_result(result, console)
     written = write_entry(folder, result)
     finished.remove()
     reached = reached_marks(result.model_dump(), suite.marks)
     if reached:
-        print_marks(result.model_dump(), reached, console)
         written += write_marks(folder, result.model_dump(), reached)
-    print_written(written, _next(written[0], options.suite), console)
-    if problem := nan_line(result) or missed_line(reached):
-        raise InputError(problem)
-    return folder
+    found = Benchmarked(folder, result, reached, written)
+    found.written.extend(write_asked(found, options.table, options.plot))
+    return found
 
 
 def _next(result: Path, suite: str) -> list[object]:
@@ -102,16 +104,27 @@ def _next(result: Path, suite: str) -> list[object]:
 
 
 def command(arguments: list[str]) -> None:
-    """Read the arguments, then drive a suite or verify a result."""
+    """Read the arguments, then drive a suite or verify a result.
+
+    Raises:
+        InputError: see `benchmark`; or, after all files are written, the network steered NaN or a
+            mark of the suite is missed.
+    """
     names, options = COMMAND.read(arguments, BenchmarkOptions)
     console = Console(emoji=False)
     if names[0] != VERIFY:
-        benchmark(names, options, console)
+        found = benchmark(names, options, console)
+        from zoo.benchmark.benchmarked import print_benchmarked
+
+        print_benchmarked(found, console)
+        print_written(found.written, _next(found.written[0], options.suite), console)
+        if found.problem:
+            raise InputError(found.problem)
         return
     if len(names) != 2:
         raise UsageError("verify: name one result.json: python -m zoo.benchmark verify RESULT")
-    if options.out or options.entry:
-        raise UsageError("verify: writes nothing; leave out entry= and out=")
+    if options.out or options.entry or options.table or options.plot:
+        raise UsageError("verify: writes nothing; leave out entry=, out=, table= and plot=")
     from zoo.benchmark.verify import verify
 
     verify(Path(names[1]), options.suite, options.drives, options.workers, console)

@@ -95,3 +95,16 @@ def own_session(policy: PolicyFunction) -> PolicyFunction:
     """Return the policy for one more car: with a state of its own, if it keeps one."""
     new_session = getattr(policy, "new_session", None)
     return policy if new_session is None else new_session()
+
+
+def policy_name(policy: PolicyFunction) -> str:
+    """Return the name of a policy's network, or of a function.
+
+    >>> def steer_left(frame, speed_mph): ...
+    >>> policy_name(steer_left)
+    'steer_left'
+    """
+    for attribute in ("name", "__name__"):
+        if isinstance(name := getattr(policy, attribute, None), str):
+            return name
+    return type(policy).__name__

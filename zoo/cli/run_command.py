@@ -54,15 +54,12 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
             print(version_line())
         if output:
             output.flush()
-    except (InputError, StoppedError) as error:
-        failure = error
     except KeyboardInterrupt:
         failure = StoppedError("stopped")
     except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except Exception as error:
-        failure = StoppedError("stopped") if was_stopped(error) else None
-        failure = failure or explain_failure(error, arguments)
+        failure = expected_failure(error, arguments)
         if failure is None:
             traceback.print_exc()
             print(
@@ -86,6 +83,13 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     if isinstance(failure, StoppedError):
         return STOPPED
     return WRONG_USE if isinstance(failure, UsageError) else FAILED
+
+
+def expected_failure(error: Exception, arguments: list[str]) -> Exception | None:
+    """Return an error of one line for input that the user can fix, or a stop; else None."""
+    if isinstance(error, InputError | StoppedError):
+        return error
+    return StoppedError("stopped") if was_stopped(error) else explain_failure(error, arguments)
 
 
 def was_stopped(error: BaseException | None) -> bool:

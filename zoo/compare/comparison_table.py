@@ -18,6 +18,14 @@ CAPTION = (
     "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance. To tell: "
     "training seeds of each entry that would decide with a probability of 80 %."
 )
+HEADINGS = (
+    "group",
+    "drives",
+    "autonomy,\npoints",
+    "mean error,\nm",
+    "A better,\n%",
+    "verdict,\nto tell",
+)
 NEEDED = {
     "decided": "",
     "equal": "equal",
@@ -44,20 +52,13 @@ def print_comparison(
     """Print a row for each group, then the verdict, its limits and the training seeds needed."""
     table = Table(title="A minus B", caption=CAPTION, box=SIMPLE_HEAD, show_edge=False)
     table.caption_justify = "left"
-    table.add_column("group", no_wrap=True)
-    headings = ("drives", "autonomy,\npoints", "mean error,\nm", "A better,\n%")
-    for heading in headings:
+    first, *figures, last = HEADINGS
+    table.add_column(first, no_wrap=True)
+    for heading in figures:
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("verdict,\nto tell", justify="right", min_width=10)
-    for group, one in comparisons.items():
-        table.add_row(
-            Text(printable(group)),
-            str(one.roads),
-            two_lines(one.autonomy, "{:+.1f}", 100),
-            two_lines(one.cte_mean_m, "{:+.2f}"),
-            two_lines(one.a_better, "{:.0f}", 100),
-            f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}",
-        )
+    table.add_column(last, justify="right", min_width=10)
+    for group, *cells in comparison_cells(comparisons):
+        table.add_row(Text(printable(group)), *cells)
     for name, entry in (("A", a), ("B", b)):
         seeds = f"{entry.seeds} training seed{'' if entry.seeds == 1 else 's'}"
         how = seeds if entry.is_trained else "a baseline without training"
@@ -65,6 +66,21 @@ def print_comparison(
     console.print(table)
     for line in conclusion(a, b, comparisons):
         _print(line, console)
+
+
+def comparison_cells(comparisons: Mapping[str, Comparison]) -> list[list[str]]:
+    """Return the texts of each group's row, those of figures in two lines."""
+    return [
+        [
+            group,
+            str(one.roads),
+            two_lines(one.autonomy, "{:+.1f}", 100),
+            two_lines(one.cte_mean_m, "{:+.2f}"),
+            two_lines(one.a_better, "{:.0f}", 100),
+            f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}",
+        ]
+        for group, one in comparisons.items()
+    ]
 
 
 def conclusion(a: Entry, b: Entry, comparisons: Mapping[str, Comparison]) -> list[str]:

@@ -44,8 +44,16 @@ def drive(arguments: list[str]) -> None:
     serve(str(find_checkpoint(checkpoint)), settings)
 
 
-def serve(checkpoint: str, settings: "DriveSettings") -> None:
-    """Serve until Ctrl-C or the end of the embedded simulator, then print the drive's figures."""
+def serve(checkpoint: str, settings: "DriveSettings") -> Path | None:
+    """Serve until Ctrl-C or the end of the embedded simulator, then print the drive's figures.
+
+    Returns:
+        The drive's folder; None if no frame came.
+
+    Raises:
+        InputError: the port is taken, the checkpoint cannot be loaded, or the embedded simulator
+            failed.
+    """
     from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
     from zoo.drive.embedded_client import EmbeddedClient
@@ -109,6 +117,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> None:
             print_written([folder], [following, folder])
     if status:
         raise InputError(f"the embedded simulator failed, with exit status {status}; see above")
+    return folder
 
 
 class StopOnSignal:

@@ -5,53 +5,67 @@ figures, drives and plots.
 """
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from datamodules.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
+    from zoo.checkpoints.command import PolicyFunction
     from zoo.evaluate.evaluate_options import EvaluateOptions
-    from zoo.evaluate.many_drives import Setup
+    from zoo.evaluate.evaluation import Evaluation
 
 COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
-def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> dict:
-    """Score a checkpoint by driving, write `metrics.json`, drives and plots; return the metrics.
+def evaluate(
+    checkpoint: "str | PolicyFunction", options: "EvaluateOptions", console: Console
+) -> "Evaluation":
+    """Score a checkpoint or a policy by driving; write `metrics.json`, drives and plots.
+
+    Args:
+        checkpoint: path as users name it, or a policy, which drives in this process.
+        options: options of the evaluation.
+        console: console for progress and warnings.
 
     Raises:
-        InputError: the checkpoint or track does not exist, or an option is wrong; or the network
-            steered NaN, after all files are written.
+        InputError: the checkpoint or track does not exist, or an option is wrong.
     """
-    checkpoint = str(find_checkpoint(checkpoint))  # reports a wrong path before torch is imported
+    if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
+        checkpoint = str(find_checkpoint(checkpoint))
     with loading():
+        from zoo.checkpoints.command import policy_name
         from zoo.checkpoints.policy import load_policy
-        from zoo.evaluate.drives_table import drives_table, nan_line
+        from zoo.evaluate.drives_table import nan_line
         from zoo.evaluate.evaluate_options import check_world
-        from zoo.evaluate.guard_effect import guard_effect, guard_line, unguarded
+        from zoo.evaluate.evaluation import Evaluation, curves
+        from zoo.evaluate.guard_effect import guard_effect, unguarded
         from zoo.evaluate.many_drives import Setup, check_throttle
         from zoo.evaluate.robustness import perturbations_named, sweeps
         from zoo.evaluate.track_scores import score_on_tracks
         from zoo.monitor.guarded_policy import guarded
         from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.new_folder import new_folder
-        from zoo.verdict.evidence import read_evidence
-        from zoo.verdict.judgement import judge, print_verdict
+        from zoo.runs.plots import save_figure
+        from zoo.runs.result_table import check_plot, check_table
+        from zoo.verdict.evidence import Evidence, read_evidence
+        from zoo.verdict.judgement import judge
 
         # Report wrong input before processes start.
-        policy = load_policy(checkpoint)
+        policy = load_policy(checkpoint) if isinstance(checkpoint, str) else checkpoint
         check_world(options)
         check_throttle(policy, options.throttle)
+        check_table(options.table)
+        check_plot(options.plot)
+        if options.guard and not isinstance(checkpoint, str):
+            raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
         if options.guard:
             guarded(policy, checkpoint, options.guard)
     names = perturbations_named(options.perturb, options.throttle)
@@ -61,57 +75,39 @@ def evaluate(checkpoint: str, options: "EvaluateOptions", console: Console) -> d
     more = [one for by_value in swept.values() for one in by_value.values()]
     more += unguarded(options)
     scores = score_on_tracks(checkpoint, options, folder, console, more)
-    metrics = {"checkpoint": str(checkpoint), "drives": scores.drives, "tracks": scores.tracks}
-    console.print(drives_table(scores.tracks))
+    name = checkpoint if isinstance(checkpoint, str) else policy_name(policy)
+    metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}
     if options.guard:
         without = [scores.by_setup[one] for one in unguarded(options)]
         metrics["guard"] = guard_effect(options.guard, scores.drives, without)
-        line = guard_line(metrics["guard"])
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    results = {
+        name: {value: scores.by_setup[one] for value, one in by_value.items()}
+        for name, by_value in swept.items()
+    }
     if names:
-        results = {
-            name: {value: scores.by_setup[one] for value, one in by_value.items()}
-            for name, by_value in swept.items()
-        }
         metrics["perturbed"] = {
             name: [{"value": value, **one} for value, one in by_value.items()]
             for name, by_value in results.items()
         }
-        _show_sweeps(results, usual, folder, console)
-    verdict = judge(scores.drives, read_evidence(checkpoint, policy.config))
+        save_figure(curves(results, usual), folder / "robustness.png")
+    config = getattr(policy, "config", {})
+    evidence = Evidence(None, config)
+    if isinstance(checkpoint, str):
+        evidence = read_evidence(checkpoint, config)
+    verdict = judge(scores.drives, evidence)
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
-    print_written([folder], console=console)
-    if nan := nan_line(list(scores.by_setup.values())):
-        raise InputError(f"{checkpoint}: {nan}")
-    print_verdict(verdict, console)
-    return metrics
-
-
-def _show_sweeps(results: dict, usual: "Setup", folder: Path, console: Console) -> None:
-    from simulator.track_names import short_name
-    from zoo.evaluate.drive_plots import degradation_curves
-    from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
-    from zoo.runs.plots import save_figure
-
-    console.print(sweep_table(results, usual))
-    figure = degradation_curves(
-        {PERTURBATIONS[name].label: by_value for name, by_value in results.items()},
-        {PERTURBATIONS[name].label: PERTURBATIONS[name].usual(usual) for name in results},
-        f"{short_name(usual.track)}, {_how(usual)}; dotted: usual",
-    )
-    save_figure(figure, folder / "robustness.png")
-
-
-def _how(usual: "Setup") -> str:
-    laps = f"{usual.laps:g} lap{'' if usual.laps == 1 else 's'}"
-    if usual.throttle == "network":
-        return f"{laps} with its own throttle"
-    return f"{laps} at {usual.speed_mph:g} mph"
+    nan = nan_line(list(scores.by_setup.values()))
+    problem = f"{name}: {nan}" if nan else ""
+    return Evaluation(folder, metrics, verdict, usual, results, problem)
 
 
 def command(arguments: list[str]) -> None:
-    """Read the arguments and evaluate, in the embedded world or on a recording."""
+    """Read the arguments and evaluate, in the embedded world or on a recording.
+
+    Raises:
+        InputError: see `evaluate`; or the network steered NaN, after all files are written.
+    """
     (checkpoint,), rest = COMMAND.split(arguments)
     others = [one for one in rest if not one.startswith(("replay=", "evaluate.replay="))]
     console = Console(emoji=False)
@@ -120,15 +116,23 @@ def command(arguments: list[str]) -> None:
     if len(others) == len(rest):
         from zoo.evaluate.evaluate_options import EvaluateOptions
 
-        evaluate(checkpoint, read_options(COMMAND.name, EvaluateOptions, rest), console)
+        options = read_options(COMMAND.name, EvaluateOptions, rest)
+        result = evaluate(checkpoint, options, console)
+        from zoo.evaluate.evaluation import print_end, print_evaluation
+        from zoo.runs.result_table import write_asked
+
+        print_evaluation(result, console)
+        print_end(result, write_asked(result, options.table, options.plot), console)
+        if result.problem:
+            raise InputError(result.problem)
         return
-    from zoo.evaluate.replay_score import ReplayOptions, replay_recording
+    from zoo.evaluate.replay_score import ReplayOptions, replay_and_print
 
     recordings = [one.partition("=")[2] for one in rest if one not in others]
     if len(recordings) > 1:
         raise UsageError("replay: given twice; give it once")
     options = read_options("replay", ReplayOptions, others)
-    replay_recording(checkpoint, recordings[0], options, console)
+    replay_and_print(checkpoint, recordings[0], options, console)
 
 
 if __name__ == "__main__":

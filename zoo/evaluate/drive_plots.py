@@ -1,6 +1,7 @@
 """Plots of drives: path on the track, cross-track error, curves over perturbations."""
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -59,6 +60,31 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
     axis.margins(x=0)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
+    return figure
+
+
+def figures_by_track(drives: Sequence[Mapping]) -> Figure:
+    """Draw autonomy and mean cross-track error of each drive, and their means, by track.
+
+    Args:
+        drives: figures of each drive, with `track`.
+    """
+    tracks = list(dict.fromkeys(str(one["track"]) for one in drives))
+    figure = Figure(figsize=(7, 0.9 + 0.45 * len(tracks)), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    panels = (("autonomy", 100, "autonomy (%)"), ("cte_mean_m", 1, "mean cross-track error (m)"))
+    for axis, (key, factor, label) in zip(axes, panels, strict=True):
+        for row, track in enumerate(tracks):
+            values = [factor * one[key] for one in drives if one["track"] == track]
+            axis.plot(values, [row] * len(values), "o", color=BLUE, alpha=0.5, mew=0)
+            axis.plot(np.mean(values), row, marker="|", ms=16, mew=2, color=ORANGE)
+        axis.set(xlabel=label, ylim=(len(tracks) - 0.5, -0.5))
+        axis.set_yticks(range(len(tracks)), tracks)
+        axis.grid(axis="x", alpha=0.2)
+        for side in ("top", "right"):
+            axis.spines[side].set_visible(False)
+    axes[0].set_xlim(-4, 104)
+    axes[1].set_xlim(left=0)
     return figure
 
 

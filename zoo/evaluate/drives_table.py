@@ -117,20 +117,28 @@ def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
         tracks: figures of each track by its name, as `mean_and_spread` returns them.
         table: DRIVES or REPLAYS.
     """
-    rows, caption = table_rows(table), None
-    if any(one.get("drives", 1) > 1 for one in tracks.values()) and "drives" in rows:
+    rows, caption = figure_cells(tracks, table), None
+    if table == DRIVES and any(one.get("drives", 1) > 1 for one in tracks.values()):
         caption = "±: sample standard deviation over start seeds"
     shown = Table(caption=caption, caption_justify="left")
     shown.add_column("driving", no_wrap=True)
     for track in tracks:
         shown.add_column(Text(track))
-    for key, (label, form) in rows.items():
+    for row in rows:
+        shown.add_row(*row)
+    return shown
+
+
+def figure_cells(tracks: dict[str, dict], table: str = DRIVES) -> list[list[str]]:
+    """Return the rows of `drives_table`: heading, then a text for each track."""
+    rows = []
+    for key, (label, form) in table_rows(table).items():
         if any(key in figures for figures in tracks.values()):
             cells = [_cell(figures, key, form) for figures in tracks.values()]
             if key == "drives_without_intervention" and len(tracks) > 1:
-                cells = map(two_lines, cells)
-            shown.add_row(label, *cells)
-    return shown
+                cells = [two_lines(one) for one in cells]
+            rows.append([label, *cells])
+    return rows
 
 
 def _cell(figures: Mapping, key: str, form: str) -> str:

@@ -33,6 +33,8 @@ class EvaluateOptions(WorldSettings):
     replay: str | None
     guard: str | None
     out: str | None
+    table: str | None
+    plot: str | None
     workers: Workers
 
     @property

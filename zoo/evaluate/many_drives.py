@@ -15,7 +15,7 @@ from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
 from simulator.world_settings import WorldSettings
-from zoo.checkpoints.command import PolicyFunction, call_policy
+from zoo.checkpoints.command import PolicyFunction, call_policy, own_session
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import summarize, write_drive
@@ -96,7 +96,7 @@ def check_throttle(policy: PolicyFunction, throttle: str) -> None:
 
 
 def drive_all(
-    checkpoint: str | Sequence[str],
+    checkpoint: str | Sequence[str] | PolicyFunction,
     setups: Sequence[Setup],
     folders: Sequence[Path | None],
     workers: int,
@@ -105,7 +105,8 @@ def drive_all(
     """Return the figures of each drive in the order of the setups.
 
     Args:
-        checkpoint: checkpoint file for all drives, or one for each drive.
+        checkpoint: checkpoint file for all drives, or one for each drive; or a policy, which drives
+            in this process.
         setups: setup of each drive.
         folders: folder of each drive; None writes nothing.
         workers: number of processes; 0 for one per core. It does not change the figures.
@@ -114,7 +115,9 @@ def drive_all(
     Raises:
         InputError: a process was killed, for example because memory ran out.
     """
-    drivers = [checkpoint] * len(setups) if isinstance(checkpoint, str) else checkpoint
+    one_for_all = isinstance(checkpoint, str) or callable(checkpoint)
+    drivers = [checkpoint] * len(setups) if one_for_all else checkpoint
+    workers = 1 if callable(checkpoint) else workers  # a policy may not fit through a pipe
     jobs = list(zip(drivers, setups, folders, strict=True))
     laps = f"{setups[0].laps:g} lap{'' if setups[0].laps == 1 else 's'}"
     with progress_bar(f"driving {len(setups)} x {laps}", console) as show:
@@ -123,7 +126,7 @@ def drive_all(
 
 
 def drive_once(
-    checkpoint: str,
+    checkpoint: str | PolicyFunction,
     setup: Setup,
     folder: Path | None,
     report: Callable[[float], None] | None = None,
@@ -134,7 +137,7 @@ def drive_once(
     watched: how often it began to slow the car down.
 
     Args:
-        checkpoint: checkpoint file.
+        checkpoint: checkpoint file, or a policy.
         setup: setup of the drive.
         folder: folder for the drive, its plots and the frames of its worst moments; None writes
             nothing.
@@ -149,7 +152,8 @@ def drive_once(
     torch.set_num_threads(1)  # one frame is too little work for two threads
     world = open_setup(setup, "auto")
     try:
-        policy = load_policy(checkpoint)
+        is_file = isinstance(checkpoint, str)
+        policy = load_policy(checkpoint) if is_file else own_session(checkpoint)
         check_throttle(policy, setup.throttle)
         if setup.guard:
             policy = guarded(policy, checkpoint, setup.guard)

@@ -3,11 +3,13 @@
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
@@ -65,9 +67,10 @@ def drive_in_processes(
     context = multiprocessing.get_context("spawn")
     shares = context.RawArray("d", len(jobs))
     with ProcessPoolExecutor(processes, context, _begin_process, (shares,)) as pool:
-        numbers = {
-            pool.submit(_drive, drive, number, job): number for number, job in enumerate(jobs)
-        }
+        with hidden_script():
+            numbers = {
+                pool.submit(_drive, drive, number, job): number for number, job in enumerate(jobs)
+            }
         waiting = set(numbers)
         with cancelling_pool(pool, processes):
             while waiting:
@@ -76,6 +79,21 @@ def drive_in_processes(
                     yield numbers[one], one.result()
                     shares[numbers[one]] = 1.0
                 show(float(weights @ shares))
+
+
+@contextmanager
+def hidden_script() -> Iterator[None]:
+    """Start processes that do not run the user's script again.
+
+    Spawned processes import the `__main__` module: a script without `if __name__ == "__main__":`
+    would drive again in each of them. The jobs need nothing from it.
+    """
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 @contextmanager

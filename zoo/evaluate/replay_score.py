@@ -2,8 +2,9 @@
 
 import datetime
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -18,6 +19,10 @@ from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import DriveRow
+from zoo.runs.result_table import Result, ResultTable, check_table, write_asked
+
+if TYPE_CHECKING:
+    from zoo.checkpoints.command import PolicyFunction
 
 FRAMES = "frames"
 
@@ -30,39 +35,83 @@ class ReplayOptions:
     frame_rate: float | None
     frames: bool
     out: str | None
+    table: str | None
+
+
+@dataclass(frozen=True, repr=False)
+class Replay(Result):
+    """The replay of a recording.
+
+    Attributes:
+        folder: folder with `metrics.json`, the drive and a plot.
+        figures: figures of the drive by name.
+        keyboard: a warning for each recording that was driven with a keyboard.
+        problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
+        written: further files that the user asked for.
+    """
+
+    folder: Path
+    figures: dict[str, float | None]
+    keyboard: list[str]
+    problem: str
+    written: list[Path] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        lost = f"{self.figures['interventions']:g} interventions"
+        return f"Replay in {self.folder}: autonomy {self.figures['autonomy']:.1%}, {lost}"
+
+    def result_table(self) -> ResultTable:
+        """Return one row with all figures; printed, a row for each figure."""
+        from zoo.drives.metrics import REPLAYS
+        from zoo.evaluate.drives_table import figure_cells, mean_and_spread
+
+        cells = figure_cells({"replay": mean_and_spread([self.figures])}, REPLAYS)
+        return ResultTable([self.figures], ["driving", "replay"], cells)
 
 
 def replay_recording(
-    checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
-) -> dict:
-    """Replay a recording, print and write the results, and return the figures.
+    checkpoint: "str | PolicyFunction",
+    recording_folder: str,
+    options: ReplayOptions,
+    console: Console,
+) -> Replay:
+    """Replay a recording, and write `metrics.json`, the drive and a plot.
 
-    The files are `metrics.json`, the drive and a plot.
+    Args:
+        checkpoint: path as users name it, or a policy.
+        recording_folder: recording's folder.
+        options: options of the replay.
+        console: console for the progress.
 
     Raises:
         InputError: the checkpoint or recording does not exist, the recording cannot be replayed, or
-            an option is wrong; or the network steered NaN, after all files are written.
+            an option is wrong.
     """
-    checkpoint = str(find_checkpoint(checkpoint))  # reports a wrong path before torch is imported
+    check_table(options.table)
+    if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
+        checkpoint = str(find_checkpoint(checkpoint))
     with loading():
         import torch
 
+        from zoo.checkpoints.command import policy_name
         from zoo.checkpoints.policy import load_policy
-        from zoo.drives.metrics import REPLAYS, measure
+        from zoo.drives.metrics import measure
         from zoo.evaluate.drive_plots import error_over_distance
-        from zoo.evaluate.drives_table import drives_table, mean_and_spread, nan_line
+        from zoo.evaluate.drives_table import nan_line
         from zoo.evaluate.recording_replay import replay
         from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.plots import save_figure
 
-        policy = load_policy(checkpoint)
+        is_file = isinstance(checkpoint, str)
+        policy = load_policy(checkpoint) if is_file else checkpoint
+        name = checkpoint if is_file else policy_name(policy)
         recording = read_recordings(recording_folder)
     torch.set_num_threads(1)  # one frame is too little work for two threads
     with _Shown(recording, options, console) as shown:
         drive = replay(policy, recording, options.margin, options.frame_rate, shown)
     figures = measure(drive)
     figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-    about = {"checkpoint": str(checkpoint), "recording": list(recording.names)}
+    about = {"checkpoint": name, "recording": list(recording.names)}
     kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
     write_drive(shown.folder, kept, **about)
     metrics = about | {"margin_m": options.margin, "replay": figures}
@@ -72,15 +121,34 @@ def replay_recording(
         f"{figures['interventions']} interventions"
     )
     save_figure(error_over_distance(drive, title), shown.folder / "error.png")
-    console.print(drives_table({"replay": mean_and_spread([figures])}, REPLAYS))
-    for line in keyboard_lines(recording):
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    following = ["zoo.film", shown.folder] if options.frames else ["zoo.evaluate", checkpoint]
-    print_written([shown.folder], following, console)
     replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
-    if nan := nan_line([replayed]):
-        raise InputError(f"{checkpoint}: {nan}")
-    return figures
+    nan = nan_line([replayed])
+    problem = f"{name}: {nan}" if nan else ""
+    found = Replay(shown.folder, figures, keyboard_lines(recording), problem)
+    found.written.extend(write_asked(found, options.table))
+    return found
+
+
+def replay_and_print(
+    checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
+) -> None:
+    """Replay a recording and print its figures.
+
+    Raises:
+        InputError: see `replay_recording`; or the network steered NaN, after all files are written.
+    """
+    checkpoint = str(find_checkpoint(checkpoint))
+    found = replay_recording(checkpoint, recording_folder, options, console)
+    from zoo.drives.metrics import REPLAYS
+    from zoo.evaluate.drives_table import drives_table, mean_and_spread
+
+    console.print(drives_table({"replay": mean_and_spread([found.figures])}, REPLAYS))
+    for line in found.keyboard:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    following = ["zoo.film", found.folder] if options.frames else ["zoo.evaluate", checkpoint]
+    print_written([found.folder, *found.written], following, console)
+    if found.problem:
+        raise InputError(found.problem)
 
 
 def keyboard_lines(recording: Recording) -> list[str]:

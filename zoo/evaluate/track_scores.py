@@ -12,6 +12,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from simulator.track_names import file_name
+from zoo.checkpoints.command import PolicyFunction
 from zoo.cli.command_config import check_options, compose_keys
 from zoo.cli.console_progress import working
 from zoo.cli.nearest import hint
@@ -37,16 +38,16 @@ class TrackScores:
 
 
 def score_on_tracks(
-    checkpoint: str,
+    checkpoint: str | PolicyFunction,
     options: EvaluateOptions,
     folder: Path,
     console: Console,
     more: Sequence[Setup] = (),
 ) -> TrackScores:
-    """Drive a checkpoint on every track with every seed.
+    """Drive a checkpoint or a policy on every track with every seed.
 
     Args:
-        checkpoint: checkpoint file.
+        checkpoint: checkpoint file, or a policy, which drives in this process.
         options: options of the drives.
         folder: folder to write to, each drive into `folder/<track>-<seed>`; without colons, so
             `alpine:17` is `alpine-17`.
@@ -98,7 +99,14 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
         return None
-    known = {field.name for field in fields(RunScore)} - {"out", "perturb", "replay", "guard"}
+    known = {field.name for field in fields(RunScore)} - {
+        "out",
+        "perturb",
+        "replay",
+        "guard",
+        "table",
+        "plot",
+    }
     unknown = sorted(set(settings) - known)
     if unknown:
         raise InputError(f"score.{unknown[0]}: no such key; {hint(unknown[0], sorted(known))}")

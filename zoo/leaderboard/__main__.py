@@ -1,17 +1,22 @@
-"""`python -m zoo.leaderboard [FOLDER...]`: rank all runs, the best driver first.
+"""`python -m zoo.leaderboard [FOLDER...] [key=value ...]`: rank all runs, the best driver first.
 
 Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
 without runs, ranks drives: outputs/drives has those of python -m zoo.drive.
 """
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from datamodules.errors import InputError
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
+
+if TYPE_CHECKING:
+    from zoo.leaderboard.ranked_entries import Ranking
 
 COMMAND = Command(
     __doc__, {"[FOLDER...]": "folders that contain runs, sweeps or drives; default: outputs"}
@@ -23,38 +28,63 @@ SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "repo
 OF_DRIVES = {"drives", "evaluation"}
 
 
-def show_leaderboard(arguments: list[str]) -> None:
+@dataclass(frozen=True, kw_only=True)
+class LeaderboardOptions:
+    """Options of a leaderboard; `conf/leaderboard.yaml` has their meanings and defaults."""
+
+    table: str | None
+
+
+def leaderboard(
+    names: Sequence[str | Path], options: LeaderboardOptions
+) -> "tuple[Ranking, str, list[Path]]":
     """Rank every run below the folders by autonomy, then by cross-track error.
 
-    Print the table and write it as a page into the first folder. In named folders without runs,
-    rank the drives.
+    Write the page into the first folder. In named folders without runs, rank the drives.
+
+    Returns:
+        The ranking, its title and the files written.
 
     Raises:
         InputError: a folder does not exist, or contains neither runs nor drives.
     """
-    arguments, _ = COMMAND.split(arguments)
+    from zoo.leaderboard.ranked_entries import Ranking
     from zoo.leaderboard.ranking_page import write_page
-    from zoo.leaderboard.ranking_table import print_ranking, wide_console
+    from zoo.runs.result_table import check_table, write_asked
 
-    roots = [Path(one) for one in arguments] or [OUTPUTS]
+    check_table(options.table)
+    named = [Path(one) for one in names]
+    roots = named or [OUTPUTS]
     for root in roots:
         if not root.is_dir():
             raise InputError(f"{root}: no such folder; usage: {COMMAND.usage}")
     folders = sorted(set(run_folders(roots)))
-    named = [Path(one) for one in arguments]
     drives = sorted({one for root in named for one in drive_folders(root)})
     if not folders and not drives:
         raise InputError(f"{', '.join(map(str, roots))}: no runs found; train one: python -m zoo")
-    console = wide_console()
-    title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
-    title += f", {len(drives)} drives" if drives else ""
-    entries, unranked = print_ranking(folders, title, roots[0], console, PAGE, drives)
+    ranking = Ranking.read(folders, roots[0], drives)
     try:
-        page = write_page(roots[0] / PAGE, "Leaderboard", entries, unranked, roots[0])
+        page = write_page(
+            roots[0] / PAGE, "Leaderboard", ranking.entries, ranking.unranked, roots[0]
+        )
     except OSError as error:
         raise InputError(f"{roots[0] / PAGE}: cannot write the page ({error.strerror})") from None
-    best = [entries[0].first.folder] if entries else []
-    print_written([page], ["zoo.report", *best] if best else [], console)
+    title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
+    title += f", {len(drives)} drives" if drives else ""
+    return ranking, title, [page, *write_asked(ranking, options.table)]
+
+
+def show_leaderboard(arguments: list[str]) -> None:
+    """Read the arguments, rank the runs and print the ranking."""
+    names, options = COMMAND.read(arguments, LeaderboardOptions)
+    from zoo.leaderboard.ranked_entries import print_ranking
+    from zoo.leaderboard.ranking_table import wide_console
+
+    console = wide_console()
+    ranking, title, written = leaderboard(names, options)
+    print_ranking(ranking, title, console, PAGE)
+    best = [ranking.entries[0].first.folder] if ranking.entries else []
+    print_written(written, ["zoo.report", *best] if best else [], console)
 
 
 def run_folders(roots: Iterable[Path]) -> Iterator[Path]:

@@ -15,8 +15,7 @@ from zoo.drives.intervals import count_with_interval
 from zoo.drives.metric_registry import LOWER, Metric
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import two_lines, with_deviation
-from zoo.leaderboard.ranked_drive import read_drives
-from zoo.leaderboard.ranking import Count, Entry, Unranked, protocols, rank, read_runs
+from zoo.leaderboard.ranking import Count, Entry, Unranked
 from zoo.runs.trained_recordings import recording_names
 
 ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
@@ -218,46 +217,6 @@ def folder_label(folder: Path, under: Path | None) -> str:
     if under is not None and folder.resolve().is_relative_to(under.resolve()):
         return str(folder.resolve().relative_to(under.resolve()))
     return str(folder)
-
-
-def print_ranking(
-    folders: Sequence[Path],
-    title: str,
-    under: Path,
-    console: Console,
-    page: str,
-    drives: Sequence[Path] = (),
-) -> tuple[list[Entry], list[Unranked]]:
-    """Read runs, rank them, and print the table and a line for each kind of unranked run.
-
-    Args:
-        folders: folders of the runs.
-        title: title of the table.
-        under: folder to which the runs' folders are shown relative.
-        console: output of the table and the lines below it.
-        page: file name of the HTML page, which has all columns.
-        drives: folders of drives to rank together with the runs.
-    """
-    runs, unranked = read_runs(folders)
-    driven, unread = read_drives(drives)
-    runs, unranked = [*runs, *driven], [*unranked, *unread]
-    entries = rank(runs)
-    if entries:
-        table, left_out = ranking_table(entries, title, under, console.width)
-        console.print(table)
-        if left_out:
-            line = left_out_line(left_out, console.width, page)
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
-    different = protocols(runs)
-    if different:
-        console.print(
-            f"compare with care, the drives had different conditions: {'; '.join(different)}",
-            highlight=False,
-            markup=False,
-        )
-    for line in unranked_lines(unranked, under):
-        console.print(line, highlight=False, markup=False)
-    return entries, unranked
 
 
 def left_out_line(headings: Sequence[str], width: int, page: str) -> str:

@@ -6,8 +6,8 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.cli.closing_lines import print_written
+from zoo.leaderboard.ranked_entries import Ranking, print_ranking
 from zoo.leaderboard.ranking_page import write_page
-from zoo.leaderboard.ranking_table import print_ranking
 from zoo.sweep.sweep_record import job_folders
 
 PAGE = "ranking.html"
@@ -21,7 +21,9 @@ def conclude(folder: Path, console: Console) -> None:
     """
     folders = job_folders(folder)
     title = f"{len(folders)} jobs, the best driver first"
-    entries, unranked = print_ranking(folders, title, folder, console, PAGE)
+    ranking = Ranking.read(folders, folder)
+    entries, unranked = ranking.entries, ranking.unranked
+    print_ranking(ranking, title, console, PAGE)
     page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
     print_written([page], ["zoo.report", entries[0].first.folder] if entries else [], console)
     failed = [one for one in unranked if one.why in ("failed", "stopped")]

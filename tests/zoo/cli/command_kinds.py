@@ -16,6 +16,7 @@ from zoo.export.__main__ import ExportOptions
 from zoo.film import FilmOptions
 from zoo.guard.guard_options import GuardOptions
 from zoo.input_search.import_options import ImportOptions
+from zoo.leaderboard.__main__ import LeaderboardOptions
 from zoo.rerun import RerunOptions
 from zoo.results import ResultsOptions
 from zoo.saliency.__main__ import SaliencyOptions
@@ -35,6 +36,7 @@ KINDS = {
     "film": FilmOptions,
     "guard": GuardOptions,
     "import": ImportOptions,
+    "leaderboard": LeaderboardOptions,
     "replay": ReplayOptions,
     "rerun": RerunOptions,
     "results": ResultsOptions,

@@ -20,7 +20,7 @@ FAILED, WRONG_USE = 1, 2
         (WRONG_USE, "zoo.drive drive.port=1", "zoo.drive CKPT"),
         (WRONG_USE, "zoo.doctor port=0", "1..65535"),
         (WRONG_USE, "zoo.export no.ckpt frame=x", "did you mean frames"),
-        (WRONG_USE, "zoo.leaderboard --no", "usage"),
+        (WRONG_USE, "zoo.leaderboard --no", "no such key"),
         (WRONG_USE, "zoo.models x", "no arguments"),
         (WRONG_USE, "zoo.report", "usage"),
         (WRONG_USE, "zoo.results", "usage"),

@@ -24,7 +24,7 @@ from zoo.evaluate.recording_replay import (
     replay,
     seconds_of_rows,
 )
-from zoo.evaluate.replay_score import ReplayOptions, keyboard_lines, replay_recording
+from zoo.evaluate.replay_score import ReplayOptions, keyboard_lines, replay_and_print
 
 ROWS = 250  # 16.6 s
 
@@ -241,7 +241,7 @@ def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, console):
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
 
     options = read_options("replay", ReplayOptions, [f"out={tmp_path / 'out'}"])
-    replay_recording(checkpoint, str(written.folder), options, console)
+    replay_and_print(checkpoint, str(written.folder), options, console)
 
     text = console.file.getvalue()
     assert text.index("autonomy") < text.index("keys[/red]: 100% of the steering is exactly 0")

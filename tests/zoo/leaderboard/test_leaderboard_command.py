@@ -18,9 +18,10 @@ from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.leaderboard.__main__ import drive_folders, run_folders, show_leaderboard
 from zoo.leaderboard.ranked_drive import load_drive, read_drives
+from zoo.leaderboard.ranked_entries import Ranking, print_ranking
 from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
 from zoo.leaderboard.ranking_page import write_page
-from zoo.leaderboard.ranking_table import named_columns, print_ranking, ranking_table
+from zoo.leaderboard.ranking_table import named_columns, ranking_table
 from zoo.runs.status import write_status
 
 
@@ -173,7 +174,7 @@ def test_runs_are_found_in_sweeps_and_not_below_runs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("argument", "words"),
-    [("nowhere", "nowhere: "), (".", "python -m zoo"), ("--all", "usage: ")],
+    [("nowhere", "nowhere: "), (".", "python -m zoo"), ("--all", "all: no such key")],
 )
 def test_bad_input_gets_one_line(
     argument: str,
@@ -304,7 +305,9 @@ def cells_of(text: str) -> list[list[str]]:
 @pytest.mark.parametrize("width", [80, 100, 120, 160, 200])
 def test_names_never_vanish(width: int, tmp_path: Path, console: Console) -> None:
     console.width = width
-    print_ranking(many_runs(tmp_path), "all [/red] runs", tmp_path, console, "page.html")
+    print_ranking(
+        Ranking.read(many_runs(tmp_path), tmp_path), "all [/red] runs", console, "page.html"
+    )
 
     text = console.file.getvalue()
     assert all(len(line) <= width for line in text.splitlines() if line.startswith("│"))
@@ -328,7 +331,7 @@ def test_names_never_vanish(width: int, tmp_path: Path, console: Console) -> Non
 
 def test_figures_that_do_not_fit_are_counted_and_named(tmp_path: Path, console: Console) -> None:
     console.width = 80
-    print_ranking(many_runs(tmp_path), "all", tmp_path, console, "page.html")
+    print_ranking(Ranking.read(many_runs(tmp_path), tmp_path), "all", console, "page.html")
 
     (line,) = [one for one in console.file.getvalue().splitlines() if "not fit" in one]
     headings = line.partition(": ")[2].partition(". Widen")[0].split("; ")
@@ -340,7 +343,7 @@ def test_figures_that_do_not_fit_are_counted_and_named(tmp_path: Path, console: 
 
 def test_a_wide_terminal_shows_every_figure(tmp_path: Path, console: Console) -> None:
     console.width = 400
-    print_ranking(many_runs(tmp_path), "all", tmp_path, console, "page.html")
+    print_ranking(Ranking.read(many_runs(tmp_path), tmp_path), "all", console, "page.html")
 
     assert "not fit" not in console.file.getvalue()
     assert "seconds" in console.file.getvalue()

@@ -1,0 +1,40 @@
+"""The commands as functions, for notebooks and scripts: `import drivezoo as zoo`.
+
+Importing is cheap: each function imports torch and the simulator when it is called.
+"""
+
+from datamodules.errors import InputError, UsageError
+from drivezoo.functions import (
+    benchmark,
+    compare,
+    drive,
+    evaluate,
+    leaderboard,
+    replay,
+    results,
+    train,
+)
+from drivezoo.policies import load_policy, policy
+from drivezoo.saved_results import read_benchmark, read_run, write_table
+from zoo import __version__
+from zoo.cli.stop_errors import StoppedError
+
+__all__ = [
+    "InputError",
+    "StoppedError",
+    "UsageError",
+    "__version__",
+    "benchmark",
+    "compare",
+    "drive",
+    "evaluate",
+    "leaderboard",
+    "load_policy",
+    "policy",
+    "read_benchmark",
+    "read_run",
+    "replay",
+    "results",
+    "train",
+    "write_table",
+]

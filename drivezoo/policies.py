@@ -1,0 +1,68 @@
+"""Policies of checkpoints, alone and for Gymnasium environments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivezoo.functions import Driver
+from drivezoo.keywords import checkpoint_of, options
+from drivezoo.one_line_errors import one_line_errors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivezoo.training import Training
+    from zoo.evaluate.environment_policy import EnvironmentPolicy
+
+
+@one_line_errors
+def load_policy(path: str | Path | Training) -> Callable[..., Any]:
+    """Return a checkpoint's policy, a function of a frame and mph; see `zoo.policy`.
+
+    Args:
+        path: checkpoint's path, run's folder, `latest`, or what `train` returned.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded.
+    """
+    from zoo.checkpoints.policy import load_policy
+
+    return load_policy(checkpoint_of(path))
+
+
+@one_line_errors
+def policy(
+    driver: Driver, speed: float = 15.0, throttle: str = "hold", frame_rate: float = 15.0
+) -> EnvironmentPolicy:
+    """Return a policy for the simulator's Gymnasium environments.
+
+    >>> act = policy("latest")  # doctest: +SKIP
+    >>> observation, reward, *rest = env.step(act(observation))  # doctest: +SKIP
+
+    Args:
+        driver: see `evaluate`.
+        speed: speed to hold in mph.
+        throttle: `hold` for that speed, `network` for the network's throttle.
+        frame_rate: the environment's steps per second of simulated time.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded, or predicts no throttle although it must.
+        UsageError: a value is wrong.
+    """
+    from zoo.checkpoints.policy import load_policy
+    from zoo.cli.command_config import read_options
+    from zoo.drives.speed_controller import Network
+    from zoo.evaluate.environment_policy import EnvironmentPolicy
+    from zoo.evaluate.evaluate_options import EvaluateOptions
+    from zoo.evaluate.many_drives import check_throttle, speed_controller
+
+    keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}
+    settings = read_options("evaluate", EvaluateOptions, options("evaluate", keys))
+    named = checkpoint_of(driver)
+    steering = load_policy(named) if isinstance(named, str) else named
+    check_throttle(steering, settings.throttle)
+    controller: Any = speed_controller(settings.speed)
+    if settings.throttle == "network":
+        controller = Network()
+    return EnvironmentPolicy(steering, controller, settings.frame_rate)

@@ -1,0 +1,228 @@
+"""The commands as functions: their figures, files and errors, and the notebooks that call them."""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import drivezoo
+from drivezoo.training import Training
+from tests.recordings import Written, write_recording
+from tests.zoo import commands
+from tests.zoo.benchmark.test_benchmark_command import write_suite
+from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
+from tests.zoo.notebooks import FOLDER as NOTEBOOKS
+from tests.zoo.notebooks import run_notebook
+from tests.zoo.written_checkpoints import write_constant
+
+SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests
+
+mpl.use("Agg")  # notebooks import pyplot, which would look for a display
+
+
+@pytest.fixture(scope="module")
+def run(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Training:
+    """Train a small network with the function."""
+    cwd = tmp_path_factory.mktemp("work")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(cwd)
+        return drivezoo.train(
+            model="linear",
+            data={"root": recorded.folder, "block_s": 0.5, "gap_s": 0.1},
+            trainer={"max_epochs": 1},
+            score={"laps": 0.02},
+            hydra={"run": {"dir": "run"}},
+        )
+
+
+def figures_of(folder: Path) -> dict:
+    metrics = json.loads((folder / "metrics.json").read_text())
+    return {key: metrics[key] for key in ("open_loop", "best_epoch", "epochs", "parameters")}
+
+
+def test_a_training_has_the_commands_figures(
+    run: Training, recorded: Written, tmp_path: Path
+) -> None:
+    data = (f"data.root={recorded.folder}", "data.block_s=0.5", "data.gap_s=0.1")
+    keys = ("trainer.max_epochs=1", "score=none", "hydra.run.dir=run")
+    done = commands.run(tmp_path, "model=linear", *data, *keys)
+    assert done.returncode == 0, done.stderr
+    assert figures_of(run.folder) == figures_of(tmp_path / "run")
+    assert run.checkpoint == run.folder / "checkpoints" / "best.ckpt"
+    assert "linear" in repr(run)
+    (row,) = run.table()
+    assert row["test_mse"] == run.metrics["open_loop"]["test"]["mse"]
+    assert row["lake_autonomy"] == run.metrics["drive"]["tracks"]["lake"]["autonomy"][0]
+
+
+def test_a_checkpoint_and_its_policy_drive_alike(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_constant(tmp_path / "best.ckpt", 0.05)
+    of_file = drivezoo.evaluate(path, track="lake", out="a", table="a.csv", **SHORT)
+    of_function = drivezoo.evaluate(lambda frame, mph: (0.05, None), out="b", **SHORT)
+
+    (row,) = of_file.table()
+    (written,) = csv.DictReader((tmp_path / "a.csv").open())
+    assert row["track"] == written["track"] == "lake"
+    assert row["cte_mean_m"] == float(written["cte_mean_m"]) > 0
+    assert of_function.table()[0]["cte_mean_m"] == pytest.approx(row["cte_mean_m"], rel=1e-6)
+    assert "lake: autonomy" in repr(of_file)
+    assert "<table>" in of_file._repr_html_()
+    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["checkpoint"] == "<lambda>"
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "words"),
+    [
+        (lambda: drivezoo.train(modle="nvidia"), drivezoo.UsageError, "did you mean model"),
+        (lambda: drivezoo.train(trainer={"max_epohcs": 1}), drivezoo.UsageError, "max_epochs"),
+        (lambda: drivezoo.train(data={"root": "no"}), drivezoo.InputError, "no:"),
+        (lambda: drivezoo.train(trainer={"devices": 2}), drivezoo.UsageError, "devices=1"),
+        (lambda: drivezoo.evaluate("no.ckpt"), drivezoo.InputError, "no.ckpt: no such checkpoint"),
+        (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),
+        (lambda: drivezoo.benchmark(), drivezoo.UsageError, "name checkpoints"),
+        (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: is no run"),
+        (lambda: drivezoo.evaluate("no.ckpt", trakc="x"), drivezoo.UsageError, "mean track"),
+        (lambda: drivezoo.evaluate("no.ckpt", laps="x"), drivezoo.UsageError, "laps=x: must be"),
+    ],
+)
+def test_a_wrong_call_raises_one_line(
+    call, kind: type[Exception], words: str, tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = sys.argv
+    with pytest.raises(kind) as failed:
+        call()
+    assert words in str(failed.value)
+    assert "\n" not in str(failed.value)
+    assert len(failed.traceback) < 5  # the test, the call and the function
+    assert sys.argv is before
+
+
+def test_the_import_is_cheap() -> None:
+    source = (
+        "import sys, drivezoo; print(*{'torch', 'hydra', 'matplotlib', 'cv2'} & {*sys.modules})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", source], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == []
+
+
+def test_a_policy_drives_an_environment(tmp_path: Path) -> None:
+    env = gymnasium.make("Lake-v0", quality="simple")
+    act = drivezoo.policy(write_constant(tmp_path / "best.ckpt", 0.25), speed=12)
+    observation, _ = env.reset(seed=1)
+    for _ in range(3):
+        action = act(observation)
+        assert env.action_space.contains(action)
+        observation, *_ = env.step(action)
+    assert action[0] == pytest.approx(0.25, abs=1e-3)
+    assert action[1] > 0
+    assert observation["speed"][0] > 0
+    env.close()
+    with pytest.raises(drivezoo.InputError, match=r"uint8 \[66, 200, 3\].*\[160, 320, 3\]"):
+        act(observation | {"image": observation["image"][:66, :200]})
+    with pytest.raises(drivezoo.InputError, match=r"float64 \[160, 320, 3\]"):
+        act(observation | {"image": observation["image"] / 255})
+
+
+def test_a_recording_is_replayed(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "lake", rows=190).folder
+    keys = {"out": tmp_path / "a", "table": tmp_path / "a.tex"}
+    found = drivezoo.replay(lambda frame, mph: (0.0, None), folder, **keys)
+    assert found.table()[0]["autonomy"] == found.figures["autonomy"]
+    assert "autonomy" in (tmp_path / "a.tex").read_text()
+
+
+def test_results_of_the_benchmark_are_compared(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    for name, autonomy in (("a", 0.6), ("b", 0.8)):
+        write(tmp_path / name, result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name))
+    found = drivezoo.compare("a", "b", table="ab.csv", plot="ab.svg")
+    assert "B drives better" in repr(found)
+    assert [row["group"] for row in found.table()][-1] == "all but laps"
+    assert len((tmp_path / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
+    assert "<svg" in (tmp_path / "ab.svg").read_text()
+
+
+def test_runs_are_ranked_and_listed(run: Training, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (row,) = drivezoo.leaderboard(run.folder, table="ranking.csv").table()
+    assert row["lake_autonomy"] == run.figures["lake_autonomy"]
+    assert drivezoo.results(run).table() == run.table()
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a", "folder.csv"])
+def test_a_table_of_another_kind_is_refused_before_driving(name: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.csv").mkdir()
+    path = write_constant(tmp_path / "best.ckpt", 0.1)
+    with pytest.raises(drivezoo.UsageError, match=r"table=.*(\.csv|folder)"):
+        drivezoo.evaluate(path, table=tmp_path / name, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_parquet_without_its_library_names_the_extra(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(drivezoo.InputError, match=r"a.parquet: .*drivezoo\[parquet\]"):
+        drivezoo.write_table([{"a": 1}], tmp_path / "a.parquet")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_manual_and_the_notebooks_use_names_that_exist() -> None:
+    pages = [
+        commands.ROOT / "docs" / "python.md",
+        *sorted((commands.ROOT / "notebooks").glob("*.ipynb")),
+    ]
+    for page in pages:
+        used = set(re.findall(r"\bzoo\.(\w+)\(", page.read_text()))
+        assert used
+        assert used <= set(drivezoo.__all__), page
+
+
+def test_the_quickstart_trains_and_drives(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tiny = {"RECORDING": str(recorded.folder), "EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}
+    found = run_notebook("quickstart.ipynb", **tiny)
+    assert found["rows"][0]["drives"] == 1
+    assert found["run"].checkpoint.is_file()
+    assert (tmp_path / "driving.tex").read_text().count(r"\\") > 10
+
+
+def test_the_study_compares_networks_and_resumes(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    tiny = {
+        "RECORDING": str(recorded.folder),
+        "MODELS": ["linear", "tiny"],
+        "SEEDS": [1],
+        "EPOCHS": 0,
+        "SUITE": str(write_suite(tmp_path)),
+        "WORKERS": 1,
+    }
+    first, second = (run_notebook("study.ipynb", **tiny) for _ in range(2))
+    assert [row["training seeds"] for row in first["rows"]] == [1, 1]
+    assert second["rows"] == first["rows"]
+    assert len(first["comparisons"]) == 1
+    assert (tmp_path / "study" / "study.pdf").stat().st_size > 1000
+    assert "linear & 15 & 1 &" in (tmp_path / "study" / "study.tex").read_text()
+
+
+@pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.name)
+def test_a_notebook_has_no_outputs(path: Path) -> None:
+    for cell in json.loads(path.read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None

@@ -1,0 +1,52 @@
+"""A plot of figures with their 95 % intervals."""
+
+import math
+from collections.abc import Mapping
+from typing import Protocol
+
+from matplotlib.figure import Figure
+
+from zoo.runs.plots import BLUE, GREY
+
+
+class Bounded(Protocol):
+    """A figure with its bounds; None or NaN where one is unknown."""
+
+    @property
+    def value(self) -> float | None:
+        """Return the figure."""
+
+    @property
+    def low(self) -> float | None:
+        """Return the lower bound."""
+
+    @property
+    def high(self) -> float | None:
+        """Return the upper bound."""
+
+
+def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None = None) -> Figure:
+    """Draw a row for each share: its value as a dot and its interval, both in percent.
+
+    Args:
+        figures: shares by the name of the row, from top to bottom.
+        label: label of the axis.
+        line: share to mark by a line; None for none.
+    """
+    figure = Figure(figsize=(6, 0.9 + 0.35 * len(figures)), layout="constrained")
+    axis = figure.subplots()
+    if line is not None:
+        axis.axvline(100 * line, color=GREY, ls=":", lw=1)
+    for row, one in enumerate(figures.values()):
+        low, value, high = map(_percent, (one.low, one.value, one.high))
+        axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
+        axis.plot(value, row, "o", color=BLUE)
+    axis.set_yticks(range(len(figures)), list(figures))
+    axis.set(xlabel=f"{label}; bar: 95 % interval", ylim=(len(figures) - 0.5, -0.5))
+    axis.grid(axis="x", alpha=0.2)
+    axis.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _percent(share: float | None) -> float:
+    return math.nan if share is None else 100 * share  # NaN is not drawn

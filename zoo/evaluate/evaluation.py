@@ -1,0 +1,117 @@
+"""The result of `python -m zoo.evaluate`: its figures, table and plot, and how it is printed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from simulator.track_names import short_name
+from zoo.cli.closing_lines import print_written
+from zoo.drives.metrics import METRICS
+from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
+from zoo.evaluate.drives_table import drives_table, figure_cells
+from zoo.evaluate.guard_effect import guard_line
+from zoo.evaluate.many_drives import Setup
+from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
+from zoo.evaluate.track_scores import how_well
+from zoo.runs.result_table import Result, ResultTable
+from zoo.runs.track_figures import Spread
+from zoo.verdict.judgement import Verdict, print_verdict
+
+By = dict[str, dict[float, dict]]
+
+
+@dataclass(frozen=True, repr=False)
+class Evaluation(Result):
+    """Drives of a policy in the embedded world.
+
+    Attributes:
+        folder: folder with `metrics.json`, and a folder for each drive.
+        metrics: contents of `metrics.json`.
+        verdict: whether it drives, and what to do next.
+        usual: setup of the first drive.
+        swept: figures of the perturbed drives, by perturbation and value.
+        problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
+    """
+
+    folder: Path
+    metrics: dict
+    verdict: Verdict
+    usual: Setup
+    swept: By = field(default_factory=dict)
+    problem: str = ""
+
+    @property
+    def tracks(self) -> dict[str, dict]:
+        """Return by track the mean and sample deviation of each metric."""
+        return self.metrics["tracks"]
+
+    @property
+    def drives(self) -> list[dict]:
+        """Return the figures of each drive."""
+        return self.metrics["drives"]
+
+    def __repr__(self) -> str:
+        lines = [f"  {name}: {how_well(one)}" for name, one in self.tracks.items()]
+        return "\n".join([f"Evaluation in {self.folder}: {self.verdict.headline}", *lines])
+
+    def result_table(self) -> ResultTable:
+        """Return a row of figures for each track; printed, a column for each track."""
+        rows = [{"track": name, **flat_figures(one)} for name, one in self.tracks.items()]
+        return ResultTable(rows, ["driving", *self.tracks], figure_cells(self.tracks))
+
+    def plot(self) -> Figure:
+        """Return a figure of the drives on each track, or of the perturbations' values."""
+        if self.swept:
+            return curves(self.swept, self.usual)
+        return figures_by_track(self.drives)
+
+
+def flat_figures(figures: Mapping[str, Spread | int | None]) -> dict[str, float | int | None]:
+    """Return means by metric, and sample deviations by `METRIC_std`.
+
+    >>> flat_figures({"drives": 2, "autonomy": (0.75, 0.25), "lap_s": None})
+    {'drives': 2, 'autonomy': 0.75, 'autonomy_std': 0.25, 'lap_s': None, 'lap_s_std': None}
+    """
+    found: dict[str, float | int | None] = {}
+    for name, one in figures.items():
+        if name in METRICS:
+            found[name], found[f"{name}_std"] = (None, None) if one is None else one
+        else:
+            found[name] = one
+    return found
+
+
+def print_evaluation(result: Evaluation, console: Console) -> None:
+    """Print the tables of an evaluation and the effect of a guard."""
+    console.print(drives_table(result.tracks))
+    if "guard" in result.metrics:
+        line = guard_line(result.metrics["guard"])
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if result.swept:
+        console.print(sweep_table(result.swept, result.usual))
+
+
+def print_end(result: Evaluation, written: list[Path], console: Console) -> None:
+    """Print what was written, and the verdict unless the figures are invalid."""
+    print_written([result.folder, *written], console=console)
+    if not result.problem:
+        print_verdict(result.verdict, console)
+
+
+def curves(swept: By, usual: Setup) -> Figure:
+    """Return the curves of autonomy and error over each perturbation's values."""
+    return degradation_curves(
+        {PERTURBATIONS[name].label: by_value for name, by_value in swept.items()},
+        {PERTURBATIONS[name].label: PERTURBATIONS[name].usual(usual) for name in swept},
+        f"{short_name(usual.track)}, {_how(usual)}; dotted: usual",
+    )
+
+
+def _how(usual: Setup) -> str:
+    laps = f"{usual.laps:g} lap{'' if usual.laps == 1 else 's'}"
+    if usual.throttle == "network":
+        return f"{laps} with its own throttle"
+    return f"{laps} at {usual.speed_mph:g} mph"
