@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.terminal import printable
+from zoo.cli.parts import typed_parts
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +36,12 @@ def print_written(
 
 
 def print_next(command: str, purpose: str = "", console: Console | None = None) -> None:
-    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell."""
+    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell.
+
+    The user's `parts=...` are added to a command of drivezoo.
+    """
+    if command.startswith("python -m zoo") and (parts := typed_parts()):
+        command = f"{command} {shlex.join(parts)}"
     _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
 
 

@@ -138,9 +138,9 @@ def explain(error: HydraException, arguments: list[str]) -> str:
 
 
 def valid_keys() -> list[str]:
-    """Return every key that can be overridden, including groups, `resume` and `trust`."""
+    """Return every key that users can type, including groups, `parts`, `resume` and `trust`."""
     config = compose_config([])
-    keys = ["resume", "trust"]
+    keys = ["parts", "resume", "trust"]
 
     def walk(node: dict, prefix: str) -> None:
         for key, value in node.items():

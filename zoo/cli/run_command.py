@@ -10,6 +10,7 @@ from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
+from zoo.cli.parts import take_parts
 from zoo.cli.stop_errors import StoppedError
 
 # Hydra is imported late: its import takes a third of a second, in which Ctrl-C would print a
@@ -45,6 +46,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         raise_again()
         check_arguments(arguments)
         guard_rich()
+        arguments = take_parts(arguments)
         command(arguments)
         if output:
             output.flush()

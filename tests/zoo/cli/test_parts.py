@@ -1,0 +1,198 @@
+"""Parts outside drivezoo: named by the user, never by a checkpoint or a run's folder."""
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+
+from datamodules.errors import InputError
+from datamodules.view import View
+from tests.recordings import Written
+from tests.zoo.cli.user_parts import write_network
+from tests.zoo.commands import only_line, run
+from tests.zoo.trainings import SMALL
+from zoo.cli.parts import take_parts
+from zoo.models.make_network import make_network
+from zoo.runs.saved_config import find_refusals
+
+VIEW = View((0, 0), "gray", (16, 32))
+NAMED = "parts=my_net.py"
+
+
+@pytest.fixture(scope="module")
+def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a network of the user's own for an epoch, and return the folder of file and run."""
+    folder = tmp_path_factory.mktemp("outside")
+    write_network(folder)
+    usual = [one for one in SMALL if not one.startswith("model=")]
+    places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
+    result = run(folder, NAMED, "model=my_net", *usual, *places, "trainer.max_epochs=1")
+    assert result.returncode == 0, result.stderr
+    assert NAMED in result.stdout.partition("next: ")[2], "the next command names the part"
+    return folder
+
+
+@pytest.fixture
+def place(trained: Path, tmp_path: Path) -> Path:
+    """Return a copy of the folder, which a test may change."""
+    return shutil.copytree(trained, tmp_path / "place")
+
+
+@pytest.fixture
+def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Path], None]]:
+    """Return a function that names a file of the user's in this process."""
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    yield lambda path: monkeypatch.setenv("DRIVEZOO_PARTS", str(path))
+    sys.modules.pop("my_net", None)
+
+
+def evaluate(folder: Path, *more: str) -> CompletedProcess:
+    options = ("track=lake", "laps=0.02", "workers=1", "out=evaluation")
+    return run(folder, "run", *options, *more, module="zoo.evaluate")
+
+
+def test_a_run_names_the_networks_own_model(trained: Path) -> None:
+    metrics = json.loads((trained / "run" / "metrics.json").read_text())
+    assert (metrics["model"], metrics["parameters"]) == ("my_net", 33)
+
+
+def test_it_drives_with_the_part_named(place: Path) -> None:
+    result = evaluate(place, NAMED)
+    assert result.returncode == 0, result.stderr
+    assert (place / "evaluation" / "metrics.json").is_file()
+
+
+def test_the_environment_variable_names_it_for_all_commands(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRIVEZOO_PARTS", str(place))  # a folder: all its files
+    result = run(place, "resume=run", "trainer.max_epochs=2")
+    assert result.returncode == 0, result.stderr
+    assert json.loads((place / "run" / "metrics.json").read_text())["epochs"] == 2
+
+
+@pytest.mark.parametrize("arguments", [("zoo.evaluate", "run"), ("zoo", "resume=run")])
+def test_a_checkpoint_or_run_runs_no_code_that_the_user_did_not_name(
+    arguments: tuple[str, str], place: Path
+) -> None:
+    (place / "my_net.py").write_text("raise SystemExit('it ran')\n")
+    module, named = arguments
+    more = ["trainer.max_epochs=2"] if module == "zoo" else []
+    line = only_line(run(place, named, *more, module=module))
+    assert "my_net.MyNet" in line
+    assert NAMED in line
+
+
+def test_a_changed_file_is_reported_and_used(place: Path) -> None:
+    with (place / "my_net.py").open("a") as file:
+        file.write("# changed\n")
+    result = run(place, "run", "out=m.onnx", NAMED, module="zoo.export")
+    assert result.returncode == 0, result.stderr
+    assert "my_net.py has changed" in result.stderr
+    assert (place / "m.onnx").is_file()
+
+
+def test_a_changed_file_whose_weights_do_not_fit_is_refused(place: Path) -> None:
+    code = (place / "my_net.py").read_text().replace("self.head", "self.last")
+    (place / "my_net.py").write_text(code)
+    result = run(place, "run", "out=m.onnx", NAMED, module="zoo.export")
+    assert result.returncode == 1
+    warning, refusal = result.stderr.strip().splitlines()
+    assert "my_net.py has changed" in warning
+    assert "last.weight" in refusal
+
+
+@pytest.mark.parametrize(
+    ("named", "found"),
+    [
+        ("parts=none.py", "no such file"),
+        ("parts=.my_net", "no such file"),
+        ("parts=~nobody/my_net.py", "no such file"),
+        ("parts=no_such_module", "no such file or module"),
+        ("parts=", "names no part"),
+        ("parts=[]", "names no part"),
+        (f"parts={'x' * 300}", "no such file or module"),
+        ("parts=my-net.py", "rename it"),
+    ],
+)
+def test_a_wrong_name_is_refused(
+    named: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my-net.py").touch()
+    with pytest.raises(InputError, match=f"^{re.escape(named)}.*{found}"):
+        take_parts(["seed=1", named])
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (("import Tensor, nn", "import Tensor, nm"), "line 3: ImportError"),
+        (("self.head((", "self.tail(("), "line 17: AttributeError"),
+        (("outputs = 1", "kind = 1"), "MyNet lacks outputs"),
+        ((".flatten(1))", ".flatten(1))[:, 0]"), "MyNet.forward returns [2] for 2 images"),
+        (("class MyNet", "class YourNet"), "defines no class MyNet"),
+        (("def __init__(self,", "def __init__(self, depth,"), "argument: 'shape'"),
+    ],
+)
+def test_a_mistake_in_the_file_is_one_line(
+    change: tuple[str, str], found: str, tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    path = write_network(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    named_here(path)
+    with pytest.raises(InputError, match=re.escape(found)):
+        make_network({"_target_": "my_net.MyNet"}, VIEW)
+
+
+def test_a_file_with_the_name_of_an_installed_module_is_refused(
+    tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    path = write_network(tmp_path)
+    named_here(path.rename(path.with_name("wave.py")))  # the name of one of Python's own modules
+    with pytest.raises(InputError, match=r"another module wave .*; rename"):
+        make_network({"_target_": "wave.MyNet"}, VIEW)
+
+
+def test_a_class_that_the_file_only_imports_is_refused(
+    tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    named_here(write_network(tmp_path))
+    for name in ("my_net.Tensor", "my_net.nn.Linear", "my_net.nn"):
+        with pytest.raises(InputError, match=r"my_net"):
+            make_network({"_target_": name}, VIEW)
+
+
+@pytest.mark.parametrize(
+    ("section", "allowed"), [("model", True), ("loss", True), ("optim", False), ("trainer", False)]
+)
+def test_a_saved_config_may_name_a_parts_class_of_the_sections_kind(
+    section: str, allowed: bool, tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    config = {section: {"_target_": "my_net.MyNet"}}
+    assert list(find_refusals(config)), "no part is named yet"
+    named_here(write_network(tmp_path))
+    assert allowed is not bool(list(find_refusals(config)))
+    callback = {"callbacks": {"mine": {"_target_": "my_net.MyNet"}}}
+    assert list(find_refusals(callback)), "a network is no callback"
+
+
+def test_a_yaml_that_hides_one_of_drivezoo_is_refused(tmp_path: Path) -> None:
+    write_network(tmp_path)
+    yaml = tmp_path / "conf" / "model" / "my_net.yaml"
+    yaml.rename(yaml.with_name("lenet.yaml"))
+    assert "drivezoo has model=lenet" in only_line(run(tmp_path, NAMED, "--help"))
+
+
+def test_the_help_lists_the_parts_choices_and_keys(tmp_path: Path) -> None:
+    write_network(tmp_path)
+    result = run(tmp_path, NAMED, "model=my_net", "--help")
+    assert result.returncode == 0, result.stderr
+    (models,) = [line for line in result.stdout.splitlines() if line.startswith("model: ")]
+    assert "my_net" in models.split(": ")[1].split(", ")
+    assert "model.bias=true" in result.stdout
