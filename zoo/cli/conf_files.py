@@ -38,17 +38,19 @@ def conf_folder() -> Path:
 def part_folders() -> list[Path]:
     """Return the folders of the YAML files of the user's parts.
 
+    drivezoo's own files come first. One of the same name in an installed package is not used.
+
     Raises:
-        InputError: a part has a YAML file of the same group and name as drivezoo.
+        InputError: a file's part has a YAML file of the same group and name as drivezoo.
     """
-    folders = list(dict.fromkeys(one.conf for one in named_parts() if one.conf))
-    for folder in folders:
+    parts = [one for one in named_parts() if one.conf]
+    for folder in dict.fromkeys(one.conf for one in parts if one.file):
         for path in sorted(folder.glob("*/*.yaml")):
             if (conf_folder() / path.relative_to(folder)).exists():
                 raise InputError(
                     f"{path}: drivezoo has {path.parent.name}={path.stem}; rename the file"
                 )
-    return folders
+    return list(dict.fromkeys(one.conf for one in parts))
 
 
 def choices(group: str) -> list[str]:

@@ -78,8 +78,7 @@ def name_parts(names: Iterable[str]) -> None:
     if not given and not before:
         return
     absolute = [_absolute(one, f"{KEY}={one}") for one in given]
-    kept = [_absolute(one, f"{VARIABLE}: {one}") for one in before.split(os.pathsep) if one]
-    os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*kept, *absolute]))
+    os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*filter(None, [before]), *absolute]))
     named_parts()
 
 
@@ -186,7 +185,11 @@ def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
     parts: dict[Part, None] = {}
     for one in filter(None, named.split(os.pathsep)):
         name = _absolute(one, f"{VARIABLE}: {one}")
-        if not Path(name).is_absolute():
+        is_path = Path(name).is_absolute()
+        if is_path and not Path(os.path.expanduser(one)).is_absolute():  # noqa: PTH111
+            # Another folder, such as a downloaded one, may have a file of that name.
+            raise InputError(f"{VARIABLE}: {one}: is not a whole path; write {name}")
+        if not is_path:
             parts[Part(name, conf=_conf_in(_package_folder(name)))] = None
             continue
         path = Path(name)
@@ -205,7 +208,12 @@ def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
 def _installed() -> tuple[Part, ...]:
     from importlib.metadata import entry_points  # slow import
 
-    modules = sorted({one.module for one in entry_points(group=GROUP)})
+    # Python also reads the packages' files in the current folder, which may be a downloaded one.
+    here = Path.cwd()
+    found = [one for one in entry_points(group=GROUP) if one.dist]
+    modules = sorted(
+        {one.module for one in found if Path(str(one.dist.locate_file(""))).resolve() != here}
+    )
     return tuple(Part(one, conf=_conf_in(_package_folder(one))) for one in modules)
 
 

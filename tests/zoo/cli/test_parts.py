@@ -16,7 +16,8 @@ from tests.recordings import Written
 from tests.zoo.cli.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import SMALL
-from zoo.cli.parts import take_parts
+from zoo.cli.compose import choices, compose_config
+from zoo.cli.parts import _installed, take_parts
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
 
@@ -127,6 +128,43 @@ def test_a_wrong_name_is_refused(
     (tmp_path / "my-net.py").touch()
     with pytest.raises(InputError, match=f"^{re.escape(named)}.*{found}"):
         take_parts(["seed=1", named])
+
+
+def test_an_installed_package_names_parts_but_not_one_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "drivezoo_nets"
+    write_network(package)
+    (package / "__init__.py").touch()
+    yaml = package / "conf" / "model" / "my_net.yaml"
+    yaml.write_text(yaml.read_text().replace("my_net.MyNet", "drivezoo_nets.my_net.MyNet"))
+    about = tmp_path / "drivezoo_nets-1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: drivezoo-nets\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[drivezoo.parts]\nnets = drivezoo_nets\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        _installed.cache_clear()
+        assert "my_net" in choices("model")
+        model = compose_config(["model=my_net"])["model"]
+        assert type(make_network(model, VIEW)).__module__ == "drivezoo_nets.my_net"
+        monkeypatch.chdir(tmp_path)
+        _installed.cache_clear()
+        assert "my_net" not in choices("model")
+    finally:
+        monkeypatch.undo()
+        _installed.cache_clear()
+
+
+def test_the_environment_variable_takes_whole_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a file of that name in a downloaded folder would run."""
+    write_network(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DRIVEZOO_PARTS", "my_net.py")
+    with pytest.raises(InputError, match=f"whole path; write {re.escape(str(tmp_path))}"):
+        take_parts([])
 
 
 @pytest.mark.parametrize(
