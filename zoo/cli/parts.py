@@ -168,6 +168,8 @@ def _absolute(name: str, place: str) -> str:
     """Return a file or folder as an absolute path, and a module's name unchanged."""
     path = os.path.expanduser(name)  # noqa: PTH111 Path's raises for an unknown user
     if os.path.isdir(path):  # noqa: PTH112 Path's raises for a name that is too long
+        if not _modules_in(Path(path)):
+            raise InputError(f"{place}: holds no .py file; name a file, or another folder")
         return str(Path(path).resolve())
     if os.path.isfile(path):  # noqa: PTH113
         file = Path(path).resolve()
@@ -196,12 +198,16 @@ def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
         folder = path if path.is_dir() else path.parent
         if str(folder) not in sys.path:
             sys.path.append(str(folder))  # last: it hides no installed module
-        files = [path] if path.is_file() else sorted(path.glob("[!_]*.py"))
+        files = [path] if path.is_file() else _modules_in(folder)
         conf = _conf_in(folder)
-        for file in files:
-            if path.is_file() or not file.stem.startswith("test_"):
-                parts[Part(file.stem, file, conf)] = None
+        parts |= dict.fromkeys(Part(file.stem, file, conf) for file in files)
     return tuple(parts)
+
+
+def _modules_in(folder: Path) -> list[Path]:
+    """Return the files in a folder that can hold parts: no tests, no `__init__.py`."""
+    files = sorted(folder.glob("[!_]*.py"))
+    return [one for one in files if one.stem.isidentifier() and not one.stem.startswith("test_")]
 
 
 @functools.cache

@@ -119,6 +119,7 @@ def test_a_changed_file_whose_weights_do_not_fit_is_refused(place: Path) -> None
         ("parts=[]", "names no part"),
         (f"parts={'x' * 300}", "no such file or module"),
         ("parts=my-net.py", "rename it"),
+        ("parts=empty", "holds no .py file"),
     ],
 )
 def test_a_wrong_name_is_refused(
@@ -126,6 +127,7 @@ def test_a_wrong_name_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my-net.py").touch()
+    (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=f"^{re.escape(named)}.*{found}"):
         take_parts(["seed=1", named])
 
