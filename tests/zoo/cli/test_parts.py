@@ -20,6 +20,7 @@ from zoo.cli.compose import choices, compose_config
 from zoo.cli.parts import _installed, take_parts
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
+from zoo.sweep.saved_sweep import SavedSweep, check_overrides
 
 VIEW = View((0, 0), "gray", (16, 32))
 NAMED = "parts=my_net.py"
@@ -130,6 +131,16 @@ def test_a_wrong_name_is_refused(
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=f"^{re.escape(named)}.*{found}"):
         take_parts(["seed=1", named])
+
+
+def test_a_saved_sweep_may_name_a_choice_of_a_named_part(
+    tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    sweep = SavedSweep(tmp_path / "sweep.json", ())
+    with pytest.raises(InputError, match=r"model=my_net.*parts=FILE\.py"):
+        check_overrides(["model=my_net"], sweep)
+    named_here(write_network(tmp_path))
+    check_overrides(["model=my_net"], sweep)
 
 
 def test_an_installed_package_names_parts_but_not_one_in_the_current_folder(
