@@ -233,6 +233,13 @@ def test_a_saved_config_may_name_a_parts_class_of_the_sections_kind(
     assert list(find_refusals(callback)), "a network is no callback"
 
 
+def test_a_choice_of_a_part_that_is_not_named_says_what_to_add(tmp_path: Path) -> None:
+    write_network(tmp_path)
+    line = only_line(run(tmp_path, "model=my_net", "--help"))
+    assert "model=my_net: no such choice" in line
+    assert "add parts=" in line
+
+
 def test_a_yaml_that_hides_one_of_drivezoo_is_refused(tmp_path: Path) -> None:
     write_network(tmp_path)
     yaml = tmp_path / "conf" / "model" / "my_net.yaml"
