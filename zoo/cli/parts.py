@@ -57,7 +57,7 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
     """Return the arguments without `parts=...`; add those parts to the environment variable.
 
     Raises:
-        InputError: a named part does not exist, or its YAML files hide drivezoo's.
+        InputError: a named part does not exist.
     """
     typed = [one for one in arguments if one.startswith(f"{KEY}=")]
     names = [name for one in typed for name in _split(one.partition("=")[2])]
@@ -78,7 +78,11 @@ def name_parts(names: Iterable[str]) -> None:
     if not given and not before:
         return
     absolute = [_absolute(one, f"{KEY}={one}") for one in given]
-    os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*filter(None, [before]), *absolute]))
+    for one in absolute:
+        if os.pathsep in one:
+            raise InputError(f"{KEY}={one}: a path with {os.pathsep} cannot be used; rename it")
+    kept = filter(None, before.split(os.pathsep))
+    os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*kept, *absolute]))
     named_parts()
 
 

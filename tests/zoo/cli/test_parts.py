@@ -121,6 +121,7 @@ def test_a_changed_file_whose_weights_do_not_fit_is_refused(place: Path) -> None
         (f"parts={'x' * 300}", "no such file or module"),
         ("parts=my-net.py", "rename it"),
         ("parts=empty", "holds no .py file"),
+        ("parts=co:lon/my_net.py", "cannot be used"),
     ],
 )
 def test_a_wrong_name_is_refused(
@@ -128,9 +129,11 @@ def test_a_wrong_name_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my-net.py").touch()
+    write_network(tmp_path / "co:lon")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match=f"^{re.escape(named)}.*{found}"):
+    with pytest.raises(InputError, match=f"^parts=.*{found}") as failed:
         take_parts(["seed=1", named])
+    assert named.removeprefix("parts=") in str(failed.value)
 
 
 def test_a_saved_sweep_may_name_a_choice_of_a_named_part(
