@@ -6,8 +6,8 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from subprocess import CompletedProcess
 
+import numpy as np
 import pytest
 
 from datamodules.errors import InputError
@@ -16,6 +16,8 @@ from tests.recordings import Written
 from tests.zoo.cli.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import SMALL
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import choices, compose_config
 from zoo.cli.parts import _installed, take_parts
 from zoo.models.make_network import make_network
@@ -53,20 +55,9 @@ def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Path], Non
     sys.modules.pop("my_net", None)
 
 
-def evaluate(folder: Path, *more: str) -> CompletedProcess:
-    options = ("track=lake", "laps=0.02", "workers=1", "out=evaluation")
-    return run(folder, "run", *options, *more, module="zoo.evaluate")
-
-
 def test_a_run_names_the_networks_own_model(trained: Path) -> None:
     metrics = json.loads((trained / "run" / "metrics.json").read_text())
     assert (metrics["model"], metrics["parameters"]) == ("my_net", 33)
-
-
-def test_it_drives_with_the_part_named(place: Path) -> None:
-    result = evaluate(place, NAMED)
-    assert result.returncode == 0, result.stderr
-    assert (place / "evaluation" / "metrics.json").is_file()
 
 
 def test_the_environment_variable_names_it_for_all_commands(
@@ -90,23 +81,34 @@ def test_a_checkpoint_or_run_runs_no_code_that_the_user_did_not_name(
     assert NAMED in line
 
 
-def test_a_changed_file_is_reported_and_used(place: Path) -> None:
+def test_a_checkpoint_drives_with_the_part_named(
+    trained: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    named_here(trained / "my_net.py")
+    command = load_policy(trained / "run")(np.zeros((160, 320, 3), np.uint8), 10.0)
+    assert -1 <= command.steering <= 1
+    assert capsys.readouterr().err == ""
+
+
+def test_a_changed_file_is_reported_and_used(
+    place: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
     with (place / "my_net.py").open("a") as file:
         file.write("# changed\n")
-    result = run(place, "run", "out=m.onnx", NAMED, module="zoo.export")
-    assert result.returncode == 0, result.stderr
-    assert "my_net.py has changed" in result.stderr
-    assert (place / "m.onnx").is_file()
+    named_here(place / "my_net.py")
+    load_checkpoint(place / "run")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "best.ckpt: my_net.py has changed" in line
 
 
-def test_a_changed_file_whose_weights_do_not_fit_is_refused(place: Path) -> None:
+def test_a_changed_file_whose_weights_do_not_fit_is_refused(
+    place: Path, named_here: Callable[[Path], None]
+) -> None:
     code = (place / "my_net.py").read_text().replace("self.head", "self.last")
     (place / "my_net.py").write_text(code)
-    result = run(place, "run", "out=m.onnx", NAMED, module="zoo.export")
-    assert result.returncode == 1
-    warning, refusal = result.stderr.strip().splitlines()
-    assert "my_net.py has changed" in warning
-    assert "last.weight" in refusal
+    named_here(place / "my_net.py")
+    with pytest.raises(InputError, match=r"lacks last\.weight"):
+        load_checkpoint(place / "run")
 
 
 @pytest.mark.parametrize(
