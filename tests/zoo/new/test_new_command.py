@@ -61,7 +61,7 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
     assert len(trainings) == 4
     words = list(dict.fromkeys(word for one in trainings for word in one))
     small = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
-    result = run(folder, *words, *here, *small, "trainer.max_epochs=1")
+    result = run(folder, *words, *here, *small, "quick_samples=160", "trainer.max_epochs=1")
     assert result.returncode == 0, result.stderr
     (metrics,) = folder.glob("outputs/*/*/metrics.json")
     assert json.loads(metrics.read_text())["model"] == "my_net"
