@@ -162,13 +162,15 @@ def fault_of_config(arguments: list[str]) -> str | None:
             if argument not in ("-m", "--help", "-h"):
                 return f"no option {argument}"
         elif (conf_folder() / key).is_dir():
+            # A name in capitals or of the reader's own, as my_net, stands for any choice.
             names = value.strip("[]").split(",") if value not in ("[]", "null") else []
-            unknown = [one for one in names if one not in choices(key) and not one.isupper()]
+            named = [one for one in names if not (one.isupper() or one.startswith("my_"))]
+            unknown = [one for one in named if one not in choices(key)]
             if unknown:
                 return f"no choice {key}={unknown[0]}"
-            if names and not names[0].isupper():
+            if names and named == names:
                 groups.append(f"{key}={value if value[0] == '[' else names[0]}")
-        elif key not in ("resume", "trust"):
+        elif key not in ("parts", "resume", "trust", "--config-dir"):
             keys.append(key.lstrip("+"))
     unknown = [key for key in keys if not has_key(composed(()), key)]  # of the default choices
     unknown = [key for key in unknown if not has_key(composed(tuple(sorted(groups))), key)]

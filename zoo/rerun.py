@@ -20,6 +20,7 @@ from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.compose import escape_interpolation
+from zoo.cli.parts import typed_parts
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
@@ -188,7 +189,7 @@ def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     if threads:
         environment["OMP_NUM_THREADS"] = str(threads)
-    command = [sys.executable, "-m", "zoo", f"resume={out}"]
+    command = [sys.executable, "-m", "zoo", f"resume={out}", *typed_parts()]
     if trusted:
         command.append(f"{TRUST}={','.join(trusted)}")
     status = subprocess.run(command, env=environment, check=False).returncode

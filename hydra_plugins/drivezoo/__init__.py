@@ -1,12 +1,27 @@
-"""The project's sweepers and launcher, which Hydra finds by this package's name.
+"""The project's sweepers, launcher and search path, which Hydra finds by this package's name.
 
 Hydra imports this module at every start, so it imports nothing slow.
 """
 
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.plugins.launcher import Launcher
+from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig
+
+
+class PartsSearchPath(SearchPathPlugin):
+    """The YAML files of the user's parts, for configs of drivezoo; see `zoo.cli.parts`."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Add the parts' folders after drivezoo's own."""
+        from zoo.cli.conf_files import conf_folder, part_folders
+
+        known = [str(one.path).removeprefix("file://") for one in search_path.get_path()]
+        if str(conf_folder().resolve()) in known:  # not in configs of other programs
+            for folder in part_folders():
+                search_path.append("drivezoo parts", f"file://{folder}")
 
 
 class _Sweeper(Sweeper):

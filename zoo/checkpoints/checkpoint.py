@@ -13,6 +13,7 @@ from datamodules.errors import InputError
 from datamodules.regular_file import open_binary
 from datamodules.view import View
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
+from zoo.checkpoints.part_card import check_part, part_cards
 from zoo.models.make_network import make_network
 from zoo.runs.moved_targets import with_current_targets
 
@@ -40,7 +41,9 @@ class Checkpoint:
 
 def make_card(config: dict, view: View, data: dict) -> dict:
     """Return what every checkpoint holds under the key `drivezoo`, besides the weights."""
-    return {"format": FORMAT, "config": config, "view": view.to_dict(), "data": data}
+    card = {"format": FORMAT, "config": config, "view": view.to_dict(), "data": data}
+    parts = part_cards(config)
+    return {**card, "parts": parts} if parts else card
 
 
 def read_checkpoint_file(path: str | Path) -> dict:
@@ -154,6 +157,7 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
 
     card = contents["drivezoo"]
     check_card(card, path)
+    changed = check_part(card, path)
     try:
         view = View.from_dict(card["view"])
         network = make_network(card["config"]["model"], view)
@@ -164,7 +168,8 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
     state = {
         name.removeprefix(PREFIX): one for name, one in state.items() if name.startswith(PREFIX)
     }
-    fix = f"its config was changed after the training; {_ANOTHER}"
+    what = changed or "its config"
+    fix = f"{what} was changed after the training; restore it, or {_ANOTHER}"
     check_fit(network.state_dict(), state, type(network).__name__, path, fix)
     network.load_state_dict(state)
     return Checkpoint(network.eval(), view, card["config"], card["data"])

@@ -30,12 +30,21 @@ class Data(Fields):
     speed_mph: Number | None = None
 
 
+class Part(Fields):
+    """A part of the user's that the config names, see `zoo.checkpoints.part_card`."""
+
+    module: str
+    name: str
+    sha256: str
+
+
 class Card(Fields):
     """A card, as `zoo.checkpoints.checkpoint.make_card` returns it."""
 
     config: Config
     view: View
     data: Data
+    parts: list[Part] | None = None  # only where there are some
 
 
 def check_card(card: object, path: Path) -> None:

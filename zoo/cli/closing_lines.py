@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from datamodules.terminal import printable
+from zoo.cli.parts import typed_parts
 from zoo.cli.verbosity import is_quiet
 
 if TYPE_CHECKING:
@@ -36,9 +37,15 @@ def print_written(
 
 
 def print_next(command: str, purpose: str = "", console: Console | None = None) -> None:
-    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell."""
-    if not is_quiet():
-        _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
+    """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell.
+
+    The user's `parts=...` are added to a command of drivezoo. With `-q` nothing is printed.
+    """
+    if is_quiet():
+        return
+    if command.startswith("python -m zoo") and (parts := typed_parts()):
+        command = f"{command} {shlex.join(parts)}"
+    _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
 
 
 def _print(line: str, console: Console | None) -> None:

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from datamodules.errors import UsageError
 from zoo.cli.conf_files import Key, command_keys
+from zoo.cli.parts import KEY, MEANING
 
 Options = TypeVar("Options")
 
@@ -56,6 +57,7 @@ class Command:
         purpose = self.doc.partition("`: ")[2].strip()
         rows = [help_row(name, meaning) for name, meaning in self.arguments.items()]
         keys = [help_row(f"{one.name}={one.default}", one.comment) for one in self.options()]
+        keys += [help_row(f"{KEY}=null", MEANING)] if keys else []
         parts = [f"usage: {self.usage}", purpose[:1].upper() + purpose[1:]]
         return "\n\n".join([*parts, *("\n".join(one) for one in (rows, keys) if one)])
 

@@ -125,6 +125,9 @@ def explain(error: HydraException, arguments: list[str]) -> str:
     text = str(error)
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, choice = str(error.missing_cfg_file).rpartition("/")
+        own = Path("conf", group, f"{choice}.yaml")
+        if group and own.is_file():  # the folder of a user's part, which the user has not named
+            return f"{group}={choice}: no such choice; for {own} add parts=FILE.py"
         if group:
             return f"{group}={choice}: no such choice; {hint(choice, choices(group), LISTS_ALL)}"
     found = _NO_OVERRIDE.search(text)
@@ -138,9 +141,9 @@ def explain(error: HydraException, arguments: list[str]) -> str:
 
 
 def valid_keys() -> list[str]:
-    """Return every key that can be overridden, including groups, `resume` and `trust`."""
+    """Return every key that users can type, including groups, `parts`, `resume` and `trust`."""
     config = compose_config([])
-    keys = ["resume", "trust"]
+    keys = ["parts", "resume", "trust"]
 
     def walk(node: dict, prefix: str) -> None:
         for key, value in node.items():

@@ -6,6 +6,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from datamodules.errors import InputError
+from zoo.cli.parts import named_parts
+
 _LINE = re.compile(r"(?P<indent> *)(?P<key>\w+):(?P<value>[^#]*)(?:#\s*(?P<comment>.*))?$")
 _INCLUDED = re.compile(r" *- (?P<group>[\w/]+)(?:@\w+|: (?P<choice>\w+))")
 
@@ -32,9 +35,33 @@ def conf_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "conf"
 
 
+def part_folders() -> list[Path]:
+    """Return the folders of the YAML files of the user's parts.
+
+    drivezoo's own files come first. One of the same name in an installed package is not used.
+
+    Raises:
+        InputError: a file's part has a YAML file of the same group and name as drivezoo.
+    """
+    parts = [one for one in named_parts() if one.conf]
+    for folder in dict.fromkeys(one.conf for one in parts if one.file):
+        for path in sorted(folder.glob("*/*.yaml")):
+            if (conf_folder() / path.relative_to(folder)).exists():
+                raise InputError(
+                    f"{path}: drivezoo has {path.parent.name}={path.stem}; rename the file"
+                )
+    return list(dict.fromkeys(one.conf for one in parts))
+
+
 def choices(group: str) -> list[str]:
-    """Return the names in a config group: the YAML files of its folder."""
-    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
+    """Return the names in a config group: the YAML files of its folders."""
+    return sorted(choice_files(group))
+
+
+def choice_files(group: str) -> dict[str, Path]:
+    """Return the YAML file of each choice of a group, the user's parts included."""
+    folders = [*part_folders(), conf_folder()]
+    return {path.stem: path for one in folders for path in sorted((one / group).glob("*.yaml"))}
 
 
 def command_keys(command: str) -> list[Key]:

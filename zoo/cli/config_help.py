@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from zoo.cli.command import help_row
 from zoo.cli.compose import choices, compose_with_choices, config_groups, quote_paths
-from zoo.cli.conf_files import conf_folder, keys_of
+from zoo.cli.conf_files import choice_files, conf_folder, keys_of
 
 ABOUT = """usage: python -m zoo [key=value...]
 
@@ -20,6 +20,7 @@ Trains, tests and reports one experiment; with -m, a sweep.
   python -m zoo -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
   python -m zoo resume=RUN_FOLDER                        resume a run that was stopped
     trust=my.module.Class                                allow its config to name your own class
+  python -m zoo parts=my_net.py model=my_net             train a network of your own file
   python -m zoo model=tiny --help                        show the keys and values of model=tiny
 
 See also: python -m zoo.models (list of networks), python -m zoo.preview (images that a network is
@@ -50,13 +51,14 @@ def key_comments(chosen: Mapping[str, str | None]) -> dict[str, str]:
 
     A key that the chosen file leaves without a comment has that of another file of its group.
     """
-    files = [("score", "world/embedded")]
+    files = [("score", conf_folder() / "world" / "embedded.yaml")]
     for group in config_groups():
         names = sorted(choices(group), key=lambda name, group=group: name == chosen.get(group))
-        files += [(group, f"{group}/{name}") for name in names]
+        paths = choice_files(group)
+        files += [(group, paths[name]) for name in names]
     found = {}
-    for package, name in [*files, ("", "config")]:
-        text = (conf_folder() / f"{name}.yaml").read_text(encoding="utf-8")
+    for package, path in [*files, ("", conf_folder() / "config.yaml")]:
+        text = path.read_text(encoding="utf-8")
         header = _PACKAGE.match(text)
         prefix = f"{header['package'] if header else package}.".lstrip(".")
         found |= {one.name: one.comment for one in keys_of(text, prefix) if one.comment}

@@ -12,6 +12,18 @@ from zoo.cli.version import FLAGS, version_line
 PACKAGE = Path(__file__).parents[1]
 # Commands whose name is not that of a file in zoo.
 OTHERS = {"train": "zoo", "check": "datamodules.check", "simulator": "simulator"}
+# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks; drivezoo models is a command.
+LISTED = (
+    "augmentations",
+    "callbacks",
+    "losses",
+    "optimizers",
+    "recipes",
+    "roads",
+    "schedules",
+    "suites",
+    "tracks",
+)
 HELP = ("-h", "--help", "help")
 WRONG_USE = 2  # as in zoo.cli.run_command, whose import is slower
 
@@ -29,6 +41,8 @@ def main() -> int:
     if name in FLAGS:
         print(version_line())
         return 0
+    if name in LISTED:
+        name, rest = "list", [name, *rest]
     if name not in modules:
         near = hint(name, modules, "drivezoo --help lists all")
         print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)

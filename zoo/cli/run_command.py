@@ -10,6 +10,7 @@ from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, guard_rich
 from zoo.cli.forgiving_output import ForgivingOutput
+from zoo.cli.parts import take_parts
 from zoo.cli.stop_errors import StoppedError
 from zoo.cli.verbosity import is_verbose, take_verbosity
 from zoo.cli.version import FLAGS, version_line
@@ -47,7 +48,7 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
         raise_again()
         check_arguments(arguments)
         guard_rich()
-        arguments = take_verbosity(arguments)
+        arguments = take_parts(take_verbosity(arguments))
         if set(arguments).isdisjoint(FLAGS):
             command(arguments)
         else:

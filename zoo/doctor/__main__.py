@@ -22,6 +22,7 @@ from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import CHECKPOINT, Command, is_help
 from zoo.cli.nearest import hint
+from zoo.cli.parts import take_parts
 from zoo.doctor import inputs, installation, machine, renderer, round_trip
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 
@@ -128,7 +129,7 @@ def main(arguments: list[str]) -> int:
         sys.stdout.reconfigure(errors="replace")
     counts = {OK: 0, WARNING: 0, FAULT: 0}
     try:
-        for finding in diagnose(*sort_arguments(arguments)):
+        for finding in diagnose(*sort_arguments(take_parts(arguments))):
             counts[finding.state] += 1
             print_finding(finding)
     except (ValueError, InputError) as error:

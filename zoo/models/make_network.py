@@ -9,6 +9,8 @@ from torch.overrides import TorchFunctionMode
 
 from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.cli.parts import part_class, part_of, unknown_part
+from zoo.models.part_network import check_network, part_errors
 from zoo.runs.saved_config import ALLOWED, own_class
 
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
@@ -35,25 +37,32 @@ def published_view(config: dict) -> View:
 def make_network(model: dict, view: View) -> nn.Module:
     """Return the network that a model's config names, for a view.
 
-    A config can come from an untrusted checkpoint, so its `_target_` must be in `zoo.models`.
+    A config can come from an untrusted checkpoint, so its `_target_` must be in `zoo.models` or in
+    a part that the user names.
 
     Raises:
-        InputError: the target is no network of the zoo, or the network refuses a setting.
+        InputError: the target is no network of the zoo or of a part, or the network refuses a
+            setting; or a part's network does not work as one.
     """
     target = model.get("_target_")
-    network_class = own_class(target, ALLOWED["model",].own)
+    part = part_of(target)
+    network_class = part_class(target) if part else own_class(target, ALLOWED["model",].own)
     if network_class is None or not issubclass(network_class, nn.Module):
         raise InputError(
-            f"model._target_={target!s:.200}: is no network of zoo.models; "
-            "python -m zoo.models lists them"
+            f"model._target_={target!s:.200}: is no network of zoo.models "
+            f"(python -m zoo.models lists them); {unknown_part(target)}"
         )
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape
+    shape = (channels, height, width)
     try:
-        with LimitedParameters():
-            return network_class((channels, height, width), **settings)
+        with LimitedParameters(), part_errors(part):
+            network = network_class(shape, **settings)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(str(error)) from None
+    if part is not None:
+        check_network(network, shape, part)
+    return network
 
 
 class LimitedParameters(TorchFunctionMode):

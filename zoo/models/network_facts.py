@@ -20,4 +20,5 @@ def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
 
 def paper(network: torch.nn.Module) -> str:
     """Return the first line of the docstring of a network's module, which names its source."""
-    return inspect.getdoc(sys.modules[type(network).__module__]).splitlines()[0].rstrip(".")
+    text = inspect.getdoc(sys.modules[type(network).__module__])
+    return text.splitlines()[0].rstrip(".") if text else "no source named"

@@ -3,9 +3,11 @@
 Hydra calls any function that a `_target_` names. A config that the user typed, or that the package
 contains, may name any. A config from a run's folder or a checkpoint may name only classes of a
 fixed list for each section, and no other module is imported. (Hydra's own blocklist is not a
-security boundary, as its source says.) A saved config still decides which recording and weights are
-read, where decoded views are cached (`data.cache`), and how much time, memory and how many
-processes a run takes.
+security boundary, as its source says.) It may also name classes of the parts that the user names
+or has installed (see `zoo.cli.parts`), if they are of the section's kind.
+
+A saved config still decides which recording and weights are read, where decoded views are cached
+(`data.cache`), and how much time, memory and how many processes a run takes.
 """
 
 import importlib
@@ -22,6 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
+from zoo.cli.parts import part_class, unknown_part
 
 TRUST = "trust"  # key with which the user allows more
 RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a config
@@ -36,21 +39,27 @@ class Allowed:
     Attributes:
         own: drivezoo's modules; the class must be defined there, not imported.
         names: full names of other packages' classes.
+        base: full name of the class that the classes of the user's parts derive from; empty where
+            no part may be named.
     """
 
     own: tuple[str, ...] = ()
     names: frozenset[str] = frozenset()
+    base: str = ""
 
 
 def _of(module: str, names: str) -> frozenset[str]:
     return frozenset(f"{module}.{name}" for name in names.split())
 
 
+MODULE = "torch.nn.modules.module.Module"
 # By the keys above a `_target_`; * stands for any name.
 ALLOWED = {
-    ("model",): Allowed(own=("zoo.models.*",)),
+    ("model",): Allowed(own=("zoo.models.*",), base=MODULE),
     ("loss",): Allowed(
-        own=("zoo.losses",), names=_of("torch.nn", "HuberLoss L1Loss MSELoss SmoothL1Loss")
+        own=("zoo.losses",),
+        names=_of("torch.nn", "HuberLoss L1Loss MSELoss SmoothL1Loss"),
+        base=MODULE,
     ),
     ("optim",): Allowed(
         names=_of("torch.optim", "Adadelta Adagrad Adam Adamax AdamW NAdam RAdam RMSprop SGD")
@@ -76,6 +85,7 @@ ALLOWED = {
             "RandomSnow RandomSunFlare RGBShift SaltAndPepper Sharpen ShotNoise Solarize ToGray "
             "ToSepia ZoomBlur",
         ),
+        base="albumentations.core.transforms_interface.BasicTransform",
     ),
     ("callbacks", "*"): Allowed(
         own=("zoo.callbacks.*", "zoo.sweep.pruning"),
@@ -84,6 +94,7 @@ ALLOWED = {
             "DeviceStatsMonitor EarlyStopping LearningRateMonitor ModelCheckpoint ModelSummary "
             "RichModelSummary RichProgressBar StochasticWeightAveraging Timer TQDMProgressBar",
         ),
+        base="lightning.pytorch.callbacks.callback.Callback",
     ),
     # MLflow and Weights & Biases are not here: they send figures to a server of the config.
     ("logger", "*"): Allowed(names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")),
@@ -156,9 +167,11 @@ def check_saved_config(
             resolved.
     """
     for one in find_refusals(config, source, trusted, typed):
+        remedy = f"if you trust it, add {TRUST}={one.trust:.200}"
+        if one.key == "model._target_":  # `make_network` takes no other network, trusted or not
+            remedy = unknown_part(one.value)
         raise InputError(
-            f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; if you "
-            f"trust it, add {TRUST}={one.trust:.200}"
+            f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; {remedy}"
         )
 
 
@@ -289,8 +302,18 @@ def _is_allowed(place: Keys, target: object) -> bool:
         if len(pattern) == len(place) and all(
             one in ("*", name) for one, name in zip(pattern, place, strict=True)
         ):
-            return target in allowed.names or own_class(target, allowed.own) is not None
+            is_known = target in allowed.names or own_class(target, allowed.own) is not None
+            return is_known or _is_of_part(target, allowed.base)
     return False
+
+
+def _is_of_part(target: object, base: str) -> bool:
+    """Return whether a class of one of the user's parts derives from a class with a full name."""
+    found = part_class(target) if base else None
+    names = (
+        [f"{one.__module__}.{one.__qualname__}" for one in inspect.getmro(found)] if found else []
+    )
+    return base in names
 
 
 def _is_shipped(place: Keys, config: Mapping) -> bool:

@@ -17,6 +17,7 @@ from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from datamodules.errors import InputError
+from zoo.cli.parts import VARIABLE
 
 if TYPE_CHECKING:
     from hydra.plugins.launcher import Launcher
@@ -52,7 +53,7 @@ def launch_on_ray(
             )
             with open_dict(config):
                 config.hydra.job.id = config.hydra.job.num = number
-            place = (str(Path.cwd()), sys.path)
+            place = (str(Path.cwd()), sys.path, os.environ.get(VARIABLE, ""))
             state = Singleton.get_state()
             tasks.append(
                 task.remote(launcher.hydra_context, launcher.task_function, config, state, place)
@@ -69,10 +70,10 @@ def _run(
     function: TaskFunction,
     config: DictConfig,
     state: dict[Any, Any],
-    place: tuple[str, list[str]],
+    place: tuple[str, list[str], str],
 ) -> JobReturn:
-    """Run a job in a process of the cluster, with the sweep's current folder and import path."""
-    folder, paths = place
+    """Run a job in a process of the cluster, with the sweep's folder, import path and parts."""
+    folder, paths, os.environ[VARIABLE] = place
     os.chdir(folder)
     sys.path[:] = [*paths, *(one for one in sys.path if one not in paths)]
     setup_globals()

@@ -17,6 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
 from zoo.cli.compose import choices, config_groups, quote_paths
+from zoo.cli.parts import KEY
 from zoo.runs.saved_config import TRUST, check_saved_config
 
 LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")
@@ -120,7 +121,9 @@ def _chosen(one: Override) -> Iterator[str]:
 def _refuse(text: str, name: str, sweep: SavedSweep) -> None:
     if name in sweep.trusted:
         return
+    remedy = f"if you know it and trust it, add {TRUST}={name:.200}"
+    if name in config_groups():  # a choice that drivezoo lacks
+        remedy = f"if it is from a file of yours, add {KEY}=FILE.py; {remedy}"
     raise InputError(
-        f"{sweep.source}: {text!r:.200} is not allowed in a saved sweep, nothing was run; if you "
-        f"know it and trust it, add {TRUST}={name:.200}"
+        f"{sweep.source}: {text!r:.200} is not allowed in a saved sweep, nothing was run; {remedy}"
     )

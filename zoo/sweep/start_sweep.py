@@ -16,6 +16,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.cli.compose import conf_folder, quote, quote_paths
+from zoo.cli.parts import typed_parts
 from zoo.cli.stop_errors import StoppedError
 from zoo.leaderboard.ranking_table import wide_console
 from zoo.runs.run_folder import check_name
@@ -117,7 +118,8 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
                 _run_hydra([*quote_paths(arguments, sweep=True), named])
             except KeyboardInterrupt:
-                again = shlex.join(["python", "-m", "zoo.sweep", f"resume={folder}"])
+                again = ["python", "-m", "zoo.sweep", f"resume={folder}", *typed_parts()]
+                again = shlex.join(again)
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
             except Exception:
                 if is_new:

@@ -23,6 +23,7 @@ from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.checkpoints.initial_weights import load_weights
+from zoo.cli.parts import import_part, part_of
 from zoo.models.make_network import make_network, view_of
 from zoo.training.compilation import compile_step
 from zoo.training.embedded_recording import with_recording
@@ -254,6 +255,9 @@ def silence_libraries() -> None:
 def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> object:
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
+    target = settings.get("_target_")
+    if part := part_of(target):  # its own errors, in one line
+        import_part(part, target.rpartition(".")[0])
     # Hydra resolves ${ in a path even if it is escaped: such paths are passed at the call.
     late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
     more = {name: one for name, one in more.items() if name not in late}

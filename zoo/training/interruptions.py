@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from datamodules.errors import InputError
+from zoo.cli.parts import typed_parts
 from zoo.cli.stop_errors import StoppedError
 from zoo.runs.status import read_status
 
@@ -46,7 +47,7 @@ def _open_file(error: OSError) -> str | None:
 
 def resume_command(folder: Path) -> str:
     """Return the command that resumes a run."""
-    return shlex.join(["python", "-m", "zoo", f"resume={folder}"])
+    return shlex.join(["python", "-m", "zoo", f"resume={folder}", *typed_parts()])
 
 
 def kept_without_last(folder: Path) -> str:

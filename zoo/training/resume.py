@@ -10,6 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.errors import InputError
 from zoo.cli.compose import config_groups, quote_paths
 from zoo.cli.console_progress import loading
+from zoo.cli.parts import typed_parts
 from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys, split_trust
 from zoo.runs.whole_file import refuse_links_out
 
@@ -113,6 +114,7 @@ class FinishedRun:
         lines += [f"report: {page}"] if page.is_file() else []
         if self.last.is_file():
             command = ["python", "-m", "zoo", f"resume={self.folder}", *self._more()]
+            command += typed_parts()
             lines.append(f"train further: {shlex.join(command)}")
         if self.best.is_file():
             lines.append(f"or start a new run from its weights: model.weights={self.best}")

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
+from zoo.checkpoints.part_card import check_part
 from zoo.training.interruptions import kept_without_last
 from zoo.training.steering_module import SteeringModule
 
@@ -54,6 +55,7 @@ def find_resume_point(folder: Path, card: dict, console: Console) -> ResumePoint
             console.print(line, highlight=False, markup=False)
         return None
     checkpoint = read_checkpoint_file(last)  # executes no code from the file
+    check_part(checkpoint["drivezoo"], last)
     before = checkpoint["drivezoo"]["data"]
     if any(before.get(key) != card["data"][key] for key in ("fingerprint", "rows")):
         raise InputError(

@@ -3,7 +3,7 @@
 from omegaconf import DictConfig, OmegaConf
 
 from datamodules.errors import InputError
-from zoo.cli.conf_files import choices, conf_folder
+from zoo.cli.conf_files import choice_files
 
 # For networks without the key, and for configs of older versions.
 SINGLE_FRAME = {"sequence": 1, "stride": 1, "ahead": 0}
@@ -37,5 +37,5 @@ def settle_windows(config: DictConfig) -> DictConfig:
 
 def models_with(key: str) -> list[str]:
     """Return the names of the models whose YAML has a key."""
-    folder = conf_folder() / "model"
-    return [name for name in choices("model") if key in OmegaConf.load(folder / f"{name}.yaml")]
+    files = choice_files("model")
+    return [name for name in sorted(files) if key in OmegaConf.load(files[name])]

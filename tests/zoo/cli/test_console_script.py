@@ -38,6 +38,7 @@ def test_a_command_is_that_of_python_m(tmp_path: Path) -> None:
     assert result.returncode == 1
     assert "no run=[1]" in result.stderr
     assert drivezoo(tmp_path, "leaderboard", "--help").stdout.startswith("usage: ")
+    assert "zoo_lake" in drivezoo(tmp_path, "tracks").stdout, "drivezoo list tracks"
 
 
 def test_a_typo_gets_one_line_and_the_status_of_wrong_use(tmp_path: Path) -> None:

@@ -1,0 +1,261 @@
+"""Parts outside drivezoo: named by the user, never by a checkpoint or a run's folder."""
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.errors import InputError
+from datamodules.view import View
+from tests.recordings import Written
+from tests.zoo.cli.user_parts import write_network
+from tests.zoo.commands import only_line, run
+from tests.zoo.trainings import SMALL
+from zoo.checkpoints.checkpoint import load_checkpoint
+from zoo.checkpoints.policy import load_policy
+from zoo.cli.compose import choices, compose_config
+from zoo.cli.parts import _installed, take_parts
+from zoo.models.make_network import make_network
+from zoo.runs.saved_config import find_refusals
+from zoo.sweep.saved_sweep import SavedSweep, check_overrides
+
+VIEW = View((0, 0), "gray", (16, 32))
+NAMED = "parts=my_net.py"
+
+
+@pytest.fixture(scope="module")
+def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Train a network of the user's own for an epoch, and return the folder of file and run."""
+    folder = tmp_path_factory.mktemp("outside")
+    write_network(folder)
+    usual = [one for one in SMALL if not one.startswith("model=")]
+    places = (f"data.root={recorded.folder}", "data.cache=null", "hydra.run.dir=run")
+    result = run(folder, NAMED, "model=my_net", *usual, *places, "trainer.max_epochs=1")
+    assert result.returncode == 0, result.stderr
+    assert NAMED in result.stdout.partition("next: ")[2], "the next command names the part"
+    return folder
+
+
+@pytest.fixture
+def place(trained: Path, tmp_path: Path) -> Path:
+    """Return a copy of the folder, which a test may change."""
+    return shutil.copytree(trained, tmp_path / "place")
+
+
+@pytest.fixture
+def named_here(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Path], None]]:
+    """Return a function that names a file of the user's in this process."""
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    yield lambda path: monkeypatch.setenv("DRIVEZOO_PARTS", str(path))
+    sys.modules.pop("my_net", None)
+
+
+def test_a_run_names_the_networks_own_model(trained: Path) -> None:
+    metrics = json.loads((trained / "run" / "metrics.json").read_text())
+    assert (metrics["model"], metrics["parameters"]) == ("my_net", 33)
+
+
+def test_the_environment_variable_names_it_for_all_commands(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRIVEZOO_PARTS", str(place))  # a folder: all its files
+    result = run(place, "resume=run", "trainer.max_epochs=2")
+    assert result.returncode == 0, result.stderr
+    assert json.loads((place / "run" / "metrics.json").read_text())["epochs"] == 2
+
+
+@pytest.mark.parametrize("arguments", [("zoo.evaluate", "run"), ("zoo", "resume=run")])
+def test_a_checkpoint_or_run_runs_no_code_that_the_user_did_not_name(
+    arguments: tuple[str, str], place: Path
+) -> None:
+    (place / "my_net.py").write_text("raise SystemExit('it ran')\n")
+    module, named = arguments
+    more = ["trainer.max_epochs=2"] if module == "zoo" else []
+    line = only_line(run(place, named, *more, module=module))
+    assert "my_net.MyNet" in line
+    assert NAMED in line
+
+
+def test_a_checkpoint_drives_with_the_part_named(
+    trained: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    named_here(trained / "my_net.py")
+    command = load_policy(trained / "run")(np.zeros((160, 320, 3), np.uint8), 10.0)
+    assert -1 <= command.steering <= 1
+    assert capsys.readouterr().err == ""
+
+
+def test_a_changed_file_is_reported_and_used(
+    place: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (place / "my_net.py").open("a") as file:
+        file.write("# changed\n")
+    named_here(place / "my_net.py")
+    load_checkpoint(place / "run")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "best.ckpt: my_net.py has changed" in line
+
+
+def test_a_changed_file_whose_weights_do_not_fit_is_refused(
+    place: Path, named_here: Callable[[Path], None]
+) -> None:
+    code = (place / "my_net.py").read_text().replace("self.head", "self.last")
+    (place / "my_net.py").write_text(code)
+    named_here(place / "my_net.py")
+    with pytest.raises(InputError, match=r"lacks last\.weight"):
+        load_checkpoint(place / "run")
+
+
+@pytest.mark.parametrize(
+    ("named", "found"),
+    [
+        ("parts=none.py", "no such file"),
+        ("parts=.my_net", "no such file"),
+        ("parts=~nobody/my_net.py", "no such file"),
+        ("parts=no_such_module", "no such file or module"),
+        ("parts=", "names no part"),
+        ("parts=[]", "names no part"),
+        (f"parts={'x' * 300}", "no such file or module"),
+        ("parts=my-net.py", "rename it"),
+        ("parts=empty", "holds no .py file"),
+        ("parts=co:lon/my_net.py", "cannot be used"),
+    ],
+)
+def test_a_wrong_name_is_refused(
+    named: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my-net.py").touch()
+    write_network(tmp_path / "co:lon")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=f"^parts=.*{found}") as failed:
+        take_parts(["seed=1", named])
+    assert named.removeprefix("parts=") in str(failed.value)
+
+
+def test_a_saved_sweep_may_name_a_choice_of_a_named_part(
+    tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    sweep = SavedSweep(tmp_path / "sweep.json", ())
+    with pytest.raises(InputError, match=r"model=my_net.*parts=FILE\.py"):
+        check_overrides(["model=my_net"], sweep)
+    named_here(write_network(tmp_path))
+    check_overrides(["model=my_net"], sweep)
+
+
+def test_an_installed_package_names_parts_but_not_one_in_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "drivezoo_nets"
+    write_network(package)
+    (package / "__init__.py").touch()
+    yaml = package / "conf" / "model" / "my_net.yaml"
+    yaml.write_text(yaml.read_text().replace("my_net.MyNet", "drivezoo_nets.my_net.MyNet"))
+    about = tmp_path / "drivezoo_nets-1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: drivezoo-nets\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[drivezoo.parts]\nnets = drivezoo_nets\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        _installed.cache_clear()
+        assert "my_net" in choices("model")
+        model = compose_config(["model=my_net"])["model"]
+        assert type(make_network(model, VIEW)).__module__ == "drivezoo_nets.my_net"
+        monkeypatch.chdir(tmp_path)
+        _installed.cache_clear()
+        assert "my_net" not in choices("model")
+    finally:
+        monkeypatch.undo()
+        _installed.cache_clear()
+
+
+def test_the_environment_variable_takes_whole_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a file of that name in a downloaded folder would run."""
+    write_network(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DRIVEZOO_PARTS", "my_net.py")
+    with pytest.raises(InputError, match=f"whole path; write {re.escape(str(tmp_path))}"):
+        take_parts([])
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (("import Tensor, nn", "import Tensor, nm"), "line 3: ImportError"),
+        (("self.head((", "self.tail(("), "line 17: AttributeError"),
+        (("outputs = 1", "kind = 1"), "MyNet lacks outputs"),
+        ((".flatten(1))", ".flatten(1))[:, 0]"), "MyNet.forward returns [2] for 2 images"),
+        (("class MyNet", "class YourNet"), "defines no class MyNet"),
+        (("def __init__(self,", "def __init__(self, depth,"), "argument: 'shape'"),
+    ],
+)
+def test_a_mistake_in_the_file_is_one_line(
+    change: tuple[str, str], found: str, tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    path = write_network(tmp_path)
+    path.write_text(path.read_text().replace(*change))
+    named_here(path)
+    with pytest.raises(InputError, match=re.escape(found)):
+        make_network({"_target_": "my_net.MyNet"}, VIEW)
+
+
+def test_a_file_with_the_name_of_an_installed_module_is_refused(
+    tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    path = write_network(tmp_path)
+    named_here(path.rename(path.with_name("wave.py")))  # the name of one of Python's own modules
+    with pytest.raises(InputError, match=r"another module wave .*; rename"):
+        make_network({"_target_": "wave.MyNet"}, VIEW)
+
+
+def test_a_class_that_the_file_only_imports_is_refused(
+    tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    named_here(write_network(tmp_path))
+    for name in ("my_net.Tensor", "my_net.nn.Linear", "my_net.nn"):
+        with pytest.raises(InputError, match=r"my_net"):
+            make_network({"_target_": name}, VIEW)
+
+
+@pytest.mark.parametrize(
+    ("section", "allowed"), [("model", True), ("loss", True), ("optim", False), ("trainer", False)]
+)
+def test_a_saved_config_may_name_a_parts_class_of_the_sections_kind(
+    section: str, allowed: bool, tmp_path: Path, named_here: Callable[[Path], None]
+) -> None:
+    config = {section: {"_target_": "my_net.MyNet"}}
+    assert list(find_refusals(config)), "no part is named yet"
+    named_here(write_network(tmp_path))
+    assert allowed is not bool(list(find_refusals(config)))
+    callback = {"callbacks": {"mine": {"_target_": "my_net.MyNet"}}}
+    assert list(find_refusals(callback)), "a network is no callback"
+
+
+def test_a_choice_of_a_part_that_is_not_named_says_what_to_add(tmp_path: Path) -> None:
+    write_network(tmp_path)
+    line = only_line(run(tmp_path, "model=my_net", "--help"))
+    assert "model=my_net: no such choice" in line
+    assert "add parts=" in line
+
+
+def test_a_yaml_that_hides_one_of_drivezoo_is_refused(tmp_path: Path) -> None:
+    write_network(tmp_path)
+    yaml = tmp_path / "conf" / "model" / "my_net.yaml"
+    yaml.rename(yaml.with_name("lenet.yaml"))
+    assert "drivezoo has model=lenet" in only_line(run(tmp_path, NAMED, "--help"))
+
+
+def test_the_help_lists_the_parts_choices_and_keys(tmp_path: Path) -> None:
+    write_network(tmp_path)
+    result = run(tmp_path, NAMED, "model=my_net", "--help")
+    assert result.returncode == 0, result.stderr
+    (models,) = [line for line in result.stdout.splitlines() if line.startswith("model: ")]
+    assert "my_net" in models.split(": ")[1].split(", ")
+    assert "model.bias=true" in result.stdout

@@ -1,0 +1,248 @@
+"""Parts outside drivezoo: the user's own networks, losses, augmentations and callbacks.
+
+Only the user who types a command, or who installed a package, chooses code that runs. The user
+names files, folders and modules with `parts=NAME,NAME` or in the environment variable
+`DRIVEZOO_PARTS`; a package names modules as entry points of the group `drivezoo.parts`. A
+checkpoint, a run's folder or a recording names none. The variable also takes the typed names to
+processes that a command starts.
+
+A part is imported when a config names one of its classes. Its YAML files stand in `conf` next to
+it, arranged as drivezoo's own: `conf/model/NAME.yaml`.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import inspect
+import os
+import sys
+import traceback
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from datamodules.errors import InputError, UsageError
+
+KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
+MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A module outside drivezoo that configs may name.
+
+    Attributes:
+        module: full name.
+        file: its file; None for a module that Python finds by its name.
+        conf: folder of its YAML files; None without one.
+    """
+
+    module: str
+    file: Path | None = None
+    conf: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name that a user types after `parts=`, without the folder."""
+        return self.file.name if self.file else self.module
+
+    def holds(self, module: str) -> bool:
+        """Return whether a module is this part, or lies in this package."""
+        return module == self.module or (self.file is None and module.startswith(f"{self.module}."))
+
+
+def take_parts(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments without `parts=...`; add those parts to the environment variable.
+
+    Raises:
+        InputError: a named part does not exist.
+    """
+    typed = [one for one in arguments if one.startswith(f"{KEY}=")]
+    names = [name for one in typed for name in _split(one.partition("=")[2])]
+    if typed and not names:
+        raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
+    name_parts(names)
+    return [one for one in arguments if one not in typed]
+
+
+def name_parts(names: Iterable[str]) -> None:
+    """Add parts to those of the environment variable, for this process and those it starts.
+
+    Raises:
+        InputError: see `take_parts`.
+    """
+    given = list(names)
+    before = os.environ.get(VARIABLE, "")
+    if not given and not before:
+        return
+    absolute = [_absolute(one, f"{KEY}={one}") for one in given]
+    for one in absolute:
+        if os.pathsep in one:
+            raise InputError(f"{KEY}={one}: a path with {os.pathsep} cannot be used; rename it")
+    kept = filter(None, before.split(os.pathsep))
+    os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*kept, *absolute]))
+    named_parts()
+
+
+def typed_parts() -> list[str]:
+    """Return the `parts=...` that the user typed, for commands that are printed."""
+    return [one for one in sys.orig_argv if one.startswith(f"{KEY}=")]
+
+
+def named_parts() -> tuple[Part, ...]:
+    """Return all parts: the user's, then those of installed packages.
+
+    Python then finds the modules of files and folders by their names.
+
+    Raises:
+        InputError: a part in the environment variable does not exist.
+    """
+    return (*_parts_of(os.environ.get(VARIABLE, ""), Path.cwd()), *_installed())
+
+
+def part_of(target: object) -> Part | None:
+    """Return the part whose module a `_target_` names, or None."""
+    module = target.rpartition(".")[0] if isinstance(target, str) else ""
+    return next((one for one in named_parts() if one.holds(module)), None)
+
+
+def part_class(target: object) -> type | None:
+    """Return the class of a part that a `_target_` names; None if it is no part's.
+
+    Raises:
+        InputError: the part cannot be imported, or defines no such class.
+    """
+    part = part_of(target)
+    if part is None:
+        return None
+    module, _, name = str(target).rpartition(".")
+    found = getattr(import_part(part, module), name, None)
+    # Refuse `my_net.nn.Sequential` and what the part imported: the module must define the class.
+    if not inspect.isclass(found) or found.__module__ != module:
+        raise InputError(f"{part.name}: defines no class {name}; correct _target_={target!s:.200}")
+    return found
+
+
+def import_part(part: Part, module: str) -> object:
+    """Return a module of a part.
+
+    Raises:
+        InputError: the part cannot be imported, or Python finds another module of its name.
+    """
+    if part.file is not None:
+        loaded = getattr(sys.modules.get(module), "__file__", None)
+        found = None if loaded else importlib.util.find_spec(module)
+        place = loaded or (found and found.origin) or "built in"
+        if Path(place).resolve() != part.file:
+            raise InputError(
+                f"{part.file}: Python has another module {module} ({place}); rename the file"
+            )
+    try:
+        return importlib.import_module(module)
+    except InputError:
+        raise
+    except Exception as error:
+        place = error_place(error, part)
+        raise InputError(f"{place}: {type(error).__name__}: {error}; correct it") from error
+
+
+def error_place(error: BaseException, part: Part) -> str:
+    """Return the part's file and the line where an error was raised."""
+    file = str(part.file or getattr(sys.modules.get(part.module), "__file__", "") or part.name)
+    lines = [
+        one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == file
+    ]
+    return f"{part.name}: line {lines[-1]}" if lines else part.name
+
+
+def unknown_part(target: object) -> str:
+    """Return the remedy for a class that no part defines."""
+    module = str(target).rpartition(".")[0]
+    name = module if "." in module else f"{module}.py"
+    return f"if you have {name:.100} and trust it, add {KEY}={name:.100}"
+
+
+def _split(names: str) -> list[str]:
+    return [one for one in (part.strip() for part in names.strip("[]").split(",")) if one]
+
+
+def _absolute(name: str, place: str) -> str:
+    """Return a file or folder as an absolute path, and a module's name unchanged."""
+    path = os.path.expanduser(name)  # noqa: PTH111 Path's raises for an unknown user
+    if os.path.isdir(path):  # noqa: PTH112 Path's raises for a name that is too long
+        if not _modules_in(Path(path)):
+            raise InputError(f"{place}: holds no .py file; name a file, or another folder")
+        return str(Path(path).resolve())
+    if os.path.isfile(path):  # noqa: PTH113
+        file = Path(path).resolve()
+        if file.suffix != ".py" or not file.stem.isidentifier():
+            raise InputError(f"{place}: is no Python module; rename it, such as my_net.py")
+        return str(file)
+    is_module = all(one.isidentifier() for one in name.split(".")) and not name.endswith(".py")
+    if not is_module or importlib.util.find_spec(name.partition(".")[0]) is None:
+        raise InputError(f"{place}: no such file or module; name a .py file, or its folder")
+    return name
+
+
+@functools.lru_cache
+def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
+    parts: dict[Part, None] = {}
+    for one in filter(None, named.split(os.pathsep)):
+        name = _absolute(one, f"{VARIABLE}: {one}")
+        is_path = Path(name).is_absolute()
+        if is_path and not Path(os.path.expanduser(one)).is_absolute():  # noqa: PTH111
+            # Another folder, such as a downloaded one, may have a file of that name.
+            raise InputError(f"{VARIABLE}: {one}: is not a whole path; write {name}")
+        if not is_path:
+            parts[Part(name, conf=_conf_in(_package_folder(name)))] = None
+            continue
+        path = Path(name)
+        folder = path if path.is_dir() else path.parent
+        if str(folder) not in sys.path:
+            sys.path.append(str(folder))  # last: it hides no installed module
+        files = [path] if path.is_file() else _modules_in(folder)
+        conf = _conf_in(folder)
+        parts |= dict.fromkeys(Part(file.stem, file, conf) for file in files)
+    return tuple(parts)
+
+
+def _modules_in(folder: Path) -> list[Path]:
+    """Return the files in a folder that can hold parts: no tests, no `__init__.py`."""
+    files = sorted(folder.glob("[!_]*.py"))
+    return [one for one in files if one.stem.isidentifier() and not one.stem.startswith("test_")]
+
+
+@functools.cache
+def _installed() -> tuple[Part, ...]:
+    from importlib.metadata import entry_points  # slow import
+
+    # Python also reads the packages' files in the current folder, which may be a downloaded one.
+    here = Path.cwd()
+    found = [one for one in entry_points(group=GROUP) if one.dist]
+    modules = sorted(
+        {one.module for one in found if Path(str(one.dist.locate_file(""))).resolve() != here}
+    )
+    return tuple(Part(one, conf=_conf_in(_package_folder(one))) for one in modules)
+
+
+def _package_folder(module: str) -> Path | None:
+    """Return the folder of the innermost package of a module's name, without importing it."""
+    top, *rest = module.split(".")
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    folder = Path(next(iter(spec.submodule_search_locations)))
+    for name in rest:
+        if not (folder / name).is_dir():
+            break
+        folder /= name
+    return folder
+
+
+def _conf_in(folder: Path | None) -> Path | None:
+    return folder / "conf" if folder and (folder / "conf").is_dir() else None

@@ -1,0 +1,102 @@
+"""`python -m zoo.list [KIND]`: list networks, tracks, augmentations, losses, recipes and suites.
+
+Prints each choice with a description. `parts=my_net.py` adds your own.
+"""
+
+import ast
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+from datamodules.errors import UsageError
+from datamodules.terminal import printable
+from zoo.cli.closing_lines import print_next
+from zoo.cli.command import Command, help_row
+from zoo.cli.conf_files import choice_files
+from zoo.cli.nearest import hint
+from zoo.cli.parts import part_of
+from zoo.cli.run_command import run_command
+
+# By kind: its group in `conf`, and how a user types a choice.
+KINDS = {
+    "models": ("model", "model=NAME"),
+    "augmentations": ("augment", "augment=[NAME,NAME]"),
+    "losses": ("loss", "loss=NAME"),
+    "optimizers": ("optim", "optim=NAME"),
+    "schedules": ("schedule", "schedule=NAME"),
+    "callbacks": ("callbacks", "callbacks=NAME"),
+    "recipes": ("experiment", "experiment=NAME"),
+    "tracks": ("track", "track=NAME"),
+    "roads": ("road", "track=NAME:NUMBER"),
+    "suites": ("suite", "suite=NAME"),
+}
+COMMAND = Command(__doc__, {"[KIND]": ", ".join(KINDS)})
+OWN = ("zoo", "datamodules")
+_USAGE = re.compile(r"(@package|python -m|pip install) ")
+_TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
+
+
+def print_choices(arguments: list[str]) -> None:
+    """Print the choices of a kind, or of every kind.
+
+    Raises:
+        UsageError: there is no such kind.
+    """
+    asked, _ = COMMAND.split(arguments)
+    for kind in asked or KINDS:
+        if kind not in KINDS:
+            raise UsageError(f"{kind}: no such kind; {hint(kind, KINDS)}")
+        group, typed = KINDS[kind]
+        print(f"{kind}, {typed}")
+        for name, path in sorted(choice_files(group).items()):
+            print(printable_lines(help_row(name, description(path))))
+        print()
+    print_next("python -m zoo.new model my_net", "write one of your own")
+
+
+def description(path: Path) -> str:
+    """Return the first sentence on a choice: of its YAML's comment, or its class's docstring."""
+    text = path.read_text(encoding="utf-8")
+    comment = []
+    for line in text.splitlines():
+        if not line.startswith("# ") or (comment and _USAGE.match(line, 2)):
+            break
+        if not _USAGE.match(line, 2):
+            comment.append(line[2:].strip())
+    found = _TARGET.search(text)
+    return _sentence(" ".join(comment) or (class_docstring(found[1]) if found else ""))
+
+
+def class_docstring(target: str) -> str:
+    """Return the docstring of drivezoo's or a part's class, without importing it.
+
+    Other packages' classes have none here: importing them takes seconds.
+    """
+    module, _, name = target.rpartition(".")
+    part = part_of(target)
+    file = part.file if part else None
+    if file is None and (part or module.partition(".")[0] in OWN):
+        spec = importlib.util.find_spec(module)
+        file = Path(spec.origin) if spec and spec.origin else None
+    if file is None:
+        return ""
+    try:
+        nodes = ast.parse(file.read_text(encoding="utf-8")).body
+    except (OSError, SyntaxError, ValueError):
+        return ""
+    classes = [one for one in nodes if isinstance(one, ast.ClassDef) and one.name == name]
+    return " ".join((ast.get_docstring(classes[0]) or "").split()) if classes else ""
+
+
+def printable_lines(text: str) -> str:
+    """Return lines with the control characters of each escaped."""
+    return "\n".join(map(printable, text.splitlines()))
+
+
+def _sentence(text: str) -> str:
+    return re.split(r"(?<=\.) ", text, maxsplit=1)[0].rstrip(".")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.list", print_choices, sys.argv[1:]))

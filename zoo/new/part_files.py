@@ -1,0 +1,115 @@
+"""The files of each kind of part, and the commands to type after they are written."""
+
+import importlib.util
+import keyword
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+
+from datamodules.errors import InputError, UsageError
+from zoo.cli.conf_files import choices
+from zoo.cli.nearest import hint
+from zoo.runs.whole_file import write_whole
+
+TEMPLATES = Path(__file__).parent / "templates"
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of part.
+
+    Attributes:
+        group: group of its YAML file in `conf`; a track is one file outside of it.
+        files: path of each file to write, by its template; `$name` is the part's name.
+        following: commands to type next, with the purpose of each.
+    """
+
+    group: str
+    files: dict[str, str]
+    following: tuple[tuple[str, str], ...]
+
+
+def _kind(name: str, group: str, *following: tuple[str, str]) -> Kind:
+    files = {f"{name}.py": "$name.py", f"{name}.yaml": f"conf/{group}/$name.yaml"}
+    return Kind(group, files | {f"{name}_test.py": "test_$name.py"}, (CHECK, *following))
+
+
+CHECK = ("python -m pytest test_$name.py", "check it (pip install pytest)")
+TRAIN = "python -m zoo parts=$name.py"
+KINDS = {
+    "model": _kind(
+        "model",
+        "model",
+        (f"{TRAIN} model=$name quick=true", "train it; data.root=FOLDER on your recording"),
+        ("python -m zoo.evaluate latest parts=$name.py", "let it drive"),
+    ),
+    "augmentation": _kind(
+        "augmentation",
+        "augment",
+        ("python -m zoo.preview parts=$name.py 'augment=[$name]'", "look at the images"),
+        (f"{TRAIN} 'augment=[brightness,$name]' quick=true", "train with it"),
+    ),
+    "loss": _kind("loss", "loss", (f"{TRAIN} loss=$name quick=true", "train with it")),
+    "callback": _kind(
+        "callback", "callbacks", (f"{TRAIN} callbacks=$name quick=true", "train with it")
+    ),
+    "track": Kind(
+        "track",
+        {"track.yaml": "$name.yaml", "track_test.py": "test_$name.py"},
+        (
+            CHECK,
+            ("python -m simulator drive track=$name.yaml", "drive on it"),
+            ("python -m simulator record track=$name.yaml out=FOLDER", "record laps"),
+            ("python -m zoo.evaluate latest track=$name.yaml", "let a network drive on it"),
+        ),
+    ),
+}
+
+
+def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tuple[str, str]]]:
+    """Write the files of a new part.
+
+    Returns:
+        The files, and the commands to type next with the purpose of each.
+
+    Raises:
+        InputError: the kind or the name is wrong, the name is taken, or a file exists or cannot be
+            written. Nothing is written then.
+    """
+    if kind not in KINDS:
+        raise UsageError(f"{kind}: no such kind of part; {hint(kind, KINDS)}")
+    if not NAME.fullmatch(name) or keyword.iskeyword(name):
+        raise UsageError(f"{name}: is no name of a part; use small letters, digits and _: my_net")
+    names = {"name": name, "Class": "".join(word.capitalize() for word in name.split("_"))}
+    texts = {
+        folder / _filled(path, names): _filled(
+            (TEMPLATES / f"{template}.txt").read_text(encoding="utf-8"), names
+        )
+        for template, path in KINDS[kind].files.items()
+    }
+    for path in texts:
+        if path.exists():
+            raise InputError(f"{path}: exists; choose another name, or move the file")
+    _check_free(name, kind)
+    for path, text in texts.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, text)
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror}; type the command elsewhere") from None
+    following = [(_filled(one, names), purpose) for one, purpose in KINDS[kind].following]
+    return list(texts), following
+
+
+def _check_free(name: str, kind: str) -> None:
+    """Raise UsageError for a name that drivezoo or a Python module already has."""
+    if name in choices(KINDS[kind].group):
+        raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
+    if KINDS[kind].group != "track" and importlib.util.find_spec(name) is not None:
+        raise UsageError(f"{name}: there is a Python module of that name; choose another name")
+
+
+def _filled(text: str, names: dict[str, str]) -> str:
+    return Template(text).substitute(names)
