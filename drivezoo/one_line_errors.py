@@ -3,8 +3,10 @@
 import os
 from collections.abc import Callable
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
+from zoo.cli.parts import name_parts
 from zoo.cli.run_command import expected_failure
 
 Given = ParamSpec("Given")
@@ -12,15 +14,19 @@ Returned = TypeVar("Returned")
 
 
 def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
-    """Let a function raise the error of one line that its command prints.
+    """Let a function raise the error of one line that its command prints, and take `parts=`.
 
-    An error that is a bug in drivezoo keeps its type and its traceback.
+    An error that is a bug in drivezoo keeps its type and its traceback. `parts` names the user's
+    own modules, as on the command line: a name, or a list of names.
     """
 
     @wraps(function)
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Returned:
         os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+        parts: Any = kwargs.pop("parts", None) or []
+        names = [parts] if isinstance(parts, str | Path) else parts
         try:
+            name_parts([str(one) for one in names])
             return function(*args, **kwargs)
         except Exception as error:
             failure = expected_failure(error, [f"{key}={one}" for key, one in kwargs.items()])

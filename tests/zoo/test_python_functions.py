@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import re
 import subprocess
 import sys
@@ -187,6 +188,18 @@ def test_the_manual_and_the_notebooks_use_names_that_exist() -> None:
         used = set(re.findall(r"\bzoo\.(\w+)\(", page.read_text()))
         assert used
         assert used <= set(drivezoo.__all__), page
+
+
+def test_a_function_takes_the_users_own_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRIVEZOO_PARTS", "")
+    with pytest.raises(drivezoo.InputError, match=r"nowhere\.py: no such file"):
+        drivezoo.evaluate("latest", parts="nowhere.py")
+    (tmp_path / "my_net.py").touch()
+    with pytest.raises(drivezoo.InputError, match=r"none\.ckpt: no such checkpoint"):
+        drivezoo.evaluate("none.ckpt", parts=[tmp_path / "my_net.py"])
+    assert os.environ["DRIVEZOO_PARTS"] == str(tmp_path / "my_net.py")
 
 
 def test_the_quickstart_trains_and_drives(
