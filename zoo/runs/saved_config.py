@@ -168,7 +168,8 @@ def check_saved_config(
     """
     for one in find_refusals(config, source, trusted, typed):
         remedy = f"if you trust it, add {TRUST}={one.trust:.200}"
-        if one.key == "model._target_":  # `make_network` takes no other network, trusted or not
+        if one.key == "model._target_" and not str(one.value).startswith("zoo."):
+            # `make_network` takes no network of another module, trusted or not.
             remedy = unknown_part(one.value)
         raise InputError(
             f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; {remedy}"
