@@ -13,7 +13,7 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drive.background_call import call_in_thread
 from zoo.drive.driver import Driver
 from zoo.drive.live_saliency import LiveSaliency, jpeg
-from zoo.drive.page_requests import RequestError, json_answer, read_command, respond
+from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
 from zoo.drive.poll_interval import PollInterval
 
 FRAME_S = 0.1  # least time between two encodings of a frame, which all pages share
@@ -50,10 +50,12 @@ class LivePage:
         }
         self._jpeg, self._encoded_s = b"", -math.inf
         self._get = {
-            "/state.json": self._poll,
-            "/checkpoints.json": lambda: json_answer(call_in_thread(list_checkpoints, self.folder)),
-            "/frame.jpg": lambda: (self._frame(), "image/jpeg"),
-            "/saliency.jpg": lambda: (self._saliency(), "image/jpeg"),
+            "/state.json": lambda query: self._poll(),
+            "/checkpoints.json": lambda query: json_answer(
+                call_in_thread(list_checkpoints, self.folder)
+            ),
+            "/frame.jpg": lambda query: (self._frame(), "image/jpeg"),
+            "/saliency.jpg": lambda query: (self._saliency(), "image/jpeg"),
         }
         self._commands = {
             "pause": self._pause,
@@ -66,17 +68,8 @@ class LivePage:
         """Answer a request."""
         return respond(self._answer, environ, start_response)
 
-    def _answer(self, environ: dict) -> tuple[bytes, str]:
-        method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
-        if path == "/command":
-            if method != "POST":
-                raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
-            return self._command(environ)
-        if path not in self._files and path not in self._get:
-            raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
-        if method != "GET":
-            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
-        return self._files[path] if path in self._files else self._get[path]()
+    def _answer(self, environ: dict) -> Answer:
+        return route(environ, self._files, self._get, self._command)
 
     def _poll(self) -> tuple[bytes, str]:
         self.interval.asked(time.monotonic())

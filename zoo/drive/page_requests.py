@@ -1,8 +1,9 @@
 """Requests and answers of a page that a command serves: headers, commands, refusals."""
 
 import json
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from http import HTTPStatus
+from urllib.parse import parse_qs
 
 MOST_COMMAND = 4096  # bytes of a command
 # Another site can neither embed the page, to make users click its buttons, nor show its images.
@@ -46,6 +47,37 @@ def respond(
     length = ("Content-Length", str(len(body)))
     start_response(f"{status.value} {status.phrase}", [("Content-Type", kind), length, *HEADERS])
     return [body]
+
+
+def route(
+    environ: dict,
+    files: Mapping[str, Answer],
+    answers: Mapping[str, Callable[[dict], Answer]],
+    command: Callable[[dict], Answer],
+) -> Answer:
+    """Return the answer to a request, by its path.
+
+    Args:
+        environ: request.
+        files: answers that never change, by path.
+        answers: functions of the query, by path.
+        command: function of the request, for `/command`.
+
+    Raises:
+        RequestError: the path is unknown, or its method is another one.
+    """
+    method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
+    if path == "/command":
+        if method != "POST":
+            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
+        return command(environ)
+    if path not in files and path not in answers:
+        raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
+    if method != "GET":
+        raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
+    if path in files:
+        return files[path]
+    return answers[path](parse_qs(environ.get("QUERY_STRING", "")))
 
 
 def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:

@@ -5,7 +5,6 @@ import socketserver
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from pathlib import Path
-from urllib.parse import parse_qs
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 import numpy as np
@@ -18,7 +17,7 @@ from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
 from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
-from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond
+from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
 from zoo.edit.edit_session import EditSession
 from zoo.edit.frame_analysis import FrameAnalysis
 
@@ -68,18 +67,7 @@ class EditPage:
         return respond(self._answer, environ, start_response)
 
     def _answer(self, environ: dict) -> Answer:
-        method, path = environ["REQUEST_METHOD"], environ.get("PATH_INFO", "")
-        if path == "/command":
-            if method != "POST":
-                raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, "/command: send it with POST")
-            return self._command(environ)
-        if path not in self._files and path not in self._get:
-            raise RequestError(HTTPStatus.NOT_FOUND, f"{path[:80]}: not found; the page is at /")
-        if method != "GET":
-            raise RequestError(HTTPStatus.METHOD_NOT_ALLOWED, f"{path}: read it with GET")
-        if path in self._files:
-            return self._files[path]
-        return self._get[path](parse_qs(environ.get("QUERY_STRING", "")))
+        return route(environ, self._files, self._get, self._command)
 
     def about(self) -> dict:
         """Return what does not change: names, sizes, pauses, cameras and the checkpoint."""
