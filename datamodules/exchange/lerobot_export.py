@@ -24,6 +24,7 @@ from datamodules.exchange.lerobot_layout import (
     INFO,
     MOST_S,
     STATE,
+    STATES,
     STATS,
     TASKS,
     TIME,
@@ -38,6 +39,7 @@ from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
 from datamodules.image_files import find_file_fault
 from datamodules.new_folder import new_folder
 from datamodules.recording import Recording
+from datamodules.samples import MPS_PER_MPH
 
 MOST_FPS = 1000
 
@@ -147,7 +149,7 @@ def _columns(recording: Recording, episodes: list[range], rate: int) -> dict[str
     exact = {name: np.asarray(getattr(recording, name), np.float64) for name in EXACT}
     columns: dict[str, np.ndarray] = {
         ACTION: np.stack([exact[name] for name in ACTIONS], 1).astype(np.float32),
-        STATE: exact["speed_mph"].astype(np.float32),
+        STATE: np.outer(exact["speed_mph"], (1, MPS_PER_MPH)).astype(np.float32),
         **exact,
     }
     if np.isfinite(recording.time_s).all():
@@ -207,7 +209,7 @@ def _steps(progress: Callable[[float], None], cameras: int) -> list[Callable[[fl
 
 
 def _features(columns: dict[str, np.ndarray], cameras: list[str], rate: int) -> dict:
-    names = {ACTION: list(ACTIONS), STATE: ["speed_mph"]}
+    names = {ACTION: list(ACTIONS), STATE: list(STATES)}
     features: dict[str, dict] = {}
     for name, column in columns.items():
         shape = list(column.shape[1:]) or [1]

@@ -21,6 +21,9 @@ VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.m
 CAMERA_PREFIX = "observation.images."
 STATE, ACTION = "observation.state", "action"
 ACTIONS = ("steering", "throttle", "brake")
+# Two numbers, because LeRobot 0.4.4 reads a feature of one number without its dimension, and its
+# policies then fail on a batch.
+STATES = ("speed_mph", "speed_mps")
 # Columns of drivezoo's own datasets: recorded values in float64, unchanged to the bit. Their names
 # start neither with `observation` nor with `action`, so that LeRobot's policies do not take them.
 EXACT = ("steering", "throttle", "brake", "speed_mph")

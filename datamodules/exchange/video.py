@@ -18,6 +18,8 @@ from datamodules.regular_file import open_regular
 MOST_VIDEO_BYTES = 64_000_000_000
 # As LeRobot's own writer: every second frame is a key frame, so that any frame is read quickly.
 KEY_FRAMES = 2
+# Without these, the conversion between RGB and YUV rounds down: frames get darker by 1 of 255.
+EXACT_COLOURS = ["-sws_flags", "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp"]
 
 
 class VideoWriter:
@@ -34,7 +36,7 @@ class VideoWriter:
         self.path, self.frames = path, 0
         command = [imageio_ffmpeg.get_ffmpeg_exe(), "-n", "-v", "error", "-f", "rawvideo"]
         command += ["-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", str(fps), "-i", "-"]
-        command += ["-an", "-c:v", "libx264", "-preset", "fast", "-crf", str(crf)]
+        command += [*EXACT_COLOURS, "-an", "-c:v", "libx264", "-preset", "fast", "-crf", str(crf)]
         # Without B-frames the first frame's time is 0.
         command += ["-g", str(KEY_FRAMES), "-bf", "0", "-pix_fmt", "yuv420p"]
         command += ["-movflags", "+faststart", f"file:{path.absolute()}"]
@@ -103,7 +105,7 @@ def read_frames(path: Path) -> Iterator[np.ndarray]:
     reader = imageio_ffmpeg.read_frames(
         f"file:{path.absolute()}",
         input_params=[*limits, "-err_detect", "explode", "-xerror"],
-        output_params=["-map", "0:v:0", "-fps_mode", "passthrough"],
+        output_params=["-map", "0:v:0", "-fps_mode", "passthrough", *EXACT_COLOURS],
     )
     with contextlib.closing(reader):
         try:
