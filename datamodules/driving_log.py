@@ -257,3 +257,12 @@ def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:
             numbers.append(value)
         else:
             yield tuple(numbers)
+
+
+def number_text(value: float) -> str:
+    """Return a number as a log has it, which reads back to the bit.
+
+    >>> number_text(0.1), number_text(30.0)
+    ('0.1', '30')
+    """
+    return f"{float(value)!r}".removesuffix(".0")

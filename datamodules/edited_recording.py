@@ -6,12 +6,8 @@ takes no space for images. Only a mirrored image is a new file.
 """
 
 import csv
-import errno
 import io
 import json
-import os
-import secrets
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,20 +15,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from datamodules.driving_log import CAMERAS
+from datamodules.driving_log import CAMERAS, number_text
 from datamodules.errors import InputError
-from datamodules.image import HEAD, MOST_IMAGE_BYTES, TAIL, find_fault, read_image
+from datamodules.image import read_image
+from datamodules.image_files import find_file_fault, link_or_copy
+from datamodules.new_folder import new_folder
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.recording_edits import Edits, edit_options
-from datamodules.regular_file import open_regular, read_regular
 
 IMAGE_FOLDER, EDITS_NAME = "IMG", "edits.json"
 MIRRORED_QUALITY = 95  # of a JPEG
 REPORT_ROWS = 50  # rows between two calls of `progress`
-
-# Errors after which a link is replaced by a copy: another file system, or one without links; a
-# file of another user; too many links.
-_NO_LINK = {errno.EXDEV, errno.EPERM, errno.EACCES, errno.EMLINK, errno.ENOTSUP, errno.ENOSYS}
 
 
 @dataclass(frozen=True)
@@ -74,54 +67,27 @@ def write_edited(
     parts = edits.parts()
     if not parts:
         raise InputError("all rows are dropped; restore some before you write")
-    refuse_existing(out)
-    part = out.with_name(f".{out.name}.{secrets.token_hex(8)}.part")
-    places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
     total = sum(len(rows) for rows, _ in parts)
     counts, left_out, done = [], [], 0
-    try:
-        try:
-            for place, (rows, mirrored) in zip(places, parts, strict=True):
-                before = done
+    with new_folder(out) as part:
+        places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
+        for place, (rows, mirrored) in zip(places, parts, strict=True):
+            before = done
 
-                def report(written: int, before: int = before) -> None:
-                    progress((before + written) / total)
+            def report(written: int, before: int = before) -> None:
+                progress((before + written) / total)
 
-                writer = _PartWriter(recording, place)
-                writer.write(rows, mirrored, report)
-                counts.append(writer.rows)
-                left_out += writer.left_out
-                done += len(rows)
-            if not all(counts):
-                raise InputError(f"no row with whole images is left: {left_out[0]}")
-            text = json.dumps(_provenance(recording, edits), indent=2) + "\n"
-            (part / EDITS_NAME).write_text(text, encoding="utf-8")
-            part.rename(out)
-        except BaseException:
-            shutil.rmtree(part, ignore_errors=True)
-            raise
-    except OSError as error:
-        raise InputError(
-            f"{error.filename or out}: {error.strerror}; nothing was written: free some space, or "
-            "name another folder with out="
-        ) from None
+            writer = _PartWriter(recording, place)
+            writer.write(rows, mirrored, report)
+            counts.append(writer.rows)
+            left_out += writer.left_out
+            done += len(rows)
+        if not all(counts):
+            raise InputError(f"no row with whole images is left: {left_out[0]}")
+        text = json.dumps(_provenance(recording, edits), indent=2) + "\n"
+        (part / EDITS_NAME).write_text(text, encoding="utf-8")
     folders = tuple(out / place.relative_to(part) for place in places)
     return WrittenRecording(folders, tuple(counts), tuple(left_out))
-
-
-def free_folder(folder: Path) -> Path:
-    """Return a folder that does not exist: this one, or its name with `_2`, `_3`, ..."""
-    number, found = 1, folder
-    while os.path.lexists(found):
-        number += 1
-        found = folder.with_name(f"{folder.name}_{number}")
-    return found
-
-
-def refuse_existing(out: Path) -> None:
-    """Raise InputError if a folder to write exists."""
-    if os.path.lexists(out):
-        raise InputError(f"out={out}: exists already; name another folder")
 
 
 @dataclass
@@ -144,7 +110,7 @@ class _PartWriter:
             if number % REPORT_ROWS == 0:
                 report(number)
             paths = self.recording.images[row].tolist()
-            fault = next(filter(None, (_image_fault(path) for path in paths if path)), None)
+            fault = next(filter(None, (find_file_fault(path) for path in paths if path)), None)
             if fault:
                 self.left_out.append(f"{self.recording.place(row)}: {fault}")
                 continue
@@ -180,7 +146,7 @@ class _PartWriter:
             if turned:
                 _mirror_image(path, target, self.recording.place(row))
             else:
-                _link_or_copy(path, target)
+                link_or_copy(path, target)
             self._names[path, turned] = f"{IMAGE_FOLDER}/{name}"
         return self._names[path, turned]
 
@@ -200,34 +166,7 @@ class _PartWriter:
         one = self.recording
         steering = -one.steering[row] + 0.0 if turned else one.steering[row]
         numbers = (steering, one.throttle[row], one.brake[row], one.speed_mph[row])
-        return [f"{float(number)!r}".removesuffix(".0") for number in numbers]
-
-
-def _image_fault(path: str) -> str | None:
-    """Return what is wrong with an image by its first and last bytes, or None.
-
-    A log, or a link in its folder, may name any file. Only images may get into the new folder.
-    """
-    try:
-        descriptor, size = open_regular(path, MOST_IMAGE_BYTES)
-        try:
-            head = os.read(descriptor, HEAD)
-            os.lseek(descriptor, max(size - TAIL, 0), os.SEEK_SET)
-            fault = find_fault(head, os.read(descriptor, TAIL))
-        finally:
-            os.close(descriptor)
-    except OSError as error:
-        fault = error.strerror or str(error)
-    return f"{path}: {fault}" if fault else None
-
-
-def _link_or_copy(path: str, target: Path) -> None:
-    try:
-        os.link(os.path.realpath(path), target)
-    except OSError as error:
-        if error.errno not in _NO_LINK:
-            raise
-        target.write_bytes(read_regular(path, MOST_IMAGE_BYTES))
+        return [number_text(number) for number in numbers]
 
 
 def _mirror_image(path: str, target: Path, place: str) -> None:

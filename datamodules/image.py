@@ -41,6 +41,18 @@ def decode_image(data: bytes) -> np.ndarray:
     """Return the image in JPEG or PNG bytes, uint8 [160, 320, 3] RGB, resized if needed.
 
     Raises:
+        ValueError: see `decode_pixels`.
+    """
+    image = decode_pixels(data)
+    if image.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
+        image = cv2.resize(image, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
+    return image
+
+
+def decode_pixels(data: bytes) -> np.ndarray:
+    """Return the image in JPEG or PNG bytes in its own size, uint8 [H, W, 3] RGB.
+
+    Raises:
         ValueError: the bytes are no JPEG or PNG; or the image lacks its end, which OpenCV would
             fill with grey, or has more than `MOST_PIXELS` or `MOST_SCANS`.
     """
@@ -55,8 +67,6 @@ def decode_image(data: bytes) -> np.ndarray:
         raise ValueError(error.err) from None
     if image is None:
         raise ValueError(NO_IMAGE)
-    if image.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
-        image = cv2.resize(image, (FRAME_WIDTH, FRAME_HEIGHT), interpolation=cv2.INTER_AREA)
     return image
 
 

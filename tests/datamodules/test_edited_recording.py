@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import datamodules.edited_recording
-from datamodules.edited_recording import free_folder, write_edited
+from datamodules.edited_recording import write_edited
 from datamodules.errors import InputError
 from datamodules.image import read_image
+from datamodules.new_folder import free_folder
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_edits import Edits, drop, mirror, split
 from datamodules.stretches import find_breaks
@@ -77,7 +77,7 @@ def test_images_are_links_or_else_copies(
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr(datamodules.edited_recording.os, "link", refuse)
+    monkeypatch.setattr(os, "link", refuse)
     write_edited(recording, edits, tmp_path / "copied")
     assert all(path.stat().st_nlink == 1 for path in images(tmp_path / "copied"))
     assert len(images(tmp_path / "copied")) == 6
@@ -172,7 +172,7 @@ def test_a_failure_leaves_nothing(
     def fill(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(datamodules.edited_recording.os, "link", fill)
+    monkeypatch.setattr(os, "link", fill)
     with pytest.raises(InputError, match=r"No space left on device.*out="):
         write_edited(recording, Edits(ROWS), tmp_path / "new")
     assert list(tmp_path.iterdir()) == []

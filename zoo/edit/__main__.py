@@ -39,7 +39,7 @@ def edit(arguments: list[str]) -> None:
     folders, options = COMMAND.read(arguments, EditOptions)
     from rich.console import Console
 
-    from datamodules.edited_recording import refuse_existing
+    from datamodules.new_folder import refuse_existing
     from datamodules.recording import read_recordings
     from datamodules.recording_edits import typed_edits
     from datamodules.recording_report import report_lines

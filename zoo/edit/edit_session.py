@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from datamodules import recording_edits
-from datamodules.edited_recording import WrittenRecording, free_folder, write_edited
+from datamodules.edited_recording import WrittenRecording, write_edited
 from datamodules.errors import InputError
+from datamodules.new_folder import free_folder
 from datamodules.recording import Recording
 from datamodules.recording_edits import Edits
 

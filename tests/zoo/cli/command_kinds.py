@@ -6,6 +6,7 @@ from zoo.benchmark.__main__ import BenchmarkOptions
 from zoo.clean import CleanOptions
 from zoo.cli.command_config import read_keys, read_options
 from zoo.compare.__main__ import CompareOptions
+from zoo.convert import ConvertOptions
 from zoo.correct.correct_options import CorrectOptions
 from zoo.doubt.__main__ import DoubtOptions
 from zoo.drive.drive_settings import DriveSettings, read_settings
@@ -27,6 +28,7 @@ KINDS = {
     "clean": CleanOptions,
     "compare": CompareOptions,
     "benchmark": BenchmarkOptions,
+    "convert": ConvertOptions,
     "correct": CorrectOptions,
     "doubt": DoubtOptions,
     "drive": DriveSettings,

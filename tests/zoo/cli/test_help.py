@@ -20,6 +20,7 @@ NAMED = {
     "zoo.search": ("family=alpine", "budget=200", "mildest failing road"),
     "zoo.compare": ("out=compare.json", "result.json"),
     "zoo.benchmark": ("suite=v1", "expert_late", "result.json"),
+    "zoo.convert": ("to=null", "crf=18", "fit=keep"),
     "zoo.correct": ("track=", "out="),
     "zoo.demo": ("trains PilotNet",),
     "zoo.doctor": ("CKPT", "RECORDING", "port=4567"),

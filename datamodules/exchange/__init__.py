@@ -1,0 +1,1 @@
+"""Exchange of recordings with LeRobotDataset v3 and Donkeycar's tubs."""

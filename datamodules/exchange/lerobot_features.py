@@ -1,0 +1,168 @@
+"""Which numbers and cameras of a LeRobot dataset are ours: by their names, or as the user says."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from datamodules.errors import InputError, UsageError
+from datamodules.exchange.lerobot_layout import CAMERA_PREFIX
+from datamodules.samples import MPS_PER_MPH
+
+MPH_PER = {"mph": 1.0, "mps": 1 / MPS_PER_MPH, "kmh": 1 / (MPS_PER_MPH * 3.6)}
+# Names of the centre camera, the likeliest first.
+CENTRES = ("center", "centre", "front", "front_center", "front_forward", "main", "top", "cam")
+
+_KEY = re.compile(r"[\w.-]{1,200}")
+_WORDS = {
+    "steering": re.compile(r"steer|(^|[/_. ])angle($|[/_. ])", re.IGNORECASE),
+    "throttle": re.compile(r"throttle|gas\b|gas[ _]pedal|accelerator", re.IGNORECASE),
+    "brake": re.compile(r"brake", re.IGNORECASE),
+    "speed": re.compile(r"speed|velocity", re.IGNORECASE),
+}
+_UNITS = {
+    "mph": re.compile(r"mph|mi/h", re.IGNORECASE),
+    "kmh": re.compile(r"km/?h|kph", re.IGNORECASE),
+    "mps": re.compile(r"mps|m/s|ms-1", re.IGNORECASE),
+}
+
+
+@dataclass(frozen=True)
+class Component:
+    """One number of a feature: the feature's key, the number's position, its name."""
+
+    key: str
+    position: int
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.key}:{self.position}"
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """The components and cameras of a dataset that a log has.
+
+    Attributes:
+        steering: component that steers.
+        throttle, brake, speed: components; None if the dataset has none.
+        mph: mph in one unit of the speed.
+        cameras: feature's key of center, left, right; None without that camera.
+        assumed_unit: whether the speed's name has no unit.
+    """
+
+    steering: Component
+    throttle: Component | None
+    brake: Component | None
+    speed: Component | None
+    mph: float
+    cameras: tuple[str, str | None, str | None]
+    assumed_unit: bool
+
+
+def find_meaning(
+    features: dict, place: str, steering: str | None, camera: str | None, speed_unit: str
+) -> Meaning:
+    """Return what the features mean.
+
+    Args:
+        features: features of `info.json`, checked to be dicts.
+        place: file, for messages.
+        steering: component as the user names it, `action:0`; None finds it by its name.
+        camera: key of the centre camera; None finds it by its name.
+        speed_unit: unit of a speed whose name has none.
+
+    Raises:
+        InputError: no steering or camera is found.
+        UsageError: what the user names does not exist.
+    """
+    components = list(_components(features))
+    chosen = {role: _find(components, role) for role in _WORDS}
+    if steering is not None:
+        named = {str(one): one for one in components}
+        if steering not in named:
+            raise UsageError(f"steering={steering}: {place} has {_list(named)}; name one of them")
+        chosen["steering"] = named[steering]
+    found = chosen["steering"]
+    if found is None:
+        raise InputError(
+            f"{place}: no feature's name tells that it steers; name it with steering=, one of "
+            f"{_list(map(str, components))}"
+        )
+    speed = chosen["speed"]
+    full = f"{speed.key} {speed.name}" if speed else ""
+    units = [unit for unit, words in _UNITS.items() if words.search(full)]
+    return Meaning(
+        steering=found,
+        throttle=chosen["throttle"],
+        brake=chosen["brake"],
+        speed=speed,
+        mph=MPH_PER[units[0] if units else speed_unit],
+        cameras=_cameras(features, place, camera),
+        assumed_unit=speed is not None and not units,
+    )
+
+
+def _components(features: dict) -> Iterator[Component]:
+    for key, feature in features.items():
+        shape = feature.get("shape")
+        if not str(feature.get("dtype")).startswith("float") or key == "timestamp":
+            continue
+        if not isinstance(shape, list | tuple) or len(shape) != 1 or not isinstance(shape[0], int):
+            continue
+        names = _flat(feature.get("names"))
+        if len(names) != shape[0]:
+            names = [""] * min(shape[0], 1000)
+        yield from (Component(key, position, name) for position, name in enumerate(names))
+
+
+def _flat(names: object) -> list[str]:
+    """Return the names of a feature's numbers: a list, or lists in a dict."""
+    if isinstance(names, dict):
+        return [one for part in names.values() for one in _flat(part)]
+    return [str(one) for one in names] if isinstance(names, list) else []
+
+
+def _find(components: list[Component], role: str) -> Component | None:
+    """Return the likeliest component: an own column, then an action's, or a state's for speed."""
+    words, first = _WORDS[role], "observation" if role == "speed" else "action"
+    own = [one for one in components if one.key in (role, f"{role}_mph") and not one.name]
+    named = [one for one in components if words.search(one.name)]
+    keyed = [one for one in components if words.search(one.key) and not one.name]
+    likely = [one for one in [*named, *keyed] if one.key.startswith(first)]
+    rest = [] if role != "speed" else [*named, *keyed]
+    return next(iter([*own, *likely, *rest]), None)
+
+
+def _cameras(features: dict, place: str, camera: str | None) -> tuple[str, str | None, str | None]:
+    keys = [key for key, one in features.items() if one.get("dtype") in ("video", "image")]
+    for key in keys:
+        if not _KEY.fullmatch(key) or set(key) == {"."}:
+            raise InputError(
+                f"{place}: the camera {key!r:.80} is no plain name; rename the feature"
+            )
+    if camera is not None:
+        full = next((key for key in keys if key in (camera, CAMERA_PREFIX + camera)), None)
+        if full is None:
+            raise UsageError(f"camera={camera}: {place} has {_list(keys)}; name one of them")
+        return full, _side(keys, "left", full), _side(keys, "right", full)
+    if not keys:
+        raise InputError(f"{place}: the dataset has no camera; name another dataset")
+    by_name = {key.removeprefix(CAMERA_PREFIX): key for key in keys}
+    full = next((by_name[name] for name in CENTRES if name in by_name), None)
+    if full is None and len(keys) > 1:
+        raise InputError(
+            f"{place}: no camera's name tells that it looks ahead; name it with camera=, one of "
+            f"{_list(keys)}"
+        )
+    full = full or keys[0]
+    return full, _side(keys, "left", full), _side(keys, "right", full)
+
+
+def _side(keys: list[str], side: str, centre: str) -> str | None:
+    key = CAMERA_PREFIX + side
+    return key if key in keys and key != centre else None
+
+
+def _list(names: object) -> str:
+    found = [str(one) for one in names]  # type: ignore[attr-defined]
+    return ", ".join(found[:20]) or "none"

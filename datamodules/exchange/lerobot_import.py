@@ -1,0 +1,362 @@
+"""Read a LeRobotDataset v3, of drivezoo or of another program, and write it as a recording."""
+
+import io
+import os
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datamodules.errors import InputError
+from datamodules.exchange.bounded_json import number, parse, read_bounded
+from datamodules.exchange.converted import Converted
+from datamodules.exchange.driven_rows import (
+    IMAGE_FOLDER,
+    DrivenRows,
+    Fit,
+    size_note,
+    times_of_drives,
+    write_encoded,
+    write_frame,
+    write_log,
+)
+from datamodules.exchange.lerobot_features import Component, Meaning, find_meaning
+from datamodules.exchange.lerobot_layout import (
+    DATA,
+    DATA_PATH,
+    EPISODES,
+    INFO,
+    TIME,
+    VERSION,
+    VIDEO_PATH,
+    load_pyarrow,
+    video_file,
+)
+from datamodules.exchange.video import read_frames
+from datamodules.image import image_size
+from datamodules.new_folder import new_folder
+from datamodules.regular_file import open_regular
+
+MOST_ROWS = 10_000_000
+MOST_EPISODES = 1_000_000
+MOST_PARQUET_BYTES = 8_000_000_000
+MOST_NUMBER = 999_999  # of a chunk or a file
+BATCH_ROWS = 1000  # rows with images that are read at a time
+REMEDY = "download the dataset again"
+
+
+@dataclass(frozen=True)
+class _Dataset:
+    """A dataset's tables: labels by row, and what holds its images."""
+
+    rows: DrivenRows
+    episode: np.ndarray  # each row's episode_index, int64 [N]
+    timestamp: np.ndarray  # seconds since the episode's start, float64 [N]
+    files: list[Path]  # of the data, in order
+    fps: float
+    meaning: Meaning
+    is_video: dict[str, bool]
+
+
+def import_lerobot(
+    folder: Path,
+    out: Path,
+    steering: str | None = None,
+    camera: str | None = None,
+    speed_unit: str = "mps",
+    fit: Fit = "keep",
+    quality: int = 95,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Converted:
+    """Write a dataset's rows as a recording; each episode is a continuous drive.
+
+    The columns `steering`, `throttle`, `brake`, `speed_mph` and `time_s` of drivezoo's own datasets
+    come back to the bit. Otherwise, numbers are found by their names.
+
+    Args:
+        folder: folder of the dataset.
+        out: new folder.
+        steering: number that steers, `action:0`; None finds it by its name.
+        camera: key of the centre camera; None finds it by its name.
+        speed_unit: `mph`, `mps` or `kmh`, for a speed whose name has no unit.
+        fit: `keep` or `pad`, see `datamodules.exchange.driven_rows`.
+        quality: quality of the written JPEGs, 1..100.
+        progress: function called with the finished share, 0..1.
+
+    Raises:
+        InputError: pyarrow is missing, a file is missing or damaged, a value is wrong, or `out`
+            exists.
+        UsageError: `steering` or `camera` does not exist.
+    """
+    pyarrow = load_pyarrow()
+    with new_folder(out) as part:
+        dataset = _read_dataset(folder, steering, camera, speed_unit, pyarrow)
+        rows = dataset.rows
+        rows.check()
+        (part / IMAGE_FOLDER).mkdir()
+        stems = rows.stems()
+        columns: list[list[str]] = []
+        size = (2, 1)
+        cameras = [key for key in dataset.meaning.cameras if key]
+        for name, key in zip(("center", "left", "right"), dataset.meaning.cameras, strict=True):
+            if key is None:
+                columns.append([""] * len(rows))
+                continue
+            suffix = ".jpg" if dataset.is_video[key] else _suffix(dataset, key, pyarrow)
+            columns.append([f"{name}_{stem}{suffix}" for stem in stems])
+            targets = [part / IMAGE_FOLDER / one for one in columns[-1]]
+            first = cameras.index(key)
+
+            def report(share: float, first: int = first) -> None:
+                progress((first + share) / len(cameras))
+
+            write = _write_video if dataset.is_video[key] else _write_images
+            found = write(folder, dataset, key, targets, fit, quality, report, pyarrow)
+            size = found if name == "center" else size
+        write_log(part, rows, list(zip(*columns, strict=True)))
+    notes = _notes(dataset.meaning, speed_unit) + size_note(*size, fit)
+    return Converted(out, len(rows), len(np.unique(dataset.episode)), tuple(notes))
+
+
+def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
+    notes = []
+    if meaning.steering.key != "steering":
+        notes.append(f"steering is {meaning.steering} ({meaning.steering.name or 'no name'})")
+    missing = [one for one in ("throttle", "brake", "speed") if getattr(meaning, one) is None]
+    if missing:
+        notes.append(f"the dataset has no {', '.join(missing)}: 0 in each row")
+    if meaning.assumed_unit:
+        notes.append(f"the speed {meaning.speed} is taken for {speed_unit} (speed_unit=)")
+    return notes
+
+
+def _read_dataset(
+    folder: Path, steering: str | None, camera: str | None, speed_unit: str, pyarrow: Any
+) -> _Dataset:
+    place = folder / INFO
+    info = parse(read_bounded(place), str(place), dict)
+    if not str(info.get("codebase_version")).startswith("v3."):
+        raise InputError(
+            f"{place}: codebase_version is {info.get('codebase_version')!r:.20}, expected "
+            f"{VERSION}; convert the dataset with LeRobot's convert_dataset_v21_to_v30"
+        )
+    # Other patterns are refused: a pattern of somebody else could lead anywhere.
+    for key, pattern in (("data_path", DATA_PATH), ("video_path", VIDEO_PATH)):
+        if info.get(key) not in (pattern, None):
+            raise InputError(f"{place}: {key} is {info[key]!r:.80}, expected {pattern}; correct it")
+    features = info.get("features")
+    if not isinstance(features, dict) or not all(isinstance(x, dict) for x in features.values()):
+        raise InputError(f"{place}: features is no object of objects; {REMEDY}")
+    fps = number(info, "fps", str(place))
+    if not 0 < fps <= 1000:
+        raise InputError(f"{place}: fps is {fps:g}, beyond 0..1000; correct it")
+    meaning = find_meaning(features, str(place), steering, camera, speed_unit)
+    files = sorted((folder / DATA).glob("chunk-*/file-*.parquet"))
+    if not files:
+        raise InputError(f"{folder / DATA}: holds no chunk-000/file-000.parquet; {REMEDY}")
+    roles = {name: getattr(meaning, name) for name in ("steering", "throttle", "brake", "speed")}
+    names = ["episode_index", "timestamp", *(one.key for one in roles.values() if one)]
+    own_time = TIME in features
+    tables = [
+        _read_table(path, [*dict.fromkeys(names), *([TIME] if own_time else [])], pyarrow)
+        for path in files
+    ]
+    places = [
+        f"{path}, row {row}"
+        for path, table in zip(files, tables, strict=True)
+        for row in range(1, len(table["timestamp"]) + 1)
+    ]
+    if not places:
+        raise InputError(f"{files[0]}: no rows; {REMEDY}")
+
+    def column(key: str, position: int = 0) -> np.ndarray:
+        return np.concatenate([_component(table[key], position) for table in tables])
+
+    def values(one: Component | None) -> np.ndarray:
+        return column(one.key, one.position) if one else np.zeros(len(places))
+
+    episode = column("episode_index").astype(np.int64)
+    timestamp = column("timestamp")
+    rows = DrivenRows(
+        steering=values(roles["steering"]),
+        throttle=values(roles["throttle"]),
+        brake=values(roles["brake"]),
+        speed_mph=np.abs(values(roles["speed"])) * meaning.mph,
+        time_s=column(TIME) if own_time else times_of_drives(episode, timestamp),
+        places=places,
+    )
+    is_video = {key: one.get("dtype") == "video" for key, one in features.items()}
+    return _Dataset(rows, episode, timestamp, files, fps, meaning, is_video)
+
+
+def _open_parquet(path: Path, pyarrow: Any) -> Any:
+    """Return an opened Parquet file.
+
+    Raises:
+        InputError: it is missing, no regular file, damaged, or has too many rows.
+    """
+    try:
+        descriptor, _ = open_regular(path, MOST_PARQUET_BYTES)
+        file = os.fdopen(descriptor, "rb")
+        found = pyarrow.parquet.ParquetFile(file)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or 'damaged'}; {REMEDY}") from None
+    except pyarrow.ArrowException as error:
+        raise _damaged(path, error) from None
+    if found.metadata.num_rows > MOST_ROWS:
+        raise InputError(
+            f"{path}: {found.metadata.num_rows:,} rows, more than {MOST_ROWS:,}; divide the dataset"
+        )
+    return found
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    reason = " ".join(str(error).split())[:200]
+    return InputError(f"{path}: the Parquet file is damaged ({reason}); {REMEDY}")
+
+
+def _read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarray]:
+    """Return columns of numbers, float64 [N] or [N, D].
+
+    Raises:
+        InputError: a column is missing, has no numbers, or the file is damaged.
+    """
+    file = _open_parquet(path, pyarrow)
+    for name in names:
+        if name not in file.schema_arrow.names:
+            raise InputError(f"{path}: no column {name}; {REMEDY}")
+    try:
+        table = file.read(columns=names)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise _damaged(path, error) from None
+    return {name: _numbers(table.column(name), path, name, pyarrow) for name in names}
+
+
+def _numbers(column: Any, path: Path, name: str, pyarrow: Any) -> np.ndarray:
+    kind = column.type
+    if column.null_count:
+        row = column.is_null().index(True).as_py() + 1
+        raise InputError(f"{path}, row {row}: {name} is empty; correct or delete the row")
+    try:
+        if pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind):
+            return column.to_numpy().astype(np.float64)
+        lists = column.combine_chunks()
+        flat = lists.flatten().to_numpy(zero_copy_only=False).astype(np.float64)
+        return flat.reshape(len(lists), -1)
+    except (AttributeError, ValueError, TypeError, pyarrow.ArrowException):
+        raise InputError(f"{path}: {name} has no numbers of one length; {REMEDY}") from None
+
+
+def _component(table: np.ndarray, position: int) -> np.ndarray:
+    return table if table.ndim == 1 else table[:, min(position, table.shape[1] - 1)]
+
+
+def _write_video(
+    folder: Path,
+    dataset: _Dataset,
+    key: str,
+    targets: list[Path],
+    fit: Fit,
+    quality: int,
+    progress: Callable[[float], None],
+    pyarrow: Any,
+) -> tuple[int, int]:
+    """Write a camera's images from its videos; return their width and height."""
+    wanted: dict[Path, dict[int, list[int]]] = defaultdict(lambda: defaultdict(list))
+    starts = _video_starts(folder, dataset, key, pyarrow)
+    for row, (episode, timestamp) in enumerate(
+        zip(dataset.episode.tolist(), dataset.timestamp.tolist(), strict=True)
+    ):
+        if episode not in starts:
+            raise InputError(
+                f"{dataset.rows.places[row]}: episode {episode} is not in {folder / EPISODES}; "
+                f"{REMEDY}"
+            )
+        path, start = starts[episode]
+        moment = (start + timestamp) * dataset.fps
+        if not -0.5 <= moment < MOST_ROWS:
+            raise InputError(
+                f"{dataset.rows.places[row]}: timestamp is {timestamp:g} s; correct the row"
+            )
+        wanted[path][round(moment)].append(row)
+    done, size = 0, (2, 1)
+    for path, frames in wanted.items():
+        last, count = max(frames), 0
+        for count, frame in enumerate(read_frames(path), 1):
+            size = frame.shape[1], frame.shape[0]
+            for row in frames.get(count - 1, ()):
+                write_frame(frame, targets[row], quality, fit)
+                done += 1
+                progress(done / len(targets))
+            if count > last:
+                break
+        if count <= last:
+            row = next(rows[0] for frame, rows in frames.items() if frame >= count)
+            raise InputError(
+                f"{path}: the video has {count:,} frames, but {dataset.rows.places[row]} needs "
+                f"frame {next(f for f in frames if f >= count) + 1:,}; {REMEDY}"
+            )
+    return size
+
+
+def _video_starts(
+    folder: Path, dataset: _Dataset, key: str, pyarrow: Any
+) -> dict[int, tuple[Path, float]]:
+    """Return each episode's video file and its first frame's time in it."""
+    paths = sorted((folder / EPISODES).glob("chunk-*/file-*.parquet"))
+    if not paths:
+        raise InputError(f"{folder / EPISODES}: holds no chunk-000/file-000.parquet; {REMEDY}")
+    about = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
+    starts = {}
+    for path in paths:
+        table = _read_table(path, ["episode_index", *about], pyarrow)
+        columns = [_component(table[name], 0).tolist() for name in ("episode_index", *about)]
+        for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
+            whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))
+            if not whole or not 0 <= start < MOST_ROWS:
+                raise InputError(f"{path}, row {row}: no place of a video; {REMEDY}")
+            starts[int(episode)] = folder / video_file(key, int(chunk), int(file)), start
+    return starts
+
+
+def _write_images(
+    folder: Path,
+    dataset: _Dataset,
+    key: str,
+    targets: list[Path],
+    fit: Fit,
+    quality: int,
+    progress: Callable[[float], None],
+    pyarrow: Any,
+) -> tuple[int, int]:
+    """Write a camera's images that the data holds; return their width and height."""
+    size = (2, 1)
+    for row, data in enumerate(_image_bytes(dataset, key, pyarrow)):
+        try:
+            write_encoded(data, targets[row], quality, fit)
+            size = image_size(io.BytesIO(data))
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{dataset.rows.places[row]}: {key}: {error}; delete the row"
+            ) from None
+        progress(row / len(targets))
+    return size
+
+
+def _suffix(dataset: _Dataset, key: str, pyarrow: Any) -> str:
+    first = next(_image_bytes(dataset, key, pyarrow), b"")
+    return ".png" if first.startswith(b"\x89PNG") else ".jpg"
+
+
+def _image_bytes(dataset: _Dataset, key: str, pyarrow: Any) -> Iterator[bytes]:
+    for path in dataset.files:
+        file = _open_parquet(path, pyarrow)
+        try:
+            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
+                # A path next to the bytes is never opened.
+                yield from ((one or {}).get("bytes") or b"" for one in batch.column(0).to_pylist())
+        except (OSError, KeyError, AttributeError, pyarrow.ArrowException) as error:
+            raise _damaged(path, error) from None

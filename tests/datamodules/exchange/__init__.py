@@ -1,0 +1,1 @@
+"""Exchange of recordings with other programs."""

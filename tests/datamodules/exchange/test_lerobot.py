@@ -1,0 +1,302 @@
+"""LeRobot datasets: a recording there and back, foreign datasets, and damaged ones."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from datamodules.errors import InputError, UsageError
+from datamodules.exchange.lerobot_export import export_lerobot
+from datamodules.exchange.lerobot_import import import_lerobot
+from datamodules.exchange.video import VideoWriter, read_frames
+from datamodules.image import read_image
+from datamodules.recording import Recording, read_recordings
+from datamodules.stretches import find_breaks
+from tests.recordings import Written, write_recording
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+LABELS = ("steering", "throttle", "brake", "speed_mph", "time_s")
+ROWS = np.r_[0:20, 60:80]
+CENTER = "videos/observation.images.center/chunk-000/file-000.mp4"
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+
+
+@pytest.fixture(scope="module")
+def source(recorded: Written) -> Recording:
+    """Return 40 rows with a pause after the first 20."""
+    whole = read_recordings(str(recorded.folder))
+    return whole.keep(np.isin(np.arange(len(whole)), ROWS))
+
+
+@pytest.fixture(scope="module")
+def dataset(source: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("datasets") / "lake"
+    export_lerobot(source, out)
+    return out
+
+
+@pytest.fixture
+def copy(dataset: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(dataset, tmp_path / "copy"))
+
+
+def table(dataset: Path, name: str = DATA) -> dict:
+    return pq.read_table(dataset / name).to_pydict()
+
+
+def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path) -> None:
+    result = import_lerobot(dataset, tmp_path / "again")
+    again = read_recordings(str(tmp_path / "again"))
+    for name in LABELS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(source, name))
+    for new, old in zip(again.images.flat, source.images.flat, strict=True):
+        before, after = read_image(old).astype(float), read_image(new).astype(float)
+        assert np.abs(after - before).mean() < 3, "the tolerance in docs/exchange.md"
+    assert np.flatnonzero(find_breaks(again)).tolist() == [19]
+    assert (result.rows, result.drives, result.notes) == (40, 2, ())
+
+
+def test_the_tables_are_lerobots(source: Recording, dataset: Path) -> None:
+    info = json.loads((dataset / "meta/info.json").read_text())
+    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 15, 2)
+    assert info["features"]["action"]["names"] == ["steering", "throttle", "brake"]
+    rows = table(dataset)
+    assert rows["frame_index"] == [*range(20), *range(20)]
+    assert rows["episode_index"] == [0] * 20 + [1] * 20
+    assert rows["steering"] == source.steering.tolist()
+    assert np.array(rows["action"])[:, 0].tolist() == source.steering.astype(np.float32).tolist()
+    assert rows["timestamp"][21] == np.float32(1 / 15)
+    episodes = table(dataset, EPISODES)
+    assert episodes["dataset_to_index"] == [20, 40]
+    key = "videos/observation.images.left"
+    assert episodes[f"{key}/from_timestamp"] == [0.0, 20 / 15]
+    # pandas reads the tasks' words as its index by this note.
+    about = json.loads(pq.read_schema(dataset / "meta/tasks.parquet").metadata[b"pandas"])
+    assert about["index_columns"] == ["task"]
+    stats = json.loads((dataset / "meta/stats.json").read_text())
+    assert stats["action"]["mean"][0] == pytest.approx(source.steering.mean(), abs=1e-6)
+    assert np.shape(stats["observation.images.right"]["q50"]) == (3, 1, 1)
+    mean = np.mean([read_image(path) for path in source.images[::10, 0]], (0, 1, 2)) / 255
+    found = np.ravel(stats["observation.images.center"]["mean"])
+    assert found == pytest.approx(mean, abs=0.02)
+
+
+def test_a_centre_only_recording_has_one_video(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "one", 12, cameras=("center",)).folder
+    export_lerobot(read_recordings(str(folder)), tmp_path / "lr", crf=30)
+    assert [path.name for path in (tmp_path / "lr/videos").iterdir()] == [
+        "observation.images.center"
+    ]
+    import_lerobot(tmp_path / "lr", tmp_path / "again")
+    assert read_recordings(str(tmp_path / "again")).images[0, 1] is None
+
+
+def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
+    source: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("datamodules.exchange.lerobot_export.MOST_S", 1)
+    assert export_lerobot(source, tmp_path / "lr").drives == 4
+    assert len(list((tmp_path / "lr/videos/observation.images.left").rglob("*.mp4"))) == 4
+    import_lerobot(tmp_path / "lr", tmp_path / "again")
+    again = read_recordings(str(tmp_path / "again"))
+    np.testing.assert_array_equal(again.time_s, source.time_s)
+    assert np.flatnonzero(find_breaks(again)).tolist() == [19]
+    before, after = (read_image(one.images[33, 2]).astype(float) for one in (source, again))
+    assert np.abs(after - before).mean() < 3
+
+
+def write_foreign(folder: Path, steering: str = "steering wheel", png: bool = False) -> Path:
+    """Write a dataset as other programs do: no columns of drivezoo, images of 96 x 64."""
+    names = {"axes": ["gas pedal", steering]}
+    camera = {"dtype": "image" if png else "video", "shape": [64, 96, 3], "names": None}
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": names},
+        "observation.state": {"dtype": "float32", "shape": [1], "names": ["speed_kmh"]},
+        "observation.images.front_left": camera,
+        "observation.images.top": camera,
+    }
+    (folder / "meta").mkdir(parents=True)
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    frames = [np.full((64, 96, 3), 20 * number, np.uint8) for number in range(10)]
+    columns = {
+        "action": pa.array([[0.5, number / 10] for number in range(10)], pa.list_(pa.float32(), 2)),
+        "observation.state": pa.array([36.0] * 10, pa.float32()),
+        "episode_index": [0] * 6 + [1] * 4,
+        "timestamp": [number / 10 for number in [*range(6), *range(4)]],
+    }
+    episodes: dict[str, list] = {"episode_index": [0, 1]}
+    for key in list(features)[2:]:
+        if png:
+            data = [cv2.imencode(".png", frame)[1].tobytes() for frame in frames]
+            columns[key] = [{"bytes": one, "path": "../../etc/passwd"} for one in data]
+            continue
+        path = folder / f"videos/{key}/chunk-000/file-000.mp4"
+        path.parent.mkdir(parents=True)
+        with VideoWriter(path, (96, 64), 10, 18) as video:
+            for frame in frames:
+                video.add(frame)
+        episodes |= {f"videos/{key}/chunk_index": [0, 0], f"videos/{key}/file_index": [0, 0]}
+        episodes[f"videos/{key}/from_timestamp"] = [0.0, 0.6]
+    for name, contents in ((DATA, columns), (EPISODES, episodes)):
+        (folder / name).parent.mkdir(parents=True)
+        pq.write_table(pa.table(contents), folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("png", [False, True])
+def test_a_foreign_dataset_is_understood_by_its_names(png: bool, tmp_path: Path) -> None:
+    foreign = write_foreign(tmp_path / "foreign", png=png)
+    result = import_lerobot(foreign, tmp_path / "new")
+    new = read_recordings(str(tmp_path / "new"))
+    assert new.steering.tolist() == [float(np.float32(number / 10)) for number in range(10)]
+    assert new.throttle.tolist() == [0.5] * 10
+    assert new.speed_mph == pytest.approx(22.369, abs=0.001)
+    assert np.flatnonzero(find_breaks(new)).tolist() == [5]
+    seen = [read_image(path).mean() for path in new.images[:, 0]]
+    assert seen == pytest.approx([20 * number for number in range(10)], abs=3)
+    notes = "\n".join(result.notes)
+    assert "action:1 (steering wheel)" in notes
+    assert "96 x 64" in notes
+    assert ("observation.images.front_left" in notes) is False
+
+
+def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
+    foreign = write_foreign(tmp_path / "foreign", steering="joint_2")
+    with pytest.raises(InputError, match=r"steering=.*action:1"):
+        import_lerobot(foreign, tmp_path / "new")
+    with pytest.raises(UsageError, match="action:0, action:1"):
+        import_lerobot(foreign, tmp_path / "new", steering="action:9")
+    with pytest.raises(UsageError, match="front_left"):
+        import_lerobot(foreign, tmp_path / "new", steering="action:1", camera="rear")
+    import_lerobot(foreign, tmp_path / "new", steering="action:1", camera="front_left")
+    assert read_recordings(str(tmp_path / "new")).steering[3] == np.float32(0.3)
+
+
+def _info(dataset: Path, **changed: object) -> None:
+    path = dataset / "meta/info.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+
+
+def _rewrite(dataset: Path, name: str, column: str, values: Callable[[list], list]) -> None:
+    found = table(dataset, name)
+    found[column] = values(found[column])
+    pq.write_table(pa.table(found), dataset / name)
+
+
+def _spoil(path: Path, first: int, last: int) -> None:
+    data = bytearray(path.read_bytes())
+    first, last = first % len(data), last % (len(data) + 1)
+    data[first:last] = bytes(range(256)) * ((last - first) // 256)
+    path.write_bytes(data)
+
+
+def _cut(path: Path, share: float) -> None:
+    path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
+
+
+def _camera(dataset: Path, key: str) -> None:
+    features = {"steering": {"dtype": "float64", "shape": [1]}, key: {"dtype": "video"}}
+    _info(dataset, features=features)
+
+
+def _playlist(dataset: Path) -> None:
+    """Put a playlist in place of a video, which ffmpeg would follow to another file."""
+    (dataset / CENTER).write_text("#EXTM3U\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n")
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (lambda one: _info(one, codebase_version="v2.1"), "info.json: codebase_version is 'v2.1'"),
+        (lambda one: _info(one, data_path="../{chunk_index}"), "info.json: data_path"),
+        (lambda one: _info(one, video_path="{video_key.__class__}"), "info.json: video_path"),
+        (lambda one: _info(one, fps="many"), "info.json: fps"),
+        (lambda one: _info(one, features=[1]), "info.json: features"),
+        (lambda one: _camera(one, "../../../other"), "camera '../../../other'"),
+        (lambda one: _camera(one, ".."), "camera '..'"),
+        (lambda one: (one / "meta/info.json").write_text("{"), "info.json: no JSON"),
+        (lambda one: _cut(one / DATA, 0.5), f"{DATA}: the Parquet file is damaged"),
+        (lambda one: (one / DATA).unlink(), "holds no chunk-000/file-000.parquet"),
+        (lambda one: (one / EPISODES).write_bytes(b"PAR1"), f"{EPISODES}: the Parquet file"),
+        (
+            lambda one: _rewrite(one, DATA, "steering", lambda old: [*old[:6], 7.0, *old[7:]]),
+            f"{DATA}, row 7: steering is 7, beyond -1..1",
+        ),
+        (
+            lambda one: _rewrite(one, DATA, "steering", lambda old: [*old[:6], None, *old[7:]]),
+            f"{DATA}, row 7: steering is empty",
+        ),
+        (
+            lambda one: _rewrite(one, DATA, "steering", lambda old: ["x"] * len(old)),
+            "steering has no numbers",
+        ),
+        (
+            lambda one: _rewrite(one, DATA, "timestamp", lambda old: [*old[:6], 1e9, *old[7:]]),
+            f"{DATA}, row 7: timestamp",
+        ),
+        (
+            lambda one: _rewrite(one, DATA, "episode_index", lambda old: [5] * len(old)),
+            "episode 5 is not in",
+        ),
+        (
+            lambda one: _rewrite(
+                one, EPISODES, "videos/observation.images.center/file_index", lambda old: [-1, 0]
+            ),
+            f"{EPISODES}, row 1: no place of a video",
+        ),
+        (lambda one: (one / CENTER).unlink(), f"{CENTER}: No such file"),
+        (lambda one: _cut(one / CENTER, 0.5), f"{CENTER}: "),
+        (lambda one: (one / CENTER).write_bytes(b""), f"{CENTER}: no MP4"),
+        (lambda one: _spoil(one / CENTER, -20_000, -2_000), f"{CENTER}: "),
+        (_playlist, f"{CENTER}: no MP4"),
+    ],
+)
+def test_damage_is_named_in_one_line_and_nothing_is_left(
+    damage: Callable[[Path], None], named: str, copy: Path, tmp_path: Path
+) -> None:
+    damage(copy)
+    with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
+        import_lerobot(copy, tmp_path / "new")
+    assert named in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["copy"]
+
+
+def test_a_row_with_a_damaged_image_is_left_out_of_the_export(tmp_path: Path) -> None:
+    written = write_recording(tmp_path / "lap", 8, cameras=("center",))
+    written.image(3).write_bytes(b"\xff\xd8\xff")
+    result = export_lerobot(read_recordings(str(written.folder)), tmp_path / "lr")
+    assert result.rows == 7
+    assert "row 4" in result.notes[0]
+
+
+def test_an_interrupted_export_leaves_nothing(source: Recording, tmp_path: Path) -> None:
+    def stop(share: float) -> None:
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_lerobot(source, tmp_path / "lr", progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_video_has_the_frames_that_were_written(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    smooth = cv2.resize(rng.integers(0, 256, (8, 16, 3), dtype=np.uint8), (320, 160))
+    frames = [np.roll(smooth, 8 * shift, 1) for shift in range(9)]
+    with VideoWriter(tmp_path / "a.mp4", (320, 160), 14, 10) as video:
+        for frame in frames:
+            video.add(frame)
+    read = list(read_frames(tmp_path / "a.mp4"))
+    assert len(read) == 9
+    for new, old in zip(read, frames, strict=True):
+        difference = new.astype(float) - old
+        assert np.abs(difference).mean() < 3
+        assert abs(difference.mean()) < 0.5, "frames are not darker"

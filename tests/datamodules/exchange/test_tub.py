@@ -1,0 +1,211 @@
+"""Donkeycar tubs: a recording there and back, foreign tubs, and tubs that are damaged."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from datamodules.errors import InputError
+from datamodules.exchange.tub_export import export_tub
+from datamodules.exchange.tub_import import import_tub
+from datamodules.image import read_image
+from datamodules.recording import Recording, read_recordings
+from datamodules.stretches import find_breaks
+from tests.recordings import Written
+
+LABELS = ("steering", "throttle", "brake", "speed_mph", "time_s")
+
+
+@pytest.fixture(scope="module")
+def tub(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a tub of 40 rows with a pause after row 20."""
+    whole = read_recordings(str(recorded.folder))
+    rows = np.r_[0:20, 60:80]
+    out = tmp_path_factory.mktemp("tubs") / "tub"
+    export_tub(whole.keep(np.isin(np.arange(len(whole)), rows)), out)
+    return out
+
+
+def write_tub(folder: Path, records: list[dict], deleted: tuple[int, ...] = ()) -> Path:
+    """Write a tub as Donkeycar does, two records in a catalog; images are 160 x 120."""
+    (folder / "images").mkdir(parents=True)
+    names = []
+    for first in range(0, len(records), 2):
+        names.append(f"catalog_{len(names)}.catalog")
+        lines = [json.dumps(one) for one in records[first : first + 2]]
+        (folder / names[-1]).write_text("\n".join(lines) + "\n")
+    catalogs = {"paths": names, "current_index": len(records), "max_len": 2}
+    rows = [["cam/image_array"], ["image_array"], {}, {}]
+    rows += [catalogs | {"deleted_indexes": list(deleted)}]
+    (folder / "manifest.json").write_text("".join(f"{json.dumps(one)}\n" for one in rows))
+    for index in range(len(records)):
+        image = np.full((120, 160, 3), 20 * index, np.uint8)
+        cv2.imwrite(str(folder / "images" / f"{index}_cam_image_array_.jpg"), image)
+    return folder
+
+
+def record(index: int, **changed: object) -> dict:
+    found = {
+        "cam/image_array": f"{index}_cam_image_array_.jpg",
+        "user/angle": index / 10,
+        "user/throttle": 0.3,
+        "user/mode": "user",
+        "_index": index,
+        "_session_id": "21-05-01_0",
+        "_timestamp_ms": 1_600_000_000_000 + 50 * index,
+    }
+    return found | {key.replace("__", "/"): value for key, value in changed.items()}
+
+
+def test_a_recording_comes_back_to_the_bit(recorded: Written, tub: Path, tmp_path: Path) -> None:
+    result = import_tub(tub, tmp_path / "again")
+    again, whole = read_recordings(str(tmp_path / "again")), read_recordings(str(recorded.folder))
+    rows = np.r_[0:20, 60:80]
+    for name in LABELS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name)[rows])
+    for new, old in zip(again.images[:, 0], whole.images[rows, 0], strict=True):
+        assert Path(new).read_bytes() == Path(old).read_bytes()
+    assert np.flatnonzero(find_breaks(again)).tolist() == [19]
+    assert (result.rows, result.drives) == (40, 2)
+
+
+def test_the_tub_has_donkeycars_keys(recorded: Written, tub: Path) -> None:
+    lines = (tub / "manifest.json").read_text().splitlines()
+    inputs, types, _, about, catalogs = map(json.loads, lines)
+    assert dict(zip(inputs, types, strict=True))["cam/image_array"] == "image_array"
+    assert about["sessions"]["last_id"] == 1
+    assert catalogs["current_index"] == 40
+    rows = (tub / "catalog_0.catalog").read_text().splitlines(keepends=True)
+    lengths = json.loads((tub / "catalog_0.catalog_manifest").read_text())["line_lengths"]
+    assert lengths == [len(one) for one in rows]
+    first = json.loads(rows[0])
+    assert first["user/angle"] == recorded.steering[0]
+    assert first["user/throttle"] == recorded.throttle[0] - recorded.brake[0]
+    assert first["enc/speed"] == pytest.approx(recorded.speed_mph[0] * 0.44704)
+    assert (tub / "images" / first["cam/image_array"]).is_file()
+
+
+def test_deleted_and_autopilot_records_are_left_out(tmp_path: Path) -> None:
+    records = [record(0), record(1), record(2, user__mode="local"), record(3), record(4)]
+    result = import_tub(write_tub(tmp_path / "tub", records, deleted=(1, 4)), tmp_path / "new")
+    new = read_recordings(str(tmp_path / "new"))
+    assert new.steering.tolist() == [0.0, 0.3]
+    assert new.time_s[0] == 1_600_000_000.0
+    notes = "\n".join(result.notes)
+    assert "2 records left out that the tub marks as deleted" in notes
+    assert "1 records left out that an autopilot drove" in notes
+    assert "no speed" in notes
+    assert "160 x 120" in notes
+
+
+def test_a_damaged_image_is_left_out_and_counted(tmp_path: Path) -> None:
+    tub = write_tub(tmp_path / "tub", [record(0), record(1), record(2)])
+    (tub / "images" / "1_cam_image_array_.jpg").write_bytes(b"\xff\xd8\xff")
+    result = import_tub(tub, tmp_path / "new")
+    assert result.rows == 2
+    assert "1 rows left out" in result.notes[0]
+    assert "catalog_0.catalog, row 2" in result.notes[0]
+
+
+def test_padding_keeps_the_shape_of_an_odd_size(tmp_path: Path) -> None:
+    tub = write_tub(tmp_path / "tub", [record(0), record(9)])
+    cv2.imwrite(str(tub / "images" / "9_cam_image_array_.jpg"), np.full((120, 160, 3), 180))
+    import_tub(tub, tmp_path / "kept")
+    import_tub(tub, tmp_path / "padded", fit="pad")
+    kept, padded = (read_recordings(str(tmp_path / one)).images[1, 0] for one in ("kept", "padded"))
+    assert cv2.imread(kept).shape == (120, 160, 3)
+    assert cv2.imread(padded).shape == (120, 240, 3)
+    seen = read_image(padded)
+    assert seen[:, :40].max() < 30, "a black bar"
+    assert abs(seen[:, 160].mean() - 180) < 3
+
+
+def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
+    tub = tmp_path / "old"
+    tub.mkdir()
+    for index in (1, 2, 10):
+        cv2.imwrite(str(tub / f"{index}_cam.jpg"), np.full((120, 160, 3), index, np.uint8))
+        found = {"cam/image_array": f"{index}_cam.jpg", "user/angle": index / 100}
+        found |= {"user/throttle": -0.5, "milliseconds": 100 * index}
+        (tub / f"record_{index}.json").write_text(json.dumps(found))
+    import_tub(tub, tmp_path / "new")
+    new = read_recordings(str(tmp_path / "new"))
+    assert new.steering.tolist() == [0.01, 0.02, 0.1]
+    assert new.throttle.tolist() == [-0.5] * 3
+    assert np.diff(new.time_s) == pytest.approx([0.1, 0.8])
+
+
+def test_images_are_links_or_copies_of_images_alone(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_text("not an image")
+    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
+    place = tub / "images" / "1_cam_image_array_.jpg"
+    place.unlink()
+    place.symlink_to(secret)
+    assert import_tub(tub, tmp_path / "new").rows == 1
+    for path in (tmp_path / "new" / "IMG").iterdir():
+        assert b"not an image" not in path.read_bytes()
+
+
+def _line(tub: Path, text: str) -> None:
+    (tub / "catalog_0.catalog").write_text(f"{json.dumps(record(0))}\n{text}\n")
+
+
+def _manifest(tub: Path, **changed: object) -> None:
+    path = tub / "manifest.json"
+    lines = path.read_text().splitlines()
+    lines[4] = json.dumps(json.loads(lines[4]) | changed)
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _shorten(tub: Path) -> None:
+    (tub / "manifest.json").write_text("[]\n")
+
+
+def _pipe(tub: Path) -> None:
+    (tub / "catalog_0.catalog").unlink()
+    os.mkfifo(tub / "catalog_0.catalog")
+
+
+@pytest.mark.parametrize(
+    ("damage", "named"),
+    [
+        (lambda tub: _line(tub, '{"user/angle": 0.'), "catalog_0.catalog, row 2: no JSON"),
+        (lambda tub: _line(tub, "[" * 100_000), "catalog_0.catalog, row 2: no JSON"),
+        (lambda tub: _line(tub, "[1]"), "row 2: expected an object"),
+        (lambda tub: _line(tub, json.dumps(record(1, user__angle="left"))), "row 2: user/angle"),
+        (lambda tub: _line(tub, json.dumps(record(1, user__angle=10**400))), "row 2: user/angle"),
+        (lambda tub: _line(tub, json.dumps(record(1, user__angle=1.5))), "beyond -1..1"),
+        (lambda tub: _line(tub, json.dumps(record(1, _timestamp_ms=-5))), "between 1970"),
+        (
+            lambda tub: _line(tub, json.dumps(record(1, cam__image_array="../../secret.jpg"))),
+            "row 2: cam/image_array",
+        ),
+        (lambda tub: _manifest(tub, paths=["../other.catalog"]), "manifest.json, row 5: a catalog"),
+        (lambda tub: _manifest(tub, paths=["/etc/passwd"]), "manifest.json, row 5: a catalog"),
+        (lambda tub: _manifest(tub, paths=7), "manifest.json, row 5"),
+        (_shorten, "manifest.json, row 1: the manifest has 1 of 5 rows"),
+        (_pipe, "named pipe"),
+    ],
+)
+def test_damage_is_named_in_one_line_and_nothing_is_left(
+    damage: Callable[[Path], None], named: str, tmp_path: Path
+) -> None:
+    tub = write_tub(tmp_path / "tub", [record(0), record(1)])
+    damage(tub)
+    with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
+        import_tub(tub, tmp_path / "new")
+    assert named in str(caught.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["tub"]
+
+
+def test_a_recording_without_times_gets_some(recorded: Written, tmp_path: Path) -> None:
+    whole = read_recordings(str(recorded.folder))
+    timeless = Recording(**{**vars(whole), "time_s": np.full(len(whole), np.nan)})
+    export_tub(timeless, tmp_path / "tub")
+    import_tub(tmp_path / "tub", tmp_path / "new")
+    assert np.diff(read_recordings(str(tmp_path / "new")).time_s) == pytest.approx(1 / 15, abs=1e-3)

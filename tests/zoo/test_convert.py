@@ -1,0 +1,66 @@
+"""`drivezoo convert`: formats that it finds, wrong uses, and what is left after a failure."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from datamodules.errors import InputError, UsageError
+from datamodules.recording import read_recordings
+from tests.recordings import Written
+from tests.zoo.commands import only_line, run
+from zoo.convert import convert
+
+
+def test_a_recording_becomes_a_tub_and_a_tub_a_recording(recorded: Written, tmp_path: Path) -> None:
+    there = run(tmp_path, str(recorded.folder), "to=donkeycar", "out=tub", module="zoo.convert")
+    back = run(tmp_path, "tub", module="zoo.convert")
+
+    assert there.returncode == back.returncode == 0, there.stderr + back.stderr
+    assert there.stdout.splitlines() == [
+        "recording -> Donkeycar tub: 120 rows, 1 continuous drive",
+        "- a tub has one camera: the side cameras are left out",
+        "wrote: tub",
+        "next: donkey train --tub tub  # in your car's folder",
+    ]
+    new = tmp_path / "tub_udacity"
+    assert back.stdout.splitlines()[-2:] == [
+        f"wrote: {new}",
+        f"next: python -m datamodules.check {new}",
+    ]
+    again = read_recordings(str(new))
+    assert again.steering.tolist() == recorded.steering.tolist()
+
+
+@pytest.mark.parametrize("to", ["lerobot", "donkeycar"])
+def test_an_existing_folder_is_never_written_to(to: str, recorded: Written, tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    result = run(tmp_path, str(recorded.folder), f"to={to}", "out=old", module="zoo.convert")
+    assert "out=old: exists already" in only_line(result)
+    assert list((tmp_path / "old").iterdir()) == []
+
+
+def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
+    source = str(recorded.folder)
+    with pytest.raises(UsageError, match="to=lerobot or to=donkeycar"):
+        convert([source])
+    with pytest.raises(UsageError, match=r"to=udacity: .* is a recording already"):
+        convert([source, "to=udacity"])
+    with pytest.raises(InputError, match="no such folder"):
+        convert([str(tmp_path / "nowhere"), "to=lerobot"])
+    with pytest.raises(InputError, match=r"info.json .*manifest.json"):
+        convert([str(tmp_path), "to=lerobot"])
+    (tmp_path / "manifest.json").touch()
+    with pytest.raises(UsageError, match="becomes a recording first"):
+        convert([str(tmp_path), "to=lerobot"])
+
+
+def test_a_missing_pyarrow_is_one_line(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    out = tmp_path / "lr"
+    with pytest.raises(InputError, match=r"pip install 'drivezoo\[parquet\]'"):
+        convert([str(recorded.folder), "to=lerobot", f"out={out}"])
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,161 @@
+"""`python -m zoo.convert SOURCE [key=value ...]`: exchange recordings with LeRobot and Donkeycar.
+
+Finds out what SOURCE is: a recording, a LeRobotDataset v3 or a Donkeycar tub. Writes a recording as
+a dataset or a tub, and a dataset or a tub as a recording that every command takes.
+
+  python -m zoo.convert FOLDER to=lerobot out=NEW
+  python -m zoo.convert TUB out=NEW
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from datamodules.errors import UsageError
+from datamodules.terminal import printable
+from zoo.cli.closing_lines import print_next, print_written
+from zoo.cli.command import Command
+from zoo.cli.run_command import run_command
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from datamodules.exchange.converted import Converted
+    from datamodules.exchange.source_format import Format
+
+COMMAND = Command(__doc__, {"SOURCE": "folder of a recording, a LeRobot dataset or a tub"})
+NAMES = {
+    "udacity": "recording",
+    "lerobot": "LeRobotDataset v3",
+    "donkeycar": "Donkeycar tub",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertOptions:
+    """Options of the command; `conf/convert.yaml` has their meanings and defaults."""
+
+    to: Literal["udacity", "lerobot", "donkeycar"] | None
+    out: Path | None
+    images: str | None
+    fps: Annotated[int, Field(ge=1, le=1000)] | None
+    crf: Annotated[int, Field(ge=1, le=51)]
+    task: str
+    steering: str | None
+    camera: str | None
+    speed_unit: Literal["mph", "mps", "kmh"]
+    fit: Literal["keep", "pad"]
+    quality: Annotated[int, Field(ge=1, le=100)]
+
+
+def convert(arguments: list[str]) -> None:
+    """Convert a folder, and print what was written and what was lost.
+
+    Raises:
+        InputError: the source cannot be read, or the new folder cannot be written.
+        UsageError: the formats do not fit, or a value is wrong.
+    """
+    (named,), options = COMMAND.read(arguments, ConvertOptions)
+    from rich.console import Console
+
+    from datamodules.exchange.source_format import find_format
+    from datamodules.new_folder import free_folder, refuse_existing
+    from zoo.cli.console_progress import progress_bar
+
+    source = Path(named).expanduser()
+    found = find_format(source)
+    to = target_format(named, found, options.to)
+    folder = source.parent if source.is_file() else source
+    # Without SOURCE's own name, `.` has none to add the format to.
+    whole = folder.absolute()
+    out = options.out or free_folder(whole.with_name(f"{whole.name}_{to}"))
+    refuse_existing(out.expanduser())
+    with progress_bar("converting", Console(stderr=True)) as report:
+        result = run_conversion(source, out, found, to, options, report)
+    drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"
+    print(f"{NAMES[found]} -> {NAMES[to]}: {result.rows:,} rows, {drives}")
+    for note in result.notes:
+        print(printable(f"- {note}"))
+    print_written([result.folder])
+    print_following(result, to)
+
+
+def target_format(named: str, found: "Format", to: "Format | None") -> "Format":
+    """Return the format to write.
+
+    Raises:
+        UsageError: there is nothing to convert, or one of the formats must be a recording.
+    """
+    if to is None and found == "udacity":
+        raise UsageError(
+            f"{named}: is a recording; name its new format: to=lerobot or to=donkeycar"
+        )
+    to = to or "udacity"
+    if to == found:
+        raise UsageError(f"to={to}: {named} is a {NAMES[found]} already; name another format")
+    if "udacity" not in (to, found):
+        raise UsageError(
+            f"to={to}: a {NAMES[found]} becomes a recording first: leave out to=, then convert the "
+            "new folder"
+        )
+    return to
+
+
+def run_conversion(
+    source: Path,
+    out: Path,
+    found: "Format",
+    to: "Format",
+    options: ConvertOptions,
+    progress: "Callable[[float], None]",
+) -> "Converted":
+    """Convert between two formats, of which one is a recording; return the result."""
+    if found == "lerobot":
+        from datamodules.exchange.lerobot_import import import_lerobot
+
+        return import_lerobot(
+            source,
+            out,
+            options.steering,
+            options.camera,
+            options.speed_unit,
+            options.fit,
+            options.quality,
+            progress,
+        )
+    if found == "donkeycar":
+        from datamodules.exchange.tub_import import import_tub
+
+        return import_tub(source, out, options.fit, options.quality, progress)
+    from datamodules.recording import read_recordings
+
+    recording = read_recordings(str(source), options.images, on_bad_image="skip")
+    if to == "donkeycar":
+        from datamodules.exchange.tub_export import export_tub
+
+        return export_tub(recording, out, progress)
+    from datamodules.exchange.lerobot_export import export_lerobot
+
+    return export_lerobot(recording, out, options.fps, options.crf, options.task, progress)
+
+
+def print_following(result: "Converted", to: "Format") -> None:
+    """Print the command that uses what was written."""
+    import shlex
+
+    folder = str(result.folder)
+    if to == "udacity":
+        print_next(shlex.join(["python", "-m", "datamodules.check", folder]))
+    elif to == "donkeycar":
+        print_next(shlex.join(["donkey", "train", "--tub", folder]), "in your car's folder")
+    else:
+        name = f"local/{result.folder.name}"
+        words = ["lerobot-dataset-viz", "--repo-id", name, "--root", folder, "--episode-index", "0"]
+        print_next(shlex.join(words), "where LeRobot is installed")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.convert", convert, sys.argv[1:]))
