@@ -1,13 +1,18 @@
 """Fixtures for all tests, and settings of hypothesis."""
 
+import gc
 import io
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
+# One thread, set before torch is imported: the networks are small, and processes share the cores.
+# Threads of OpenMP that wait spin: with two, the tests of policies take six times the CPU time.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import settings
@@ -25,10 +30,23 @@ settings.register_profile("drivezoo", deadline=None, derandomize=True)
 settings.load_profile("drivezoo")
 
 
+def pytest_collection_finish() -> None:
+    """Spare the garbage collections during tests the half million objects of what was imported."""
+    gc.freeze()
+
+
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Written:
     """Write a recording of 120 rows, which tests share and must not change."""
     return write_recording(tmp_path_factory.mktemp("recorded") / "lake")
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Take back the threads of a training in this process."""
+    yield
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 @pytest.fixture

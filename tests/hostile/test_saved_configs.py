@@ -19,6 +19,7 @@ from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.compositions import composed
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.__main__ import zoo
@@ -124,7 +125,7 @@ def test_a_function_in_a_strangers_config_is_not_called(
 )
 def test_an_unexpected_class_is_refused_at_every_key(key: str) -> None:
     evil = {"_target_": "pathlib.Path.write_text", "self": "x", "data": "y"}
-    config = OmegaConf.create(compose_config([]))
+    config = OmegaConf.create(composed())
     OmegaConf.update(config, key, [{"deep": evil}], merge=False, force_add=True)
     with pytest.raises(InputError, match=re.escape(f"{key}.0.deep._target_")):
         check_saved_config(config, "x.ckpt")
@@ -157,7 +158,7 @@ def test_an_unexpected_class_is_refused_at_every_key(key: str) -> None:
     ],
 )
 def test_values_that_run_or_write_elsewhere_are_refused_by_key(key: str, value: object) -> None:
-    config = OmegaConf.create(compose_config(["data=lake"]))
+    config = OmegaConf.create(composed("data=lake"))
     assert not list(find_refusals(config))
     OmegaConf.update(config, key, value, merge=False, force_add=True)
     with pytest.raises(InputError, match=re.escape(key)) as raised:
@@ -180,7 +181,7 @@ def test_values_that_run_or_write_elsewhere_are_refused_by_key(key: str, value: 
     ],
 )
 def test_values_that_exhaust_a_machine_are_refused_by_key(key: str, value: object) -> None:
-    config = OmegaConf.create(compose_config([]))
+    config = OmegaConf.create(composed())
     OmegaConf.update(config, key, value, merge=False, force_add=True)
     with pytest.raises(InputError, match=re.escape(key)) as raised:
         check_saved_config(config, "x.ckpt")
@@ -194,7 +195,7 @@ def test_values_that_exhaust_a_machine_are_refused_by_key(key: str, value: objec
     + [("data.workers", 64), ("data.batch_size", 1_000_000), ("data.samples_per_epoch", None)],
 )
 def test_values_for_a_large_machine_are_allowed(key: str, value: object) -> None:
-    config = OmegaConf.create(compose_config([]))
+    config = OmegaConf.create(composed())
     OmegaConf.update(config, key, value, merge=False)
     check_saved_config(config, "x.ckpt")
 
@@ -232,7 +233,7 @@ def test_a_strangers_config_does_not_exhaust_the_machine(
 def test_a_network_of_too_many_parameters_is_refused_before_it_takes_memory(
     model: str, settings: dict
 ) -> None:
-    config = compose_config([f"model={model}"])["model"]
+    config = composed(f"model={model}")["model"]
     view = View([60, 20], config["colour"], config["size"])
     make_network(config, view)
     with pytest.raises(InputError, match=r"1,000,000,000|infinity"):
@@ -240,7 +241,7 @@ def test_a_network_of_too_many_parameters_is_refused_before_it_takes_memory(
 
 
 def test_a_users_own_track_may_be_anywhere() -> None:
-    config = OmegaConf.create(compose_config(["callbacks=closed_loop"]))
+    config = OmegaConf.create(composed("callbacks=closed_loop"))
     config.callbacks.closed_loop.track = "/home/me/track.yaml"
     check_saved_config(config, "x.ckpt")
 
@@ -279,9 +280,9 @@ def test_every_choice_that_is_shipped_is_allowed() -> None:
         for group in config_groups()
         if group != "experiment"  # it sets the other groups
     ]
-    composed = [[one for one in row if one] for row in zip_longest(*of_groups)]
-    composed += [[f"experiment={one}"] for one in choices("experiment")]
-    for overrides in composed:
+    combined = [[one for one in row if one] for row in zip_longest(*of_groups)]
+    combined += [[f"experiment={one}"] for one in choices("experiment")]
+    for overrides in combined:
         config = OmegaConf.create(compose_config(overrides))
         assert list(find_refusals(config)) == [], overrides
 

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.zoo.forked_commands import ForkedCommands
+from tests.zoo.forked_commands import ForkedCommands, ForkedProcess
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,6 +47,20 @@ def run(
         if status == -signal.SIGALRM:
             raise subprocess.TimeoutExpired([module, *arguments], timeout)
         return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())
+
+
+def start(cwd: Path, module: str, *arguments: str) -> subprocess.Popen | ForkedProcess:
+    """Start `python -m MODULE ARGUMENTS`, whose output and errors are its `stdout`."""
+    if sys.platform == "linux":
+        return ForkedProcess(forked_commands(ROOT), [module, *arguments], cwd, environment())
+    return subprocess.Popen(
+        command(module, *arguments),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=cwd,
+        env=environment(),
+    )
 
 
 @functools.cache

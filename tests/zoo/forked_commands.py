@@ -13,6 +13,7 @@ import runpy
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import traceback
 from importlib import import_module
@@ -30,7 +31,7 @@ IMPORTED = (
 
 
 class ForkedCommands:
-    """A process that runs one command at a time; it ends with this process."""
+    """A process that forks commands and waits for them; it ends with this process."""
 
     def __init__(self, environment: dict[str, str], code: Path) -> None:
         self._process = subprocess.Popen(
@@ -52,22 +53,104 @@ class ForkedCommands:
         errors: Path,
     ) -> int:
         """Return the exit status of `python -m ARGUMENTS`; its output goes to the two files."""
-        request = [arguments, str(cwd), environment, timeout_s, str(output), str(errors)]
+        return self.wait(self.start(arguments, cwd, environment, timeout_s, output, errors))
+
+    def start(
+        self,
+        arguments: list[str],
+        cwd: Path,
+        environment: dict[str, str],
+        timeout_s: int,
+        output: Path,
+        errors: Path,
+    ) -> int:
+        """Start `python -m ARGUMENTS` and return its process id."""
+        return self._ask(arguments, str(cwd), environment, timeout_s, str(output), str(errors))
+
+    def wait(self, pid: int) -> int:
+        """Return the exit status of a process at its end."""
+        return self._ask(pid)
+
+    def _ask(self, *request: object) -> int:
         print(json.dumps(request), file=self._process.stdin, flush=True)
         return int(self._process.stdout.readline())
 
 
+class ForkedProcess:
+    """A running `python -m ARGUMENTS`, with the part of Popen's interface that tests use.
+
+    Attributes:
+        stdout: text that the process prints, errors included.
+        returncode: exit status; None before its end is known.
+    """
+
+    def __init__(
+        self,
+        commands: ForkedCommands,
+        arguments: list[str],
+        cwd: Path,
+        environment: dict[str, str],
+        timeout_s: int = 300,
+    ) -> None:
+        self._commands = commands
+        self.returncode: int | None = None
+        with tempfile.TemporaryDirectory() as folder:
+            pipe = Path(folder, "output")
+            os.mkfifo(pipe)
+            self.pid = commands.start(arguments, cwd, environment, timeout_s, pipe, pipe)
+            self.stdout = pipe.open()  # waits until the process opens its end
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, unless the process has ended."""
+        if self.returncode is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """Kill the process."""
+        self.send_signal(signal.SIGKILL)
+
+    def communicate(self, timeout: float) -> tuple[str, None]:
+        """Return what the process still prints until its end.
+
+        Raises:
+            TimeoutExpired: it runs for longer than `timeout` seconds.
+        """
+        late = threading.Timer(timeout, self.kill)
+        late.start()
+        printed = self.stdout.read()
+        if self.wait() == -signal.SIGKILL:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout)
+        late.cancel()
+        return printed, None
+
+    def poll(self) -> int | None:
+        """Return the exit status, or None while the process runs."""
+        state = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0]
+        return self.wait() if state == "Z" else None
+
+    def wait(self) -> int:
+        """Return the exit status at the end of the process."""
+        if self.returncode is None:
+            self.returncode = self._commands.wait(self.pid)
+            self.stdout.close()
+        return self.returncode
+
+
 def serve() -> None:
-    """Fork a process for each request; return in the fork, ready to run the command."""
+    """Fork a process or wait for one at each request; return in forks, ready for the command."""
     for module in IMPORTED:
         import_module(module)
     gc.freeze()  # else each fork's collections copy all pages of what was imported
-    for request in sys.stdin:
+    for line in sys.stdin:
+        request = json.loads(line)
+        if len(request) == 1:
+            print(os.waitstatus_to_exitcode(os.waitpid(request[0], 0)[1]), flush=True)
+            continue
         pid = os.fork()
         if pid == 0:
-            become(*json.loads(request))
+            become(*request)
             return
-        print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+        print(pid, flush=True)
     sys.exit()
 
 
@@ -80,12 +163,12 @@ def become(
     errors: str,
 ) -> None:
     """Give this process the state in which `python -m ARGUMENTS` starts."""
-    for number, path, flags in (
-        (0, os.devnull, os.O_RDONLY),
-        (1, output, os.O_WRONLY),
-        (2, errors, os.O_WRONLY),
-    ):
-        os.dup2(os.open(path, flags), number)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(os.open(output, os.O_WRONLY), 1)
+    os.dup2(1 if errors == output else os.open(errors, os.O_WRONLY), 2)
+    # The old ones may believe that they write to a file.
+    sys.stdout = os.fdopen(1, "w", closefd=False)
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace", closefd=False)
     os.chdir(cwd)
     os.environ.clear()
     os.environ.update(environment)

@@ -9,7 +9,8 @@ import io
 import math
 import os
 from collections.abc import Iterable
-from dataclasses import astuple, fields
+from dataclasses import fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ VERSION = 1  # of drive.json; files of drivezoo 0.1.0 have none
 MOST_BYTES = 256_000_000  # of a drive.csv: days of driving
 
 COLUMNS = tuple(field.name for field in fields(DriveRow))
+_VALUES = attrgetter(*COLUMNS)  # not dataclasses.astuple, which copies each value
 FIRST_COLUMNS = COLUMNS[:10]  # of files that earlier versions wrote
 _DECIMALS = {"time_s": 4, "latency_ms": 3}
 
@@ -169,7 +171,7 @@ def _rows(path: Path) -> list[list[str]]:
 
 def _texts(row: DriveRow) -> list[str]:
     texts = []
-    for name, value in zip(COLUMNS, astuple(row), strict=True):
+    for name, value in zip(COLUMNS, _VALUES(row), strict=True):
         if isinstance(value, bool):
             value = int(value)
         elif isinstance(value, float):

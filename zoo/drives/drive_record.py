@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +118,9 @@ class Drive:
         (2, 'lake', [9.0, nan])
         """
         names = DriveRow.__dataclass_fields__
-        columns = zip(*map(astuple, rows), strict=True) if rows else [()] * len(names)
+        # Not dataclasses.astuple, which copies each value: a tenth of a drive's time.
+        values = map(attrgetter(*names), rows)
+        columns = zip(*values, strict=True) if rows else [()] * len(names)
         arrays: dict[str, Any] = {
             name: np.array(column, TYPES.get(name, np.float64))
             for name, column in zip(names, columns, strict=True)

@@ -8,10 +8,11 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.view import View
+from tests.zoo.compositions import composed
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.policy import Policy
-from zoo.cli.compose import choices, compose_config
+from zoo.cli.compose import choices
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
 from zoo.models.memory import Memory
@@ -25,7 +26,7 @@ SPEED = 20.0
 
 @pytest.mark.parametrize("name", MODELS)
 def test_a_networks_outputs_stay_the_same_to_the_bit(name: str) -> None:
-    config = compose_config([f"model={name}"])
+    config = composed(f"model={name}")
     model = config["model"]
     view = View(config["data"]["crop"], model["colour"], model["size"])
     torch.manual_seed(1)

@@ -11,26 +11,19 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, environment
+from tests.zoo.commands import ROOT, environment, run
 from zoo.doctor import __main__ as doctor
 from zoo.doctor import inputs, installation, round_trip
 from zoo.doctor.finding import FAULT, WARNING
 
 
-def run_doctor(
-    cwd: Path, *arguments: object, python: tuple[str, ...] = (), **more: str
-) -> subprocess.CompletedProcess:
+def run_doctor(cwd: Path, *arguments: object, **more: str) -> subprocess.CompletedProcess:
     """Run the doctor, on a free port: a driver may use the default one."""
     ports = [] if any(str(one).startswith("port=") for one in arguments) else [free_port()]
-    result = subprocess.run(
-        [sys.executable, *python, "-m", "zoo.doctor", *map(str, arguments), *ports],
-        cwd=cwd,
-        env=environment() | {"COLUMNS": "400"} | more,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in ({"COLUMNS": "400"} | more).items():
+            patch.setenv(name, value)
+        result = run(cwd, *map(str, arguments), *ports, module="zoo.doctor")
     assert "Traceback" not in result.stdout + result.stderr, result.stderr
     return result
 
@@ -86,21 +79,28 @@ def test_every_fault_is_named_with_its_fix(tmp_path: Path) -> None:
     assert result.stdout.splitlines()[-1].startswith("faults: 3, warnings: 1,")
 
 
-def test_a_package_that_carries_malware_is_a_fault(tmp_path: Path) -> None:
+def test_a_package_that_carries_malware_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     info = tmp_path / "bad" / "lightning-2.6.2.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lightning\nVersion: 2.6.2\n")
+    monkeypatch.syspath_prepend(tmp_path / "bad")
 
-    result = run_doctor(tmp_path, PYTHONPATH=f"{tmp_path / 'bad'}:{ROOT}")
+    (fault,) = (one for one in installation.check_packages() if one.state == FAULT)
 
-    assert result.returncode == 1
-    assert "lightning 2.6.2 carries malware" in row(result, "packages")
-    assert "pip uninstall lightning" in row(result, "packages")
+    assert "lightning 2.6.2 carries malware" in fault.found
+    assert "pip uninstall lightning" in fault.fix
 
 
 def test_without_packages_it_names_them_and_how_to_install(tmp_path: Path) -> None:
-    result = run_doctor(tmp_path, tmp_path, python=("-S",))
+    words = [sys.executable, "-S", "-m", "zoo.doctor", str(tmp_path), free_port()]
+    more = {"COLUMNS": "400"}
+    result = subprocess.run(
+        words, cwd=tmp_path, env=environment() | more, capture_output=True, text=True, timeout=120
+    )
 
+    assert "Traceback" not in result.stdout + result.stderr
     assert result.returncode == 1
     assert "not installed: albumentations" in row(result, "packages")
     assert "torch is not installed" in row(result, "device")

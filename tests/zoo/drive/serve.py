@@ -16,7 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tests.zoo.commands import ROOT, environment
+from tests.zoo.commands import start
+from tests.zoo.forked_commands import ForkedProcess
 
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)  # colours for which the policy returns NaN, and raises
 
@@ -46,7 +47,7 @@ def picture(
 class Served:
     """A driver's process; `lines` holds what it printed until `stop`."""
 
-    def __init__(self, process: subprocess.Popen, folder: Path) -> None:
+    def __init__(self, process: subprocess.Popen | ForkedProcess, folder: Path) -> None:
         self.process, self.folder = process, folder
         self.lines: list[str] = []
         self.port = self._port()
@@ -75,14 +76,7 @@ class Served:
 @contextlib.contextmanager
 def served(folder: Path, *command: str) -> Iterator[Served]:
     """Yield a serving process: this module's, or another command (a module and its arguments)."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", *(command or ("tests.zoo.drive.serve", str(folder)))],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        cwd=folder.parent,
-        env=environment() | {"PYTHONPATH": str(ROOT)},
-    )
+    process = start(folder.parent, *(command or ("tests.zoo.drive.serve", str(folder))))
     try:
         driver = Served(process, folder)
         yield driver

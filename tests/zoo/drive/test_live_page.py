@@ -4,7 +4,6 @@ import http.client
 import io
 import json
 import shutil
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.zoo.commands import command, environment
+from tests.zoo.commands import start
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served, picture, served
@@ -40,9 +39,7 @@ def driver(folder: Path) -> Iterator[Served]:
     with served(folder / "drive", "zoo.drive", *options) as driver:
         url = f"url=http://127.0.0.1:{driver.port}"
         options = ("client", url, "clock=realtime", "quality=simple", "start=60")
-        simulator = subprocess.Popen(
-            command("simulator", *options), stdout=subprocess.DEVNULL, env=environment()
-        )
+        simulator = start(folder, "simulator", *options)
         try:
             yield driver
         finally:
@@ -344,9 +341,9 @@ def test_the_page_shows_the_band_of_a_policy_that_doubts(tmp_path: Path) -> None
     ):
         browser.open(f"http://127.0.0.1:{driver.port}/")
         browser.wait_for(f"{content('strip-name')} === 'Steering'")
-        for number in range(60):
-            red = round(60 + 40 * np.sin(number / 6))
-            simulator.telemetry(jpeg=picture((red, 40, 8 if number < 30 else 25)), speed="9.0000")
+        for number in range(20):
+            red = round(60 + 40 * np.sin(number / 2))
+            simulator.telemetry(jpeg=picture((red, 40, 8 if number < 10 else 25)), speed="9.0000")
             simulator.reply()
             time.sleep(0.1)
         browser.wait_for(f"{content('strip-name')}.includes('95 % band')")

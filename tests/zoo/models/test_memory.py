@@ -5,14 +5,13 @@ import torch
 from torch import nn
 
 from datamodules.errors import InputError
+from tests.zoo.compositions import composed
 from tests.zoo.models.test_models_command import build
-from zoo.cli.compose import choices, compose_config
+from zoo.cli.compose import choices
 from zoo.models.cnn_gru import GruCell
 from zoo.models.memory import Memory
 
-NAMES = [
-    name for name in choices("model") if "sequence" in compose_config([f"model={name}"])["model"]
-]
+NAMES = [name for name in choices("model") if "sequence" in composed(f"model={name}")["model"]]
 
 
 def windows(network: Memory, count: int = 2, seed: int = 1) -> torch.Tensor:

@@ -6,7 +6,8 @@ import torch
 from datamodules.errors import InputError
 from datamodules.view import View
 from tests.zoo.commands import ROOT, run
-from zoo.cli.compose import choices, compose_config
+from tests.zoo.compositions import composed
+from zoo.cli.compose import choices
 from zoo.models.layers import Normalize
 from zoo.models.make_network import make_network, published_view
 from zoo.models.memory import Memory
@@ -26,7 +27,7 @@ PARAMETERS = {
 
 
 def build(name: str, *overrides: str) -> tuple[torch.nn.Module, View]:
-    config = compose_config([f"model={name}", *overrides])
+    config = composed(f"model={name}", *overrides)
     view = published_view(config)
     return make_network(config["model"], view), view
 

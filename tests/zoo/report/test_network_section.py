@@ -4,14 +4,15 @@ import pytest
 import torch
 from torch import nn
 
-from zoo.cli.compose import choices, compose_config
+from tests.zoo.compositions import composed
+from zoo.cli.compose import choices
 from zoo.models.make_network import make_network, view_of
 from zoo.report.network_section import network_layers
 
 
 @pytest.mark.parametrize("model", choices("model"))
 def test_the_parameters_of_the_layers_add_up(model: str) -> None:
-    config = compose_config([f"model={model}"])
+    config = composed(f"model={model}")
     view = view_of(config["model"], config["data"]["crop"])
     network = make_network(config["model"], view)
     layers = network_layers(network, view.shape)
@@ -23,7 +24,7 @@ def test_the_parameters_of_the_layers_add_up(model: str) -> None:
 
 
 def test_the_published_table_of_pilotnet() -> None:
-    config = compose_config(["model=nvidia"])
+    config = composed("model=nvidia")
     view = view_of(config["model"], config["data"]["crop"])
     layers = network_layers(make_network(config["model"], view), view.shape)
     counts = [layer.parameters for layer in layers if layer.parameters]

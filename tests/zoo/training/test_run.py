@@ -418,15 +418,14 @@ def test_bad_input_gets_one_line(
         *SMALL,
         f"data.root={written.folder}",
         "trainer.max_epochs=1",
-        "hydra.run.dir=run",
         override,
     ]
     monkeypatch.setattr("sys.argv", ["zoo", *arguments])
     assert run_command("zoo", zoo, arguments) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
-    if (tmp_path / "run").exists():
-        status = json.loads((tmp_path / "run" / "status.json").read_text())
+    for path in tmp_path.glob("outputs/*/*/status.json"):
+        status = json.loads(path.read_text())
         assert status["status"] == "failed"
         assert status["reason"] in line
 
