@@ -1,12 +1,13 @@
-"""Measure the simulator's frames per second on one core: `python benchmarks/rendering.py`.
+"""Measure the simulator's frames per second on one core: `python benchmarks/rendering.py [parts]`.
 
 The figures are medians of five rounds, with turns between one and three cameras, both tracks, both
-qualities, and physics without rendering.
+qualities, and physics without rendering. `parts` measures the processor time of a frame's parts.
 """
 
 import statistics
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -14,10 +15,12 @@ from rich.console import Console
 from rich.table import Table
 from timing import Row, run_part
 
+from simulator.recorder import encode
 from simulator.rig import CAMERAS
 from simulator.world import Start, World, open_world
 
 FRAMES, ROUNDS = 150, 5
+TRACKS = ("lake", "mountain")
 
 
 def per_second(action: Callable[[int], object]) -> float:
@@ -52,10 +55,42 @@ def measure(short: bool) -> list[Row]:
     return rows
 
 
+def parts_of_frame(world: World) -> dict[str, float]:
+    """Return the processor time of each part of a recorded frame in ms."""
+    pictures, spent = world.pictures, Counter()
+
+    def timed(part: str, action: Callable, *arguments: object) -> object:
+        began = time.process_time()
+        result = action(*arguments)
+        spent[part] += time.process_time() - began
+        return result
+
+    for number in range(FRAMES):
+        world.put_back(Start(number * world.track.length / FRAMES))
+        for camera in CAMERAS:
+            timed("camera's place", pictures.place_camera, pictures.camera, world.pose(), camera)
+            timed("renderer", pictures.engine.renderFrame)
+            frame = timed("copy", pictures.read_frame)
+            frame = timed("bonnet", pictures.air, frame, camera, number)
+            timed("JPEG", encode, frame)
+        for _ in CAMERAS:
+            timed("step of the world", world.step, 0.0, 0.1)
+    return {part: 1000 * seconds / FRAMES / len(CAMERAS) for part, seconds in spent.items()}
+
+
+def print_parts() -> None:
+    """Print the parts of a frame on both tracks."""
+    found = [parts_of_frame(open_world(track, renderer="software")) for track in TRACKS]
+    table = Table("part of a frame", *(f"{track}, ms" for track in TRACKS))
+    for part in found[0]:
+        table.add_row(part, *(f"{one[part]:.2f}" for one in found))
+    Console().print(table)
+
+
 def main() -> None:
     """Print the table."""
     measured: dict[str, Callable[[int], object]] = {}
-    for track in ("lake", "mountain"):
+    for track in TRACKS:
         for quality in ("full", "simple"):
             world = open_world(track, renderer="software", quality=quality)
             name = f"{track}, {quality}"
@@ -77,4 +112,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    run_part(measure) if len(sys.argv) > 1 else main()
+    if sys.argv[1:] == ["parts"]:
+        print_parts()
+    else:
+        run_part(measure) if len(sys.argv) > 1 else main()

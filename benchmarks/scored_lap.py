@@ -78,7 +78,7 @@ def _many(short: bool) -> Row:
     """Compare four parallel laps, including the start of their processes, with one."""
     laps, rounds = (SHORT_LAPS, 1) if short else (1.0, 1)
     with tempfile.TemporaryDirectory() as folder:
-        checkpoint = _random_checkpoint(Path(folder))
+        checkpoint = random_checkpoint(Path(folder))
         setups = [Setup("lake", seed, laps, 20.0) for seed in range(MANY)]
 
         def one() -> float:
@@ -97,7 +97,8 @@ def _many(short: bool) -> Row:
     return Row(what, "one on one core", median_ratio(ours, theirs), 1.3, False, medians(turns))
 
 
-def _random_checkpoint(folder: Path) -> str:
+def random_checkpoint(folder: Path) -> str:
+    """Write a checkpoint of nvidia with random weights; return its path."""
     policy = random_policy("nvidia")
     weights = {f"{PREFIX}{key}": value for key, value in policy.network.state_dict().items()}
     card = make_card(policy.config, policy.view, {"fingerprint": "none", "rows": 0})

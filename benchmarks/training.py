@@ -16,6 +16,7 @@ from pathlib import Path
 import lightning
 import torch
 from material import AUGMENT, OUT, config_for, linked_recording
+from omegaconf import DictConfig
 from rich.console import Console
 from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
@@ -107,10 +108,6 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
 
     Its output is discarded.
     """
-    from unittest.mock import patch
-
-    from zoo.training import build, run
-
     config = config_for(
         linked_recording(ROWS),
         AUGMENT,
@@ -122,6 +119,15 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
         "trainer.accelerator=cpu",
         *more,
     )
+    train_by_turns(pipe, config, OUT / "-".join(["run", *more]))
+
+
+def train_by_turns(pipe: Connection, config: DictConfig, folder: Path) -> None:
+    """Train with `python -m zoo`'s own code, an epoch at each request; discard its output."""
+    from unittest.mock import patch
+
+    from zoo.training import build, run
+
     made = build.build_trainer
 
     def with_turns(*arguments: object, **more: object) -> lightning.Trainer:
@@ -131,7 +137,7 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     with patch.object(run, "build_trainer", with_turns):
-        run.run_experiment(config, OUT / "-".join(["run", *more]))
+        run.run_experiment(config, folder)
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:

@@ -103,9 +103,12 @@ class Pictures:
         """
         self.place_camera(self.camera, pose, camera)
         self.engine.renderFrame()
+        return self.air(self.read_frame(), camera, tick)
+
+    def read_frame(self) -> np.ndarray:
+        """Return what was rendered last, without the weather's effects: uint8 [160, 320, 3]."""
         pixels = np.frombuffer(self.texture.getRamImageAs("RGB"), np.uint8)
-        upright = pixels.reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)[::-1].copy()
-        return self.air(upright, camera, tick)
+        return pixels.reshape(FRAME_HEIGHT, FRAME_WIDTH, 3)[::-1].copy()
 
     def place_camera(
         self, node: core.NodePath, pose: tuple[float, float, float, float, float], camera: str

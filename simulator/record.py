@@ -3,6 +3,7 @@
 import difflib
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,14 +14,17 @@ from simulator.command_line import read_options
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
+from simulator.parallel_record import ParallelRecorder, Requests, Scene, renderer_name
 from simulator.record_report import Driven, print_report, print_written, train_command
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
+from simulator.track_file import read_track
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 from simulator.world_settings import WorldSettings
 
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
+MOST_JOBS = 64
 CONTROLS = ("expert", *REACTION_S)
 
 
@@ -41,6 +45,7 @@ class RecordOptions(WorldSettings):
         renderer: auto, software or opengl.
         header: whether the log begins with column names, as the course's sample data does.
         relative: whether the log has paths relative to its folder (IMG/...).
+        jobs: number of processes that draw, 1..64; it does not change the files.
     """
 
     out: str
@@ -54,12 +59,13 @@ class RecordOptions(WorldSettings):
     renderer: str = "auto"
     header: bool = False
     relative: bool = False
+    jobs: int = 1
 
 
 def record(
     world: World,
     driver: Expert | HumanControl,
-    recorder: Recorder,
+    recorder: Recorder | ParallelRecorder,
     laps: float,
     progress: Callable[[float], None] | None = None,
     row_s: float = 0.0,
@@ -124,11 +130,14 @@ def record_laps(
     runs = [(one, way) for one in given for way in _directions(one)]
     began = time.perf_counter()
     first = given[0]
+    if not 1 <= first.jobs <= MOST_JOBS:
+        raise SimulatorError(f"jobs={first.jobs}: must be in 1..{MOST_JOBS}")
     # Opened before the folder is created, so that a wrong option leaves no folder.
-    world, driver = _open(*runs[0])
+    world, driver = _open(*runs[0], first.jobs)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[metres]}"))
     with (
         Recorder(first.out, first.header, first.relative) as recorder,
+        _parallel(recorder, first.jobs, len(runs)) as rows,
         Progress(
             *columns,
             TimeRemainingColumn(),
@@ -140,7 +149,7 @@ def record_laps(
         all_driven = []
         for number, (options, way) in enumerate(runs):
             if number:
-                world, driver = _open(options, way)
+                world, driver = _open(options, way, first.jobs)
             name = options.track if way > 0 else f"{options.track}, backward"
             total = world.drive_m(options.laps)
             task = progress.add_task(name, total=total, metres="")
@@ -150,7 +159,7 @@ def record_laps(
                 progress.update(task, completed=metres, metres=text)
 
             row_s = 1 / options.frame_rate
-            all_driven.append(record(world, driver, recorder, options.laps, show, row_s))
+            all_driven.append(record(world, driver, rows, options.laps, show, row_s))
             world.pictures.close()
     print_report(console, recorder, all_driven, time.perf_counter() - began, world.pictures.name)
     return recorder.folder
@@ -171,7 +180,17 @@ def _directions(options: RecordOptions) -> tuple[int, ...]:
     return (options.direction,)
 
 
-def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | HumanControl]:
+def _parallel(
+    recorder: Recorder, jobs: int, passes: int
+) -> AbstractContextManager[Recorder | ParallelRecorder]:
+    """Return what rows are added to: the recorder itself if one process records."""
+    if jobs == 1:
+        return nullcontext(recorder)
+    return ParallelRecorder(recorder, jobs, whole_passes=passes >= 2 * jobs)
+
+
+def _open(options: RecordOptions, direction: int, jobs: int) -> tuple[World, Expert | HumanControl]:
+    """Open the world and the driver of a pass; with several jobs, a world that draws nothing."""
     if options.control not in CONTROLS:
         near = difflib.get_close_matches(options.control, CONTROLS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"must be {', '.join(CONTROLS)}"
@@ -191,13 +210,18 @@ def _open(options: RecordOptions, direction: int) -> tuple[World, Expert | Human
     place = options.place | {"direction": direction}
     if is_person:
         place["frame_rate"] = 1 / PHYSICS_STEP_S
-    world = open_world(renderer=options.renderer, **place)
+    if jobs == 1:
+        world = open_world(renderer=options.renderer, **place)
+    else:
+        scene = Scene(place.pop("track"), options.renderer, place.pop("quality"))
+        requests = Requests(scene, renderer_name(options.renderer))
+        world = World(read_track(scene.track), requests, **place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     expert = Expert(world.track, settings)
     return world, HumanControl(options.control, expert, options.seed) if is_person else expert
 
 
-def _failure(world: World, recorder: Recorder) -> str:
+def _failure(world: World, recorder: Recorder | ParallelRecorder) -> str:
     what = f"left the road, {world.cte:+.1f} m" if world.off_road else "got stuck"
     return (
         f"the driver {what} at {world.place.distance:.0f} m of {world.track.name}; the first "

@@ -95,6 +95,19 @@ class Recorder:
         Raises:
             SimulatorError: the disk is full, or the folder was deleted.
         """
+        images = {camera: encode(frames[camera]) for camera in CAMERAS}
+        self.add_encoded(images, steering, throttle, brake, speed_mph, time)
+
+    def add_encoded(
+        self,
+        images: dict[str, bytes],
+        steering: float,
+        throttle: float,
+        brake: float,
+        speed_mph: float,
+        time: float,
+    ) -> None:
+        """Write a row whose images are encoded already; see `add` and `encode`."""
         seconds = round(self._pass_begin_s + time, 3)
         if seconds <= self._last_s:
             raise ValueError(f"time={time}: not after the last row; call begin_pass() first")
@@ -103,7 +116,7 @@ class Recorder:
         paths = [self.images / f"{camera}_{stamp}.jpg" for camera in CAMERAS]
         try:
             for camera, path in zip(CAMERAS, paths, strict=True):
-                path.write_bytes(_jpeg(frames[camera]))
+                path.write_bytes(images[camera])
             self._append(self._line(paths, (steering, throttle, brake, speed_mph)))
         except OSError as error:
             for path in paths:
@@ -159,6 +172,7 @@ def split_pedals(throttle: float) -> tuple[float, float]:
     return max(throttle, 0.0), max(-throttle, 0.0)
 
 
-def _jpeg(frame: np.ndarray) -> bytes:
+def encode(frame: np.ndarray) -> bytes:
+    """Encode a frame, uint8 [160, 320, 3] RGB, as JPEG."""
     bgr = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
     return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()

@@ -1,5 +1,7 @@
 """`python -m simulator record` as a person runs it, and recording from Python."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,10 @@ from simulator.__main__ import COMMANDS, simulator
 from simulator.command_line import run_command
 from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
+from simulator.parallel_record import ParallelRecorder, Requests, Scene
 from simulator.record import RecordOptions, record, record_laps
 from simulator.recorder import Recorder
+from simulator.track_file import read_track
 from simulator.world import Start, World
 from tests.simulator.tracks import loop
 from tests.zoo.commands import only_line, run
@@ -86,6 +90,55 @@ def test_several_passes_go_into_one_folder(tmp_path, console):
     assert f"rows        {len(recording)} " in console.file.getvalue()
 
 
+def files_of(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.*")}
+
+
+@pytest.mark.parametrize("passes", [1, 4])
+def test_two_processes_write_the_same_files_as_one(tmp_path, console, passes):
+    """A weather with noise shows that the frames' numbers and seeds are the same, too."""
+    folders = []
+    for jobs in (1, 2):
+        common = {"out": str(tmp_path / str(jobs)), "relative": True, "jobs": jobs}
+        common |= {"laps": 0.02, "quality": "simple", "weather": "random", "noise": 1}
+        given = [RecordOptions(**common, seed=seed, frame_rate=5) for seed in range(passes)]
+        folders.append(record_laps(given, console))
+    one, two = map(files_of, folders)
+    assert len(one) > 3 * passes
+    assert one == two
+
+
+def test_rows_of_a_drive_that_failed_are_kept_with_several_processes(tmp_path):
+    scene = Scene("lake", "software", "simple")
+    world = World(read_track("lake"), Requests(scene, "software"))
+    world.reset(0, Start(40, speed_mph=20))
+    with (
+        Recorder(tmp_path) as recorder,
+        pytest.raises(
+            SimulatorError, match=r"left the road.* the first (\d+) rows are kept"
+        ) as raised,
+        ParallelRecorder(recorder, 2, whole_passes=True) as rows,
+    ):
+        record(world, ConstantDriver(0.3, 1), rows, 1)
+    assert len(read_recordings(str(tmp_path))) == recorder.rows == rows.rows > 5
+    assert f"the first {rows.rows} rows" in str(raised.value)
+
+
+def test_a_killed_process_is_named_and_the_rows_before_are_kept(tmp_path):
+    class Killed:
+        """A stand-in for a request whose drawing kills its process."""
+
+        def __reduce__(self):
+            return os._exit, (1,)
+
+    with (
+        Recorder(tmp_path) as recorder,
+        pytest.raises(SimulatorError, match=r"jobs=2: a process was killed.* after 0 rows"),
+        ParallelRecorder(recorder, 2, whole_passes=False) as rows,
+    ):
+        rows.add({"center": Killed()}, 0, 0, 0, 0, 0.0)
+
+
 def test_leaving_the_road_fails_and_names_the_place(tmp_path):
     world = grey_loop()
     world.put_back(Start(40, speed_mph=20))
@@ -138,6 +191,8 @@ def test_the_command_records_and_prints_the_next_command(tmp_path):
         (["record", "out=x", "frame_rate=60"], "frame_rate=60: must be above 0, up to 50"),
         (["record", "out=x", "weather=snow"], "weather=snow: must be clear, random or settings"),
         (["record", "out=x", "renderer=none"], "renderer=none: a recording needs images"),
+        (["record", "out=x", "jobs=0"], "jobs=0: must be in 1..64"),
+        (["record", "out=x", "jobs=2", "renderer=vulkan"], "renderer=vulkan: must be"),
     ],
     ids=lambda one: " ".join(one) if isinstance(one, list) else "",
 )

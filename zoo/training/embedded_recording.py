@@ -28,13 +28,15 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
         return config
     recipe = OmegaConf.to_container(wanted, resolve=True)
     folder = Path(recipe.pop("out"))
-    fingerprint = recipe.pop("fingerprint", None)  # of the rows, no option of the drives
+    # Neither is an option of the drives: the fingerprint is of the rows, and any number of
+    # processes writes the same files.
+    fingerprint, jobs = recipe.pop("fingerprint", None), recipe.pop("jobs", 1)
     try:
         if not (folder / RECIPE).is_file():
             folder.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(f"{folder}.lock"):
                 if not (folder / RECIPE).is_file():  # another process may have recorded it
-                    _record(folder, recipe, console)
+                    _record(folder, recipe, jobs, console)
     except OSError as error:
         raise InputError(
             f"{folder}: cannot record there ({error.strerror}); set data.record.out=FOLDER"
@@ -47,7 +49,7 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
     return config
 
 
-def _record(folder: Path, recipe: dict, console: Console) -> None:
+def _record(folder: Path, recipe: dict, jobs: int, console: Console) -> None:
     """Record into `FOLDER.part`, and rename it when the recording is complete."""
     # Training on other recordings must work without Panda3D.
     from simulator.errors import SimulatorError
@@ -66,9 +68,8 @@ def _record(folder: Path, recipe: dict, console: Console) -> None:
         markup=False,
     )
     try:
-        passes = [
-            RecordOptions(out=str(unfinished), relative=True, **one) for one in recipe["passes"]
-        ]
+        common = {"out": str(unfinished), "relative": True, "jobs": jobs}
+        passes = [RecordOptions(**common, **one) for one in recipe["passes"]]
         record_laps(passes, console)
     except SimulatorError as error:
         shutil.rmtree(unfinished, ignore_errors=True)

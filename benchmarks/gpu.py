@@ -1,0 +1,182 @@
+"""Measure training on a GPU: `python benchmarks/gpu.py [NETWORK...] [device=cpu] [short]`.
+
+For each network `python -m zoo trainer=gpu` trains on views that stay in the GPU's memory, plainly
+and compiled. The processes take turns, an epoch each; figures are medians over the rounds, with the
+lowest and highest. The machine's own limit is the best matrix product in the same run. Before that,
+outputs and gradients of each network are compared with the CPU's.
+
+`device=cpu` runs the same path on a CPU, and `short` with tiny sizes: the figures mean nothing.
+Without a GPU the script prints one line.
+"""
+
+import copy
+import os
+import statistics
+import sys
+import time
+from multiprocessing.connection import Connection
+
+import torch
+from material import AUGMENT, OUT, config_for, linked_recording
+from rich.console import Console
+from rich.table import Table
+from timing import contestants, make_console, take_turns
+from torch.utils.flop_counter import FlopCounterMode
+from training import answer, train_by_turns
+
+from zoo.cli.compose import choices, compose_config
+from zoo.training.steering_module import predict
+
+NETWORKS = ("nvidia", "vgg", "tiny", "cnn_gru", "pilotnet_stack")
+BATCH, ROWS, ROUNDS = 256, 2_000, 5
+EPOCH = 400  # batches of an epoch
+SIDE = {"cuda": 8192, "cpu": 1024}  # of the square matrices whose product is timed
+LIMIT = "matrix product, FLOP/s"
+TOLERANCE = 1e-3  # of the largest value: sums in another order, in 32 bits
+
+
+def main(names: list[str], device: str, short: bool) -> int:
+    """Print the comparison and the table; return the exit status."""
+    unknown = [name for name in names if name not in choices("model")]
+    if unknown:
+        print(f"gpu.py: {unknown[0]}: no such network; available: {', '.join(choices('model'))}")
+        return 2
+    if device == "cuda" and not torch.cuda.is_available():
+        print("gpu.py: no GPU found by torch.cuda.is_available(); device=cpu runs the same path")
+        return 1
+    console = make_console()
+    differ = {name: difference(name, device) for name in names}
+    batch, epoch, rounds = (8, 2, 1) if short else (BATCH, EPOCH, ROUNDS)
+    linked_recording(ROWS)  # created once, before the processes need it
+    with contestants(targets(names, device, batch, epoch, short)) as measures:
+        found = take_turns(measures, rounds)
+    print_table(names, found, differ, console)
+    wrong = [name for name, value in differ.items() if value > TOLERANCE]
+    if wrong:
+        print(f"gpu.py: {', '.join(wrong)}: other results than on the CPU")
+    return 1 if wrong else 0
+
+
+def targets(names: list[str], device: str, batch: int, epoch: int, short: bool) -> dict[str, tuple]:
+    """Return the measured processes: the matrix product, and each network plain and compiled."""
+    found: dict[str, tuple] = {LIMIT: (run_product, device, 64 if short else SIDE[device])}
+    for name in names:
+        words = [
+            AUGMENT,
+            f"model={name}",
+            "trainer=gpu",
+            "callbacks=published",
+            "data.augment_on=device",
+            f"data.batch_size={batch}",
+            f"data.samples_per_epoch={batch * epoch}",
+            "trainer.max_epochs=100000",
+            f"trainer.accelerator={'gpu' if device == 'cuda' else 'cpu'}",
+        ]
+        found[name] = run_network, words
+        if not short:
+            found[f"{name}, compiled"] = run_network, [*words, "trainer.compile=true"]
+    return found
+
+
+def run_network(pipe: Connection, words: list[str]) -> None:
+    """Train a network; send the samples per second of an epoch at each request."""
+    config = config_for(linked_recording(ROWS), *words)
+    train_by_turns(pipe, config, OUT / f"gpu-{os.getpid()}")
+
+
+def run_product(pipe: Connection, device: str, side: int) -> None:
+    """Multiply bfloat16 matrices; send the FLOP/s of the fastest product at each request."""
+    left, right = (torch.randn(side, side, device=device, dtype=torch.bfloat16) for _ in "ab")
+
+    def best() -> float:
+        seconds = []
+        for _ in range(10):
+            began = time.perf_counter()
+            torch.mm(left, right)
+            wait_for(device)
+            seconds.append(time.perf_counter() - began)
+        return 2 * side**3 / min(seconds)
+
+    answer(pipe, best)
+
+
+def wait_for(device: str) -> None:
+    """Wait until the device has finished what was started."""
+    if device == "cuda":
+        torch.cuda.synchronize()
+
+
+def difference(name: str, device: str) -> float:
+    """Return the largest difference of outputs and gradients from the CPU's, as a share.
+
+    In 32 bits and without dropout, because devices draw other random numbers.
+    """
+    network, batch = untrained(name, 4)
+    for one in network.modules():
+        if isinstance(one, torch.nn.Dropout):
+            one.p = 0.0
+    torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = False
+    results = []
+    for where in ("cpu", device):
+        moved = copy.deepcopy(network).to(where).train()
+        outputs = predict(moved, {key: value.to(where) for key, value in batch.items()})
+        outputs.square().mean().backward()
+        gradients = [one.grad for one in moved.parameters() if one.grad is not None]
+        results.append([one.detach().cpu() for one in (outputs, *gradients)])
+    return max(
+        float((ours - theirs).abs().max() / theirs.abs().max().clamp(min=1e-6))
+        for theirs, ours in zip(*results, strict=True)
+    )
+
+
+def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
+    """Return a network with random weights, and a batch of noise."""
+    from zoo.models.make_network import make_network, view_of
+
+    config = compose_config([f"model={name}", "model.weights=null"])
+    torch.manual_seed(0)
+    view = view_of(config["model"], config["data"]["crop"])
+    network = make_network(config["model"], view)
+    height, width, channels = view.shape
+    frames = (getattr(network, "sequence", 1),) if getattr(network, "sequence", 1) > 1 else ()
+    images = torch.randint(0, 256, (samples, *frames, channels, height, width), dtype=torch.uint8)
+    return network, {"images": images, "speed": torch.full((samples,), 10.0)}
+
+
+def flops_of_sample(name: str) -> float:
+    """Return the floating-point operations of a training step for each of its samples."""
+    network, batch = untrained(name, 2)
+    with FlopCounterMode(display=False) as counter:
+        predict(network.train(), batch).square().mean().backward()
+    return counter.get_total_flops() / 2
+
+
+def print_table(
+    names: list[str],
+    found: dict[str, list[float]],
+    differ: dict[str, float],
+    console: Console,
+) -> None:
+    """Print samples per second, their share of the matrix product's FLOP/s, and the difference."""
+    limit = statistics.median(found[LIMIT])
+    table = Table("network", "samples/s", "lowest", "highest", "of the limit", "from the CPU's")
+    for label in found:
+        name = label.removesuffix(", compiled")
+        if name not in names:
+            continue
+        middle = statistics.median(found[label])
+        share = middle * flops_of_sample(name) / limit
+        rates = (middle, min(found[label]), max(found[label]))
+        table.add_row(
+            label, *(f"{one:,.0f}" for one in rates), f"{share:.2%}", f"{differ[name]:.1e}"
+        )
+    console.print(table)
+    spread = f"{min(found[LIMIT]):.3g} to {max(found[LIMIT]):.3g}"
+    console.print(f"the limit: a bfloat16 matrix product at {limit:.3g} FLOP/s ({spread})")
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    wanted = [one for one in given if one != "short" and "=" not in one]
+    place = "cpu" if "device=cpu" in given else "cuda"
+    sys.exit(main(wanted or list(NETWORKS), place, "short" in given))

@@ -1,0 +1,55 @@
+"""`benchmarks/gpu.py` runs its whole path on a CPU, and names a missing GPU in one line."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+ROOT = Path(__file__).parents[2]
+
+
+def gpu(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / "gpu.py"), *arguments],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+
+
+@pytest.mark.slow  # two trainings in processes of their own
+def test_the_whole_path_runs_on_a_cpu(tmp_path: Path) -> None:
+    result = gpu(tmp_path, "tiny", "device=cpu", "short")
+    assert result.returncode == 0, result.stdout + result.stderr
+    (line,) = [one for one in result.stdout.splitlines() if " tiny " in one]
+    _, label, middle, lowest, highest, share, differs, _ = (
+        one.strip() for one in line.split("│" if "│" in line else "|")
+    )
+    assert label == "tiny"
+    assert 0 < float(lowest.replace(",", "")) <= float(middle.replace(",", ""))
+    assert float(middle.replace(",", "")) <= float(highest.replace(",", ""))
+    assert share.endswith("%")
+    assert float(differs) == 0  # the same device
+    assert "the limit: a bfloat16 matrix product" in result.stdout
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
+def test_a_missing_gpu_is_one_line(tmp_path: Path) -> None:
+    result = gpu(tmp_path)
+    assert result.returncode == 1
+    assert result.stdout.count("\n") == 1
+    assert "no GPU found" in result.stdout
+    assert result.stderr == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_network_is_named(tmp_path: Path) -> None:
+    result = gpu(tmp_path, "nvidai", "device=cpu")
+    assert result.returncode == 2
+    assert "nvidai: no such network" in result.stdout
