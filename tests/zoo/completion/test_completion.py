@@ -90,7 +90,8 @@ def test_values_are_completed(line: str, offered: list[str], script: Path, tmp_p
 def test_files_are_completed(script: Path, tmp_path: Path) -> None:
     (tmp_path / "my run").mkdir()
     (tmp_path / "my.ckpt").touch()
-    assert completed(script, "drivezoo evaluate my", tmp_path) == ["my\\ run/", "my.ckpt "]
+    offered = completed(script, "drivezoo evaluate my", tmp_path)
+    assert sorted(offered) == ["my.ckpt ", "my\\ run/"]
     assert completed(script, "drivezoo film x out=my.", tmp_path) == ["my.ckpt "]
 
 
