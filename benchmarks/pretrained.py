@@ -1,6 +1,6 @@
 """Make the networks that come trained: `python benchmarks/pretrained.py [only=lenet]`.
 
-It trains each network's recipe of the board with training seed 1 on `data=bench_v1`, and writes
+It trains each network's recipe with training seed 1 on `data=bench_v1`, and writes
 the checkpoint without optimizer into `zoo/checkpoints/packaged`, with a JSON file of what it is.
 Then it drives laps of the embedded lake and the suite `quick`, whose roads no training contains,
 and writes the table of `docs/pretrained.md`. Finished trainings and drives are not repeated.
@@ -9,13 +9,16 @@ table alone.
 """
 
 import hashlib
+import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.board import BoardOptions, entries, recorded_root, train_entry, training_of
+from benchmarks.board import entries, recorded_root
+from benchmarks.board_page import DATA
 from benchmarks.marked_page import markdown_table, write_between
-from benchmarks.results import run_logged
+from benchmarks.recipes import BENDS
+from benchmarks.results import run_logged, train_logged
 from datamodules.errors import InputError
 from simulator.command_line import read_options
 from simulator.errors import SimulatorError
@@ -27,15 +30,8 @@ from zoo.drives.intervals import count_with_interval
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.whole_file import json_text, write_whole
 
-# Entry of the board whose recipe a network has, by the name under which commands take it.
-RECIPES = {
-    "linear": "linear-ours_21_numbers",
-    "tiny41": "tiny41-no_bonnet",
-    "tiny63": "tiny63-no_bonnet",
-    "lenet": "lenet-with_bends",
-    "pilotnet": "pilotnet-with_bends",
-}
-BOARD, DRIVES = Path("outputs/board"), Path("outputs/pretrained")
+NAMES = ("linear", "tiny41", "tiny63", "lenet", "pilotnet")
+RUNS = Path("outputs/pretrained")
 PAGE, BEGIN, END = Path("docs/pretrained.md"), "<!-- pretrained -->", "<!-- end of pretrained -->"
 SUITE = "quick"
 
@@ -61,13 +57,34 @@ class PretrainedOptions:
     runs: bool = True
 
 
+def recipes() -> dict[str, tuple[str, ...]]:
+    """Return the overrides of `python -m zoo`: the board's, and a shorter recipe for LeNet."""
+    board = entries()
+    lenet = ("experiment=lenet", BENDS, "schedule=cosine", "callbacks.early_stopping=null")
+    return {
+        "linear": board["linear-ours_21_numbers"],
+        "tiny41": board["tiny41-no_bonnet"],
+        "tiny63": board["tiny63-no_bonnet"],
+        "lenet": (*lenet, "data.samples_per_epoch=8000", "trainer.max_epochs=6"),
+        "pilotnet": board["pilotnet-with_bends"],
+    }
+
+
+def train(name: str, root: str, threads: int) -> None:
+    """Train a network unless it is trained; raise InputError if that fails."""
+    folder = RUNS / name
+    words = [*recipes()[name], f"data={DATA}", f"data.root={root}", "score=none", "seed=1"]
+    if not (folder / "metrics.json").is_file() and train_logged(folder, words, threads):
+        raise InputError(f"{folder}: the training failed; see its log.txt")
+
+
 def package(name: str) -> None:
     """Write a trained network's checkpoint and its facts.
 
     Raises:
         InputError: its training has not finished.
     """
-    run = BOARD / RECIPES[name] / "1"
+    run = RUNS / name
     metrics = read_metrics_file(run)
     path = run / "checkpoints" / "best.ckpt"
     contents = lean_contents(read_checkpoint_file(path))
@@ -78,14 +95,14 @@ def package(name: str) -> None:
     sha256 = hashlib.sha256(data).hexdigest()
     before = read_facts(name) if name in packaged_names() else {}
     write_whole(FOLDER / f"{name}.ckpt", data)
-    _, command = training_of(entries()[RECIPES[name]], BoardOptions())
+    words = [*recipes()[name], f"data={DATA}", "score=none", "seed=1"]
     facts = {
         "network": type(checkpoint.network).__name__,
         "parameters": metrics["parameters"],
         "bytes": len(data),
         "sha256": sha256,
         "licence": "MIT",
-        "command": f"{command} score=none seed=1",
+        "command": shlex.join(["python", "-m", "zoo", *words]),
         "data": checkpoint.data,
         "code": metrics["code"],
         "versions": metrics["versions"],
@@ -101,7 +118,7 @@ def drive(name: str, options: PretrainedOptions) -> None:
         InputError: the drives failed.
     """
     facts = read_facts(name)
-    folder = DRIVES / f"{name}-{facts['sha256'][:8]}"
+    folder = RUNS / f"{name}-{facts['sha256'][:8]}"
     checkpoint = str(FOLDER / f"{name}.ckpt")
     lake, suite = folder / f"lake-{options.seeds}", folder / SUITE
     workers = f"workers={options.threads}"
@@ -175,13 +192,13 @@ def main(arguments: list[str]) -> None:
         options = read_options(PretrainedOptions, arguments)
     except SimulatorError as error:
         raise InputError(str(error)) from None
-    names = options.only.split(",") if options.only else list(RECIPES)
-    if unknown := set(names) - set(RECIPES):
-        raise InputError(f"only={options.only}: no network {min(unknown)}: {', '.join(RECIPES)}")
+    names = options.only.split(",") if options.only else list(NAMES)
+    if unknown := set(names) - set(NAMES):
+        raise InputError(f"only={options.only}: no network {min(unknown)}: {', '.join(NAMES)}")
     if options.runs and options.train:
-        root, board = recorded_root(), BoardOptions(seeds=1, threads=options.threads)
+        root = recorded_root()
         for name in names:
-            train_entry(RECIPES[name], entries()[RECIPES[name]], root, board)
+            train(name, root, options.threads)
     if options.runs:
         for name in names:
             package(name)
