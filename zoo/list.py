@@ -72,10 +72,11 @@ def print_checkpoints() -> None:
 
 
 def packaged_description(facts: Mapping[str, Any]) -> str:
-    """Describe a trained network: its size, and the share of drives without an intervention."""
-    drives = facts["drives"].get("lake") or {}
-    kept = f"; {drives['kept']} of {drives['drives']} laps of the lake without an intervention"
-    return f"{facts['network']}, {facts['parameters']:,} parameters{kept if drives else ''}"
+    """Describe a trained network: its size, and its drives without an intervention."""
+    text = f"{facts['network']}, {facts['parameters']:,} parameters"
+    if drives := facts["drives"].get("lake"):
+        text += f"; {drives['kept']} of {drives['drives']} laps of the lake without an intervention"
+    return text
 
 
 def description(path: Path) -> str:
