@@ -7,10 +7,13 @@ import ast
 import importlib.util
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from datamodules.errors import UsageError
 from datamodules.terminal import printable
+from zoo.checkpoints.packaged_networks import packaged_names, read_facts
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import Command, help_row
 from zoo.cli.conf_files import choice_files
@@ -31,7 +34,8 @@ KINDS = {
     "roads": ("road", "track=NAME:NUMBER"),
     "suites": ("suite", "suite=NAME"),
 }
-COMMAND = Command(__doc__, {"[KIND]": ", ".join(KINDS)})
+CHECKPOINTS = "checkpoints"  # networks that come trained
+COMMAND = Command(__doc__, {"[KIND]": ", ".join([*KINDS, CHECKPOINTS])})
 OWN = ("zoo", "datamodules")
 _USAGE = re.compile(r"(@package|python -m|pip install) ")
 _TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
@@ -44,15 +48,35 @@ def print_choices(arguments: list[str]) -> None:
         UsageError: there is no such kind.
     """
     asked, _ = COMMAND.split(arguments)
-    for kind in asked or KINDS:
-        if kind not in KINDS:
-            raise UsageError(f"{kind}: no such kind; {hint(kind, KINDS)}")
+    known = [*KINDS, CHECKPOINTS]
+    for kind in asked or known:
+        if kind not in known:
+            raise UsageError(f"{kind}: no such kind; {hint(kind, known)}")
+        if kind == CHECKPOINTS:
+            print_checkpoints()
+            continue
         group, typed = KINDS[kind]
         print(f"{kind}, {typed}")
         for name, path in sorted(choice_files(group).items()):
             print(printable_lines(help_row(name, description(path))))
         print()
     print_next("python -m zoo.new model my_net", "write one of your own")
+
+
+def print_checkpoints() -> None:
+    """Print the trained networks that come with drivezoo."""
+    print(f"{CHECKPOINTS}, trained networks that come with drivezoo: drivezoo drive NAME sim=lake")
+    for name in packaged_names():
+        print(help_row(name, packaged_description(read_facts(name))))
+    print()
+
+
+def packaged_description(facts: Mapping[str, Any]) -> str:
+    """Describe a trained network: its size, and its drives without an intervention."""
+    text = f"{facts['network']}, {facts['parameters']:,} parameters"
+    if drives := facts["drives"].get("lake"):
+        text += f"; {drives['kept']} of {drives['drives']} laps of the lake without an intervention"
+    return text
 
 
 def description(path: Path) -> str:

@@ -10,6 +10,7 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from datamodules.errors import UsageError
 from simulator.track_file import read_track
 from simulator.world_settings import WorldSettings
 from tests.zoo.cli.command_kinds import command_options
@@ -48,6 +49,12 @@ def test_every_yaml_constructs_its_object(path: Path, tmp_path: Path) -> None:
         assert Plugins.instance()._instantiate(settings)
     else:
         _construct(group, name, tmp_path)
+
+
+def test_a_recipe_s_key_of_a_callback_that_is_left_out_is_one_line(tmp_path: Path) -> None:
+    config = OmegaConf.create(compose_config(["experiment=lenet", "callbacks=published"]))
+    with pytest.raises(UsageError, match=r"callbacks\.early_stopping=null"):
+        build_trainer(config, tmp_path, has_validation=True)
 
 
 def _construct(group: str, name: str, folder: Path) -> None:

@@ -8,7 +8,7 @@ from tests.zoo.cli.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from zoo.cli.conf_files import choice_files
 from zoo.cli.console_script import LISTED
-from zoo.list import KINDS, description
+from zoo.list import CHECKPOINTS, KINDS, description
 
 FILES = [path for group, _ in KINDS.values() for path in choice_files(group).values()]
 
@@ -28,7 +28,7 @@ def test_a_part_of_the_users_own_is_listed(tmp_path: Path) -> None:
 
 
 def test_each_kind_is_a_command_of_its_own() -> None:
-    assert {*LISTED, "models"} == set(KINDS)
+    assert {*LISTED, "models"} == {*KINDS, CHECKPOINTS}
 
 
 def test_a_wrong_kind_names_the_right_one(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import matplotlib as mpl
@@ -22,6 +23,8 @@ from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.written_checkpoints import write_constant
+from zoo.benchmark.benchmarked import Benchmarked
+from zoo.runs.result_table import write_asked
 
 SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests
 
@@ -66,13 +69,15 @@ def test_a_training_has_the_commands_figures(
 def test_a_checkpoint_and_its_policy_drive_alike(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = write_constant(tmp_path / "best.ckpt", 0.05)
-    of_file = drivezoo.evaluate(path, track="lake", out="a", table="a.csv", **SHORT)
+    files = {"table": "a.csv", "plot": "a.svg"}
+    of_file = drivezoo.evaluate(path, track="lake", out="a", **files, **SHORT)
     of_function = drivezoo.evaluate(lambda frame, mph: (0.05, None), out="b", **SHORT)
 
     (row,) = of_file.table()
     (written,) = csv.DictReader((tmp_path / "a.csv").open())
     assert row["track"] == written["track"] == "lake"
     assert row["cte_mean_m"] == float(written["cte_mean_m"]) > 0
+    assert "<!-- lake -->" in (tmp_path / "a.svg").read_text(), "a row for each track"
     assert of_function.table()[0]["cte_mean_m"] == pytest.approx(row["cte_mean_m"], rel=1e-6)
     assert "lake: autonomy" in repr(of_file)
     assert "<table>" in of_file._repr_html_()
@@ -160,6 +165,49 @@ def test_runs_are_ranked_and_listed(run: Training, tmp_path: Path, monkeypatch) 
     (row,) = drivezoo.leaderboard(run.folder, table="ranking.csv").table()
     assert row["lake_autonomy"] == run.figures["lake_autonomy"]
     assert drivezoo.results(run).table() == run.table()
+
+
+def test_a_table_becomes_a_data_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+    write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
+    found = Benchmarked.read(tmp_path / "a")
+    # In place of pandas, which is not among the tests' packages.
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda rows: ("of", rows)))
+    assert found.to_pandas() == ("of", found.table())
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(drivezoo.InputError, match="pip install pandas"):
+        found.to_pandas()
+
+
+def test_a_benchmark_is_plotted(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    write(tmp_path / "a", result(figures(rng, 0.6, 3, 0.01, np.zeros(len(ROADS))), "a"))
+    found = Benchmarked.read(tmp_path / "a")
+    (written,) = write_asked(found, None, str(tmp_path / "a.svg"))
+    text = written.read_text()
+    for group in found.result.groups:
+        assert f"<!-- {group} -->" in text
+
+
+def test_a_served_drive_returns_its_figures(tmp_path: Path) -> None:
+    write_constant(tmp_path / "best.ckpt", 0.05)
+    # A process of its own: the server changes how sockets wait.
+    source = (
+        "import drivezoo; found = drivezoo.drive('best.ckpt', sim='lake', laps=0.005, port=0); "
+        "print(found.folder / 'drive.json', found.table()[0]['driven_m'], repr(found), sep='|')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", source],
+        cwd=tmp_path,
+        env=commands.environment(),
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=True,
+    )
+    path, driven_m, text = done.stdout.strip().splitlines()[-1].split("|")
+    assert json.loads((tmp_path / path).read_text())["driven_m"] == float(driven_m) > 0
+    assert "ServedDrive in" in text
 
 
 @pytest.mark.parametrize("name", ["a.txt", "a", "folder.csv"])

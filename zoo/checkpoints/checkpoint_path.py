@@ -1,4 +1,4 @@
-"""Find a checkpoint by its file, its run's folder, or `latest`; without slow imports."""
+"""Find a checkpoint by its file, its run's folder, its name or `latest`; without slow imports."""
 
 import os
 import sys
@@ -6,6 +6,12 @@ from pathlib import Path
 
 from datamodules.errors import InputError
 from datamodules.terminal import error_line
+from zoo.checkpoints.packaged_networks import (
+    note_hidden,
+    packaged_file,
+    packaged_name,
+    packaged_names,
+)
 
 LATEST = "latest"
 OUTPUTS = Path("outputs")  # below the current folder
@@ -14,18 +20,22 @@ FOLDER, BEST, LAST = "checkpoints", "best.ckpt", "last.ckpt"
 
 
 def find_checkpoint(named: str | Path) -> Path:
-    """Return the checkpoint's file that a path or `latest` names.
+    """Return the checkpoint's file that a path, a name or `latest` names.
 
     Args:
         named: file; run's folder or its `checkpoints` folder, for the best checkpoint, or the last
-            if there is no best; `latest`, for the checkpoint of the newest run below `outputs`,
-            which is printed on stderr. A file or folder named `latest` goes first.
+            if there is no best; `latest`, for the checkpoint of the newest run below `outputs`;
+            a network that comes with drivezoo, such as `lenet`. The last two are printed on
+            stderr. A file or folder of such a name goes first.
 
     Raises:
         InputError: the file does not exist, or the folder holds no checkpoint.
     """
     path = Path(os.path.expanduser(named))  # noqa: PTH111 Path.expanduser raises for an unknown user
+    packaged = packaged_file(named)
     try:
+        if packaged and path.exists():
+            note_hidden(path)
         if path.is_file():
             return path
         if path.is_dir():
@@ -38,10 +48,14 @@ def find_checkpoint(named: str | Path) -> Path:
         assert found is not None  # `latest_run` skips runs without one
         print(error_line(LATEST, found), file=sys.stderr, flush=True)
         return found
+    if packaged:
+        print(error_line(str(named), f"comes with drivezoo, {packaged}"), file=sys.stderr)
+        return packaged
     runs = runs_below(OUTPUTS)
     hint = f"`{LATEST}` is {checkpoint_of(runs[-1])}" if runs else "python -m zoo trains a network"
     raise InputError(
-        f"{path}: no such checkpoint; name a run's folder or its checkpoints/best.ckpt: {hint}"
+        f"{path}: no such checkpoint; name a run's folder or its checkpoints/best.ckpt: {hint}; or "
+        f"a network that comes with drivezoo: {', '.join(packaged_names())}"
     )
 
 
@@ -77,13 +91,13 @@ def name_latest(argument: str) -> str:
 
 
 def short_name(path: Path) -> str:
-    """Return a path as a user types it: relative, if it lies below the current folder.
+    """Return a path as a user types it: a packaged network's name, or relative if it lies below.
 
     >>> short_name(Path.cwd() / "outputs" / "run"), short_name(Path("/elsewhere/run"))
     ('outputs/run', '/elsewhere/run')
     """
     path, here = Path(path).absolute(), Path.cwd()
-    return str(path.relative_to(here) if path.is_relative_to(here) else path)
+    return packaged_name(path) or str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def latest_run() -> Path:

@@ -16,7 +16,10 @@ from zoo.cli.parts import KEY, MEANING
 Options = TypeVar("Options")
 
 HELP = ("-h", "--help")
-CHECKPOINT = "checkpoint: a .ckpt or .onnx file, a run's folder, or latest"
+CHECKPOINT = (
+    "checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes with "
+    "drivezoo, such as lenet"
+)
 WIDTH, NAMES = 100, 24  # characters of a help line, and of its first column
 
 

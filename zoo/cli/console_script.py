@@ -16,6 +16,7 @@ OTHERS = {"train": "zoo", "check": "datamodules.check", "simulator": "simulator"
 LISTED = (
     "augmentations",
     "callbacks",
+    "checkpoints",
     "losses",
     "optimizers",
     "recipes",

@@ -19,6 +19,7 @@ from datamodules.early_interrupt import raise_again
 from datamodules.errors import InputError, UsageError
 from datamodules.terminal import error_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
+from zoo.checkpoints.packaged_networks import packaged_file
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import CHECKPOINT, Command, is_help
 from zoo.cli.nearest import hint
@@ -85,7 +86,8 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
             port = int(text)
             continue
         is_run = path.is_dir() and (path.name == FOLDER or (path / FOLDER).is_dir())
-        if is_run or (argument == LATEST and not path.exists()):
+        is_name = argument == LATEST or packaged_file(argument) is not None
+        if is_run or (is_name and not path.exists()):
             argument, kind = str(find_checkpoint(argument)), "CKPT"
         else:
             is_recording = path.is_dir() or path.suffix == ".csv"

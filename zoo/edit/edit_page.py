@@ -58,7 +58,7 @@ class EditPage:
             "/predicted.bin": self._predicted,
             "/state.json": lambda query: json_answer(self.state()),
             "/notable.json": lambda query: json_answer(self.notable()),
-            "/row.json": lambda query: json_answer(self.describe(self._row(query))),
+            "/row.json": self._described,
             "/image": self._image,
         }
 
@@ -90,10 +90,16 @@ class EditPage:
         return np.stack(columns).astype("<f4").tobytes()
 
     def _predicted(self, query: dict) -> Answer:
-        """Return the predicted steering from the row `first` to the last analysed one, float32."""
-        first = _number(query, "first", len(self.recording))
-        predicted = self.analysis.predicted[first : self.analysis.done]
-        return predicted.astype("<f4").tobytes(), "application/octet-stream"
+        """Return rows and predicted steering after the first `known` ones, float32 [2, M]."""
+        known = _number(query, "known", len(self.recording))
+        found = np.stack([one.astype("<f4") for one in self.analysis.predicted_after(known)])
+        return found.tobytes(), "application/octet-stream"
+
+    def _described(self, query: dict) -> Answer:
+        """Return what is shown of a row, and analyse from there on."""
+        row = self._row(query)
+        self.analysis.look_at(row)
+        return json_answer(self.describe(row))
 
     def state(self) -> dict:
         """Return what changes: the edits, the writing and the analysis."""

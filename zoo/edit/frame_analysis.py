@@ -27,26 +27,49 @@ CHUNK = 64  # rows that are compared, then predicted
 
 
 class FrameAnalysis:
-    """Analysis of all rows in their order, in a background thread.
+    """Analysis of all rows in a background thread, from the row that is looked at.
+
+    The analysis goes on to the last row, then over the rows before.
 
     Args:
         recording: recording to analyse.
         policy: policy whose steering is predicted; None for none.
 
     Attributes:
-        done: number of analysed rows.
         predicted: steering of the policy, float32 [N]; NaN where unknown.
     """
 
     def __init__(self, recording: Recording, policy: "PolicyFunction | None" = None) -> None:
         self.recording, self.policy = recording, policy
-        self.done = 0
         self.predicted = np.full(len(recording), np.nan, np.float32)
         self._differences = np.full(len(recording), np.nan)
         self._last: np.ndarray | None = None
         self._resets = np.concatenate([[True], find_breaks(recording)])
+        self._chunks: list[range] = []  # that are analysed, in that order
+        self._wanted = 0  # row that is looked at
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._analyse, daemon=True)
+
+    @property
+    def done(self) -> int:
+        """Number of analysed rows."""
+        return sum(map(len, self._chunks))
+
+    def look_at(self, row: int) -> None:
+        """Continue with this row, unless it is analysed."""
+        self._wanted = row
+
+    def predicted_after(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows that were analysed after the first `count`, and their predictions.
+
+        Args:
+            count: number of analysed rows that the caller knows.
+
+        Returns:
+            Rows, int [M], in the order of the analysis; and steering, float32 [M].
+        """
+        rows = np.array([row for chunk in list(self._chunks) for row in chunk], int)[count:]
+        return rows, self.predicted[rows]
 
     def start(self) -> None:
         """Begin the analysis."""
@@ -75,27 +98,53 @@ class FrameAnalysis:
             import torch
 
             torch.set_num_threads(1)  # of this thread; the page's requests need the other cores
-        for first in range(0, len(self.recording), CHUNK):
-            rows = range(first, min(first + CHUNK, len(self.recording)))
+        after = 0  # the row after those analysed last
+        while (rows := self._next_chunk()) is not None:
+            if rows.start != after:
+                self._warm_up(rows.start)
             for analyse in (self._compare, self._predict):
                 for row in rows:
                     if self._ending.is_set():
                         return
                     analyse(row)
-            self.done = rows.stop
+            self._chunks.append(rows)
+            after = rows.stop
 
-    def _compare(self, row: int) -> None:
+    def _next_chunk(self) -> range | None:
+        """Return the first rows to analyse at or after the row that is looked at, or before it."""
+        known = {chunk.start for chunk in self._chunks}
+        open_chunks = [
+            first for first in range(0, len(self.recording), CHUNK) if first not in known
+        ]
+        if not open_chunks:
+            return None
+        later = [first for first in open_chunks if first + CHUNK > self._wanted]
+        first = (later or open_chunks)[0]
+        return range(first, min(first + CHUNK, len(self.recording)))
+
+    def _warm_up(self, first: int) -> None:
+        """Prepare for a row that does not follow the last one: its frame before, its memory."""
+        self._last = None
+        if first:
+            self._compare(first - 1, keep=False)
+        if getattr(self.policy, "reset", None) is not None:
+            for row in range(max(0, first - CHUNK), first):
+                if not self._ending.is_set():
+                    self._predict(row, keep=False)
+
+    def _compare(self, row: int, keep: bool = True) -> None:
         last = self._last
         try:
             self._last = thumbnail(self.recording.images[row, 0])
         except (OSError, ValueError):
             self._last = None
-            self._differences[row] = np.inf
+            if keep:
+                self._differences[row] = np.inf
             return
-        if last is not None:
+        if last is not None and keep:
             self._differences[row] = frame_difference(last, self._last)
 
-    def _predict(self, row: int) -> None:
+    def _predict(self, row: int, keep: bool = True) -> None:
         if self.policy is None:
             return
         from zoo.checkpoints.command import call_policy, reset_policy
@@ -107,7 +156,8 @@ class FrameAnalysis:
             command = call_policy(self.policy, frame, float(self.recording.speed_mph[row]))
         except Exception:  # a bad image, or any exception of a network; the row stays unknown
             return
-        self.predicted[row] = command.steering
+        if keep:
+            self.predicted[row] = command.steering
 
 
 def load_predictor(named: str) -> tuple[Path, "PolicyFunction"]:

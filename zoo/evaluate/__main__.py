@@ -94,7 +94,7 @@ def evaluate(
     evidence = Evidence(None, config)
     if isinstance(checkpoint, str):
         evidence = read_evidence(checkpoint, config)
-    verdict = judge(scores.drives, evidence)
+    verdict = judge(scores.drives, evidence, options.tracks)
     metrics["verdict"] = verdict.plain()
     write_metrics_file(folder, metrics)
     nan = nan_line(list(scores.by_setup.values()))

@@ -42,6 +42,7 @@ class GuardOptions(WorldSettings):
     slow: Annotated[float, Field(ge=4, le=30)]
     paired: bool
     out: str | None
+    table: str | None
     workers: Workers
 
     def check(self) -> None:

@@ -18,6 +18,7 @@ from zoo.guard.conditions import DEGRADED, WEATHER, Condition, shifted_condition
 from zoo.guard.guard_files import print_result, write_files
 from zoo.guard.guard_options import GuardOptions
 from zoo.guard.guard_result import NOMINAL, Fitted, GuardResult, Pairs, of_group
+from zoo.guard.guard_tables import all_warnings
 from zoo.guard.labelled_windows import LEADS_S, WINDOW_S
 from zoo.guard.observed_drive import ObservedDrive
 from zoo.guard.paired_drives import Driven, drive_pairs
@@ -28,6 +29,7 @@ from zoo.monitor.scores import METHODS, Score, fit_score
 from zoo.monitor.signals import ENSEMBLE, signal_sources
 from zoo.monitor.threshold import Threshold, fit_threshold
 from zoo.runs.new_folder import new_folder
+from zoo.runs.result_table import check_table, write_table
 
 GUARD = "guard.pt"
 TIMED = 100  # frames whose score is timed
@@ -40,6 +42,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         InputError: a checkpoint or track does not exist, an option is wrong, or the network fails
             too often on nominal drives to fit a threshold.
     """
+    check_table(options.table)
     usual = options.usual()
     members = tuple(str(find_checkpoint(one)) for one in options.members)
     policy = load_policy(checkpoint)
@@ -85,6 +88,8 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         result = replace(result, pairs=drive_paired(path, result, usual, console))
         write_files(folder, result)
     print_result(result, console)
+    if options.table is not None:
+        written.append(write_table(all_warnings(result), options.table))
     following = ["zoo.evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
     print_written([path, *written], following, console)
     return result

@@ -12,6 +12,7 @@ from zoo.guard.guard_result import NOMINAL, GuardResult, Pairs, of_group
 from zoo.guard.labelled_windows import LEADS_S
 from zoo.guard.published import THIRDEYE
 from zoo.guard.warning_figures import FIGURES
+from zoo.runs.result_table import Cell, ResultTable
 
 HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC %")
 TITLES = {WEATHER: "Fog, rain and light", DEGRADED: "Degraded networks"}
@@ -40,6 +41,24 @@ def warning_table(result: GuardResult, group: str) -> Cells:
             texts = [with_interval(figures[name], 100) for name in FIGURES]
             rows.append([method if lead == LEADS_S[0] else "", str(lead), *texts])
     return Cells(TITLES[group], ["score", "lead s", *HEADINGS], rows)
+
+
+def all_warnings(result: GuardResult) -> ResultTable:
+    """Return the figures of all groups as one table for a file, shares as 0..1."""
+    rows: list[dict[str, Cell]] = []
+    cells = []
+    for group, by_method in result.figures.items():
+        for method, by_lead in by_method.items():
+            for lead, figures in by_lead.items():
+                row: dict[str, Cell] = {"group": group, "score": method, "lead_s": lead}
+                for name in FIGURES:
+                    one = figures[name]
+                    bounds = {"": one.value, "_low": one.low, "_high": one.high}
+                    row |= {f"{name}{part}": _known(value) for part, value in bounds.items()}
+                rows.append(row)
+                texts = [with_interval(figures[name], 100) for name in FIGURES]
+                cells.append([group, method, str(lead), *texts])
+    return ResultTable(rows, ["group", "score", "lead s", *HEADINGS], cells)
 
 
 def published_table() -> Cells:
@@ -159,6 +178,10 @@ def all_tables(result: GuardResult) -> Sequence[Cells]:
     tables = [warning_table(result, group) for group in result.figures if group in failed]
     tables += [published_table(), score_table(result)]
     return [*tables, *([] if result.pairs is None else [pair_table(result.pairs)])]
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _percent(share: float) -> str:

@@ -12,6 +12,11 @@ from zoo.report.training_section import worse_than_nothing
 from zoo.verdict.evidence import training_command
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
+INTENDED_USE = (
+    "Steer the car of a driving simulator (the course's simulator of 2016, or the embedded one), "
+    "study behavioural cloning, and compare networks. Do not use it for a vehicle on a real road: "
+    "it does not recognize traffic, signs or people, and cannot tell when it is wrong."
+)
 
 
 def settings_blocks(run: Run) -> list[Block]:
@@ -58,12 +63,7 @@ def _config(run: Run) -> list[Block]:
 def _use(run: Run) -> list[Block]:
     return [
         Heading("Intended use"),
-        Text(
-            "Steer the car of a driving simulator (the course's simulator of 2016, or the embedded "
-            "one), study behavioural cloning, and compare networks. Do not use it for a vehicle on "
-            "a real road: it does not recognize traffic, signs or people, and cannot tell when it "
-            "is wrong."
-        ),
+        Text(INTENDED_USE),
     ]
 
 

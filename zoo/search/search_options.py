@@ -36,6 +36,7 @@ class SearchOptions:
     quality: str
     seed: Annotated[int, Field(ge=0)]
     out: str | None
+    table: str | None
     workers: Workers
 
     def space(self) -> SearchSpace:

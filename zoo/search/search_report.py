@@ -1,9 +1,11 @@
 """A search from its options to its files: search.json, map.png and mildest.yaml."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import yaml
 from rich.console import Console
 from rich.table import Table
@@ -15,6 +17,7 @@ from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.new_folder import new_folder
 from zoo.runs.plots import save_figure
+from zoo.runs.result_table import Cell, ResultTable, check_table, write_table
 from zoo.runs.whole_file import json_text, write_whole
 from zoo.search.failure_archive import Archive
 from zoo.search.failure_map import failure_map
@@ -76,6 +79,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         InputError: the checkpoint or family does not exist, or an option is wrong; or the network
             steered NaN, after all files are written.
     """
+    check_table(options.table)
     space = options.space()
     archive = Archive(options.grid(space))
     load_policy(checkpoint)  # reports a wrong file before processes start
@@ -98,6 +102,8 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
     if mildest is not None:
         written.append(_write_mildest(report, mildest))
     _print_figures(report, drives, console)
+    if options.table is not None:
+        written.append(write_table(features_table(report, drives), options.table))
     print_written(written, report.replay(mildest) if mildest else [], console)
     steered_nan = sum(one.outcome.nan_frames > 0 for one in drives)
     if steered_nan:
@@ -172,19 +178,33 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
     return write_whole(report.folder / MILDEST, text + content)
 
 
+def features_table(report: Report, drives: list[Driven]) -> ResultTable:
+    """Return a row for each feature: its usual value, its quartiles, and the mildest failure's."""
+    mildest = report.mildest(drives)
+    rows: list[dict[str, Cell]] = []
+    cells = []
+    for key, one in report.space.features.items():
+        worst = None if mildest is None else mildest.candidate.features[key]
+        row: dict[str, Cell] = {"feature": key, "usual": report.usual[key]}
+        texts = [one.label, f"{report.usual[key]:.3g}"]
+        for name, failed in (("passed", False), ("failed", True)):
+            chosen = [drive for drive in drives if drive.outcome.failed is failed]
+            values = [drive.candidate.features[key] for drive in chosen]
+            quartiles = _quartiles(values)
+            row |= {f"{name}_{part}": value for part, value in quartiles.items()}
+            texts.append(_range(quartiles) if values else "")
+        rows.append(row | {"mildest": worst})
+        cells.append([*texts, "" if worst is None else f"{worst:.3g}"])
+    headings = ["feature", "family's usual", "passed", "failed", "mildest failure"]
+    return ResultTable(rows, headings, cells)
+
+
 def _print_figures(report: Report, drives: list[Driven], console: Console) -> None:
     failed = [one for one in drives if one.outcome.failed]
-    passed = [one for one in drives if not one.outcome.failed]
-    mildest = report.mildest(drives)
-    table = Table("feature", "family's usual", "passed", "failed", "mildest failure")
-    for key, one in report.space.features.items():
-        values = [
-            f"{report.usual[key]:.3g}",
-            _range([drive.candidate.features[key] for drive in passed]),
-            _range([drive.candidate.features[key] for drive in failed]),
-            "" if mildest is None else f"{mildest.candidate.features[key]:.3g}",
-        ]
-        table.add_row(one.label, *values)
+    found = features_table(report, drives)
+    table = Table(*found.headings)
+    for texts in found.cells:
+        table.add_row(*texts)
     console.print(table)
     archive = report.archive
     console.print(
@@ -196,11 +216,15 @@ def _print_figures(report: Report, drives: list[Driven], console: Console) -> No
         console.print("no road failed: try a larger budget=, another family= or speed=")
 
 
-def _range(values: list[float]) -> str:
-    """Return the quartiles of values, such as `10 (8..14)`."""
-    if not values:
-        return ""
-    import numpy as np
+def _quartiles(values: list[float]) -> dict[str, float | None]:
+    found = np.percentile(values, [25, 50, 75]).tolist() if values else [None] * 3
+    return dict(zip(("q25", "median", "q75"), found, strict=True))
 
-    low, middle, high = np.percentile(values, [25, 50, 75])
-    return f"{middle:.3g} ({low:.3g} to {high:.3g})"
+
+def _range(of: Mapping[str, float | None]) -> str:
+    """Return quartiles as text.
+
+    >>> _range({"q25": 8.0, "median": 10.0, "q75": 14.0})
+    '10 (8 to 14)'
+    """
+    return "{median:.3g} ({q25:.3g} to {q75:.3g})".format(**of)

@@ -17,7 +17,7 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
+from datamodules.errors import InputError, UsageError
 from datamodules.features import load_features
 from datamodules.view import View
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
@@ -256,6 +256,10 @@ def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> objec
     """Call `hydra.utils.instantiate`; name the config's key where it fails."""
     os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
     target = settings.get("_target_")
+    if (
+        target is None
+    ):  # as experiment=lenet, which sets a key of a callback, with callbacks=published
+        raise UsageError(f"{key}: has keys, but no _target_; add {key}=null")
     if part := part_of(target):  # its own errors, in one line
         import_part(part, target.rpartition(".")[0])
     # Hydra resolves ${ in a path even if it is escaped: such paths are passed at the call.

@@ -50,12 +50,16 @@ class Verdict:
         return {key: list(v) if isinstance(v, tuple) else v for key, v in vars(self).items()}
 
 
-def judge(drives: Sequence[Mapping], evidence: Evidence) -> Verdict:
+def judge(
+    drives: Sequence[Mapping], evidence: Evidence, tracks: Sequence[str] | None = None
+) -> Verdict:
     """Judge a network by its drives.
 
     Args:
         drives: figures of each drive: `track`, `autonomy`, `interventions`, `laps`.
         evidence: config, metrics and command of the network, for causes and commands.
+        tracks: tracks as the user typed them, such as `my_track.yaml`, whose recorded name is
+            `my_track`; None for those of the run's `score`.
     """
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
@@ -63,13 +67,15 @@ def judge(drives: Sequence[Mapping], evidence: Evidence) -> Verdict:
     level = _level(by_track)
     lost = [name for name, own in by_track.items() if any(one["interventions"] for one in own)]
     causes = [] if level in (DRIVES, UNKNOWN) else likely_causes(evidence, lost)
+    typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
+    shown = [typed.get(one, one) for one in lost or by_track]
     return Verdict(
         level,
         HEADLINES[level],
         tuple(_track_line(track, own) for track, own in by_track.items()),
         _certainty(drives),
         tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, causes, lost or list(by_track))),
+        tuple(_commands(level, evidence, causes, shown)),
     )
 
 
@@ -87,6 +93,19 @@ def print_verdict(verdict: Verdict, console: Console) -> None:
     console.print(panel, soft_wrap=False)
     for purpose, command in verdict.commands:
         print_next(command, purpose, console)
+
+
+def _typed_tracks(tracks: object) -> dict[str, str]:
+    """Return each track as the user typed it, by its recorded name.
+
+    >>> _typed_tracks("lake,roads/own.yaml")
+    {'lake': 'lake', 'own': 'roads/own.yaml'}
+    """
+    from simulator.track_names import recorded_name, short_name
+
+    typed = tracks.split(",") if isinstance(tracks, str) else tracks
+    names = typed if isinstance(typed, Sequence) else ()
+    return {recorded_name(short_name(one)): one for one in names if isinstance(one, str)}
 
 
 def _level(by_track: Mapping[str, Sequence[Mapping]]) -> str:

@@ -16,6 +16,7 @@ from zoo.evaluate.replay_score import ReplayOptions
 from zoo.export.__main__ import ExportOptions
 from zoo.film import FilmOptions
 from zoo.guard.guard_options import GuardOptions
+from zoo.hub.hub_options import HubOptions
 from zoo.input_search.import_options import ImportOptions
 from zoo.leaderboard.__main__ import LeaderboardOptions
 from zoo.rerun import RerunOptions
@@ -37,6 +38,7 @@ KINDS = {
     "export": ExportOptions,
     "film": FilmOptions,
     "guard": GuardOptions,
+    "hub": HubOptions,
     "import": ImportOptions,
     "leaderboard": LeaderboardOptions,
     "replay": ReplayOptions,

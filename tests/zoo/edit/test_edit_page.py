@@ -67,8 +67,9 @@ def test_a_row_is_described_by_its_place(served: ServedPage) -> None:
 
 def test_frames_are_analysed_and_predicted_in_the_background(served: ServedPage) -> None:
     analysed(served)
-    predicted = np.frombuffer(served.ask("GET", "/predicted.bin?first=20")[2], "<f4")
-    assert predicted.shape == (100,)
+    answer = np.frombuffer(served.ask("GET", "/predicted.bin?known=20")[2], "<f4")
+    rows, predicted = answer.reshape(2, 100)
+    assert len({*rows}) == 100
     assert ((predicted > 0.2) & (predicted < 0.8)).all()
     notable = served.read("/notable.json")
     assert notable["bends"][0][0] < 120

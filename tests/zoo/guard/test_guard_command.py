@@ -1,5 +1,6 @@
 """`python -m zoo.guard` with real drives on a short road, and the guard that it writes."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -32,8 +33,8 @@ def folder(checkpoint: Path, track: str, tmp_path_factory: pytest.TempPathFactor
     """Return the folder of a guard's command: daylight drives pass, and the dark one fails."""
     out = tmp_path_factory.mktemp("out") / "guard"
     small = ("laps=1", "nominal=2", "levels=1", "degraded=1", "epochs=15", "samples=2")
-    method = "method=autoencoder"
-    command([str(checkpoint), f"track={track}", f"out={out}", method, *WORLD, *small])
+    files = ("method=autoencoder", f"table={out.with_suffix('.csv')}")
+    command([str(checkpoint), f"track={track}", f"out={out}", *files, *WORLD, *small])
     return out
 
 
@@ -47,6 +48,19 @@ def test_it_labels_windows_before_the_failures(folder: Path) -> None:
         assert figures["recall"]["low"] < 1
         assert figures["auc"]["value"] > 0.9
         assert figures["false_positive_rate"]["value"] < 0.5
+
+
+def test_the_table_has_the_figures_of_each_group_score_and_lead(folder: Path) -> None:
+    found = json.loads((folder / "guard.json").read_text())["warnings"]
+    with folder.with_suffix(".csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {(one["group"], one["score"]) for one in rows} == {
+        (group, score) for group, scores in found.items() for score in scores
+    }
+    row = next(one for one in rows if (one["group"], one["score"]) == ("weather", "autoencoder"))
+    figures = found["weather"]["autoencoder"][row["lead_s"]]
+    assert float(row["recall"]) == figures["recall"]["value"]
+    assert float(row["recall_low"]) == figures["recall"]["low"]
 
 
 def test_scores_that_the_network_lacks_are_named(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """`python -m zoo.search`: its files, the replay of the mildest failure, and its errors."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -39,15 +40,20 @@ def test_the_mildest_failure_replays_to_the_frame(
     checkpoint: Path, tmp_path: Path, console: Console
 ) -> None:
     found = tmp_path / "found=1"
-    options = read_options(
-        "search", SearchOptions, [*SHORT, "budget=4", "workers=1", f"out={found}"]
-    )
+    files = (f"out={found}", f"table={tmp_path / 'features.csv'}")
+    options = read_options("search", SearchOptions, [*SHORT, "budget=4", "workers=1", *files])
     result = search_and_report(str(checkpoint), options, console)
+    with (tmp_path / "features.csv").open() as table:
+        rows = {one["feature"]: one for one in csv.DictReader(table)}
+    assert set(rows) == set(result["features"])
+    for name, one in rows.items():
+        assert float(one["usual"]) == result["features"][name]["usual"]
     assert json.loads((found / "search.json").read_text()) == json.loads(json.dumps(result))
     with Image.open(found / "map.png") as image:
         assert min(image.size) > 300
     assert result["failed"] == sum(one["failed"] for one in result["drives"]) > 0
     mildest = result["drives"][result["mildest"]["drive"]]
+    assert float(rows["bend"]["mildest"]) == mildest["features"]["bend"]
     failures = [one["distance_to_usual"] for one in result["drives"] if one["failed"]]
     assert mildest["distance_to_usual"] == min(failures)
 

@@ -44,6 +44,14 @@ def test_the_level_follows_from_the_drives(drives: list[dict], level: str) -> No
     assert judge(drives, evidence()).level == level
 
 
+def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
+    for lost in (0, 20):
+        verdict = judge([drive(lost, "own")], evidence(), ["lake", "my roads/own.yaml"])
+        assert "track='my roads/own.yaml'" in verdict.commands[-1 if lost else 0][1]
+    known = evidence({"score": {"track": "my_track.yaml,lake"}})
+    assert "track=my_track.yaml " in judge([drive(0, "my_track")], known).commands[0][1]
+
+
 def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
     verdict = judge([drive(seed=seed) for seed in range(3)], evidence())
     assert "3 of 3 (95 %: 44 % or more)" in verdict.certainty

@@ -337,11 +337,13 @@ async function poll() {
   polling = false;
 }
 
+// Rows are analysed from the shown one on, so their numbers come with the values.
 async function readPredicted() {
-  const answer = await (await get(`predicted.bin?first=${data.known}`)).arrayBuffer();
+  const answer = await (await get(`predicted.bin?known=${data.known}`)).arrayBuffer();
   const values = new Float32Array(answer);
-  data.predicted.set(values, data.known);
-  data.known += values.length; // show() draws it
+  const rows = values.length / 2;
+  for (let one = 0; one < rows; one += 1) data.predicted[values[one]] = values[rows + one];
+  data.known += rows; // show() draws it
 }
 
 function showWritten(state) {

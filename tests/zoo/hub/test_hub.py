@@ -1,0 +1,207 @@
+"""`python -m zoo.hub` against a stand-in for the Hub: what is sent, fetched and refused."""
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.hub.stand_in import StandIn, serving
+from tests.zoo.written_checkpoints import write_constant
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
+
+pytest.importorskip("huggingface_hub")
+
+RUN = Path(__file__).parents[1] / "runs" / "run_of_0_1_0"
+PLACE = "outputs/hub/ann/tiny"
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StandIn]:
+    with serving() as found:
+        for name, value in {
+            "HF_ENDPOINT": found.url,
+            "HF_HOME": str(tmp_path / "hf"),
+            "HF_TOKEN": "hf_of_ann",
+            "NO_PROXY": "127.0.0.1",
+        }.items():
+            monkeypatch.setenv(name, value)
+        yield found
+
+
+def hub(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return run(cwd, *arguments, module="zoo.hub")
+
+
+@pytest.fixture
+def ran(tmp_path: Path) -> Path:
+    """Return a copy of a run, whose config names a folder and a server of the user's."""
+    folder = shutil.copytree(RUN, tmp_path / "run")
+    path = folder / "checkpoints" / "best.ckpt"
+    contents = torch.load(path, weights_only=True)
+    config = contents["drivezoo"]["config"]
+    config["data"]["root"] = "/home/ann_private/lake"
+    config["logger"] = {"mlflow": {"tracking_uri": "http://ann:secret@host"}}
+    torch.save(contents, path)
+    overrides = folder / ".hydra" / "overrides.yaml"
+    overrides.write_text("- model=tiny\n- data.root=/home/ann_private/lake\n")
+    return folder
+
+
+def test_what_was_sent_is_fetched_and_is_the_same_network(
+    server: StandIn, ran: Path, tmp_path: Path
+) -> None:
+    sent = hub(tmp_path, "push", str(ran), "repo=ann/tiny", "license=mit", "send=true")
+    assert sent.returncode == 0, sent.stderr
+    assert f"wrote: {server.url}/ann/tiny" in sent.stdout
+    files = server.repositories["ann/tiny"]
+    assert set(files) == {"tiny.ckpt", "README.md"}
+    fetched = hub(tmp_path, "pull", "ann/tiny")
+    assert fetched.returncode == 0, fetched.stderr
+    assert f"next: python -m zoo.evaluate {PLACE}/tiny.ckpt track=lake" in fetched.stdout
+    for name, contents in files.items():
+        assert (tmp_path / PLACE / name).read_bytes() == contents
+    before = load_checkpoint(ran).network.state_dict()
+    after = load_checkpoint(tmp_path / PLACE / "tiny.ckpt").network.state_dict()
+    assert all(torch.equal(before[name], after[name]) for name in before)
+    again = hub(tmp_path, "pull", "ann/tiny")
+    assert "is not empty" in only_line(again), "nothing is overwritten"
+
+
+def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -> None:
+    result = hub(tmp_path, "push", str(ran), "repo=./card", "license=cc-by-4.0")
+    assert result.returncode == 0, result.stderr
+    _, header, text = (tmp_path / "card" / "README.md").read_text().split("---\n", 2)
+    header = yaml.safe_load(header)
+    assert header["license"] == "cc-by-4.0"
+    assert header["library_name"] == "drivezoo"
+    assert header["drivezoo"]["data"] == "ec3cc0333d15d85f"
+    (result,) = header["model-index"][0]["results"]
+    assert {one["type"] for one in result["metrics"]} == {"autonomy", "interventions"}
+    for part in ("41 parameters", "278 rows", "drivezoo drive tiny.ckpt", "0 of 1 (95 %"):
+        assert part in text
+
+
+def test_huggingface_hub_reads_the_header(ran: Path, tmp_path: Path) -> None:
+    from huggingface_hub import ModelCard
+
+    hub(tmp_path, "push", str(ran), "repo=./card", "license=mit")
+    card = ModelCard.load(tmp_path / "card" / "README.md")
+    assert card.data.license == "mit"
+    assert [one.metric_type for one in card.data.eval_results] == ["autonomy", "interventions"]
+
+
+def test_no_private_name_and_no_optimizer_is_in_the_files(ran: Path, tmp_path: Path) -> None:
+    hub(tmp_path, "push", str(ran), "repo=./card")
+    for path in (tmp_path / "card").iterdir():
+        assert b"ann_private" not in path.read_bytes()
+        assert b"secret" not in path.read_bytes()
+    contents = read_checkpoint_file(tmp_path / "card" / "tiny.ckpt")
+    assert set(contents) == {"drivezoo", "state_dict"}
+
+
+def test_nothing_is_sent_before_it_is_asked_for(server: StandIn, ran: Path, tmp_path: Path) -> None:
+    shown = hub(tmp_path, "push", str(ran), "repo=ann/tiny")
+    assert shown.returncode == 0, shown.stderr
+    assert "library_name: drivezoo" in shown.stdout
+    assert shown.stdout.strip().endswith("repo=ann/tiny send=true")
+    assert server.requests == []
+
+
+def test_without_a_token_one_line_says_what_to_do(
+    server: StandIn, ran: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HF_TOKEN")
+    # In a process of its own, which reads HF_HOME: the tester may have a token.
+    words = command("zoo.hub", "push", str(ran), "repo=ann/tiny", "send=true")
+    result = subprocess.run(
+        words, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
+    )
+    assert "hf auth login" in only_line(result)
+    assert server.requests == []
+
+
+@pytest.fixture
+def shared(server: StandIn) -> StandIn:
+    """Serve `ann/tiny` with one checkpoint, without a card."""
+    contents = lean_contents(read_checkpoint_file(RUN / "checkpoints" / "best.ckpt"))
+    server.repositories["ann/tiny"] = {"tiny.ckpt": checkpoint_bytes(contents)}
+    return server
+
+
+def refused(server: StandIn, tmp_path: Path, *more: str) -> str:
+    """Return the line of a pull that is refused; it must leave no file."""
+    line = only_line(hub(tmp_path, "pull", "ann/tiny", *more))
+    assert not (tmp_path / PLACE).exists()
+    return line
+
+
+def test_a_checkpoint_with_code_is_not_kept(shared: StandIn, tmp_path: Path) -> None:
+    path = tmp_path / "bad.ckpt"
+    torch.save({"drivezoo": Path("/"), "state_dict": {}}, path)
+    shared.repositories["ann/tiny"]["tiny.ckpt"] = path.read_bytes()
+    assert "ann/tiny: tiny.ckpt: is damaged or contains code" in refused(shared, tmp_path)
+
+
+def test_a_file_larger_than_announced_is_not_kept(shared: StandIn, tmp_path: Path) -> None:
+    shared.announced["tiny.ckpt"] = 100
+    assert "larger than 100 bytes" in refused(shared, tmp_path)
+
+
+def test_a_file_with_another_hash_is_not_kept(shared: StandIn, tmp_path: Path) -> None:
+    files = shared.repositories["ann/tiny"]
+    files["README.md"] = b"---\ndrivezoo:\n  sha256: " + b"0" * 64 + b"\n---\n"
+    assert "its card describes" in refused(shared, tmp_path)
+    del files["README.md"]
+    shared.listed_hashes["tiny.ckpt"] = "0" * 64
+    assert "the repository's list describes" in refused(shared, tmp_path)
+
+
+def test_only_names_in_the_top_folder_are_fetched(shared: StandIn, tmp_path: Path) -> None:
+    files = shared.repositories["ann/tiny"]
+    files["../../evil.ckpt"] = files.pop("tiny.ckpt")
+    assert "no .ckpt file" in refused(shared, tmp_path)
+    assert "no .ckpt file" in refused(shared, tmp_path, "file=../../evil.ckpt")
+
+
+def test_one_of_several_checkpoints_is_named(shared: StandIn, tmp_path: Path) -> None:
+    path = write_constant(tmp_path / "other.ckpt", 0.5)
+    shared.repositories["ann/tiny"]["other.ckpt"] = path.read_bytes()
+    assert "other.ckpt, tiny.ckpt; name one with file=" in refused(shared, tmp_path)
+    fetched = hub(tmp_path, "pull", "ann/tiny", "file=other.ckpt", "out=mine")
+    assert fetched.returncode == 0, fetched.stderr
+    assert (tmp_path / "mine" / "other.ckpt").is_file()
+
+
+def test_errors_of_the_hub_are_one_line(shared: StandIn, tmp_path: Path) -> None:
+    assert "no such repository" in only_line(hub(tmp_path, "pull", "ann/none"))
+    shared.refusal = 403
+    assert "403" in refused(shared, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (("fetch", "ann/tiny"), "must be push or pull"),
+        (("pull", "tiny"), "write user/name"),
+        (("pull", "../tiny"), "write user/name"),
+        (("pull", "ann/tiny", "send=true"), "send: belongs to push"),
+        (("push", "CKPT"), "repo=user/name"),
+        (("push", "CKPT", "repo=tiny"), "write user/name"),
+        (("push", "CKPT", "repo=./card", "license=MIT License"), "abbreviation"),
+    ],
+)
+def test_wrong_words_are_one_line(words: tuple[str, ...], part: str, tmp_path: Path) -> None:
+    result = hub(tmp_path, *words)
+    assert part in only_line(result)
+    assert result.returncode == 2
+
+
+def test_a_folder_of_the_repository_s_name_is_not_guessed(ran: Path, tmp_path: Path) -> None:
+    (tmp_path / "ann" / "tiny").mkdir(parents=True)
+    assert "also a folder" in only_line(hub(tmp_path, "push", str(ran), "repo=ann/tiny"))

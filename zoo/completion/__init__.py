@@ -1,0 +1,1 @@
+"""Completion of commands, keys and values in a shell."""

@@ -1,0 +1,120 @@
+"""Scripts for bash, zsh and fish that complete the words of `drivezoo`."""
+
+import shlex
+from collections.abc import Callable, Mapping
+
+from zoo.completion.words import Words
+
+FLAGS = ("--help", "-q", "-v")
+
+_BASH = r"""
+_drivezoo() {
+    local line="${COMP_LINE:0:COMP_POINT}" command="${COMP_WORDS[1]}" current values one
+    current="${line##*[[:space:]]}"
+    COMPREPLY=()
+    if [ "$COMP_CWORD" -eq 1 ]; then
+        values="$(_drivezoo_words '')"
+    else
+        if [ "$command" = simulator ] && [ "$COMP_CWORD" -gt 2 ]; then
+            command="simulator ${COMP_WORDS[2]}"
+        fi
+        case "$current" in
+            *=*)
+                values="$(_drivezoo_words "$command ${current%%=*}")"
+                # bash replaces only the part after =, a character at which it splits words.
+                current="${current#*=}"
+                ;;
+            *) values="$(_drivezoo_words "$command")" ;;
+        esac
+    fi
+    while IFS= read -r one; do
+        case "$one" in
+            *=) COMPREPLY+=("$one") ;;
+            *) COMPREPLY+=("$one ") ;;
+        esac
+    done < <(compgen -W "$values" -- "$current")
+    [ "$COMP_CWORD" -eq 1 ] && return
+    case "$current" in --*) return ;; esac
+    while IFS= read -r one; do
+        if [ -d "$one" ]; then one="$(printf %q "$one")/"; else one="$(printf %q "$one") "; fi
+        COMPREPLY+=("$one")
+    done < <(compgen -f -- "$current")
+}
+complete -o nospace -F _drivezoo drivezoo
+"""
+
+_ZSH = r"""
+_drivezoo() {
+    local command=$words[2] key
+    local -a found keys
+    if (( CURRENT == 2 )); then
+        found=(${=$(_drivezoo_words '')})
+        compadd -- $found
+        return
+    fi
+    [[ $command == simulator ]] && (( CURRENT > 3 )) && command="simulator $words[3]"
+    if [[ $PREFIX == *=* ]]; then
+        key=${PREFIX%%=*}
+        compset -P '*='
+        found=(${=$(_drivezoo_words "$command $key")})
+        (( $#found )) && compadd -- $found
+    else
+        found=(${=$(_drivezoo_words "$command")})
+        keys=(${(M)found:#*=})
+        compadd -S '' -- $keys
+        compadd -- ${found:|keys}
+    fi
+    _files
+}
+(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }
+compdef _drivezoo drivezoo
+"""
+
+
+def bash_script(words: Mapping[str, Words]) -> str:
+    """Return the script for bash 3.2 or later."""
+    return f"# Completion of drivezoo for bash.\n{_word_function(words)}{_BASH}"
+
+
+def zsh_script(words: Mapping[str, Words]) -> str:
+    """Return the script for zsh."""
+    return f"#compdef drivezoo\n# Completion of drivezoo for zsh.\n{_word_function(words)}{_ZSH}"
+
+
+def fish_script(words: Mapping[str, Words]) -> str:
+    """Return the script for fish."""
+    lines = ["# Completion of drivezoo for fish."]
+    names = shlex.quote(" ".join(one for one in words if " " not in one))
+    lines.append(f"complete -c drivezoo -n __fish_use_subcommand -f -a {names}")
+    for command, one in words.items():
+        seen = " ".join(f"__fish_seen_subcommand_from {part}; and" for part in command.split())
+        condition = shlex.quote(seen.removesuffix("; and"))
+        values = [f"{key}={value}" for key, own in one.keys.items() for value in own]
+        typed = shlex.quote(" ".join([*_words_of(one), *values]))
+        lines.append(f"complete -c drivezoo -n {condition} -a {typed}")
+    return "\n".join(lines) + "\n"
+
+
+SCRIPTS: dict[str, Callable[[Mapping[str, Words]], str]] = {
+    "bash": bash_script,
+    "zsh": zsh_script,
+    "fish": fish_script,
+}
+
+
+def _word_function(words: Mapping[str, Words]) -> str:
+    """Return a shell function that prints the words of a command, or the values of its key."""
+    cases = {"": [one for one in words if " " not in one]}
+    for command, one in words.items():
+        cases[command] = _words_of(one)
+        cases |= {f"{command} {key}": list(own) for key, own in one.keys.items() if own}
+    lines = [f"        {shlex.quote(name)}) echo {_quoted(own)} ;;" for name, own in cases.items()]
+    return '_drivezoo_words() {\n    case "$1" in\n' + "\n".join(lines) + "\n    esac\n}\n"
+
+
+def _words_of(one: Words) -> list[str]:
+    return [*one.first, *(f"{key}=" for key in one.keys), *FLAGS]
+
+
+def _quoted(words: list[str]) -> str:
+    return shlex.quote(" ".join(words))

@@ -1,0 +1,1 @@
+"""Checkpoints with their cards in repositories of the Hugging Face Hub."""

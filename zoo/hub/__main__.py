@@ -1,0 +1,93 @@
+"""`python -m zoo.hub push|pull NAME [key=value ...]`: send or fetch a checkpoint with its card.
+
+Push shows the card, and sends with send=true to a repository of the Hugging Face Hub, user/name, or
+writes to a folder, repo=./card. It needs `pip install 'drivezoo[hub]'`.
+
+  python -m zoo.hub push latest repo=./card
+  python -m zoo.hub push latest repo=user/name send=true
+  python -m zoo.hub pull user/name
+"""
+
+import shlex
+import sys
+
+from rich.console import Console
+
+from datamodules.errors import UsageError
+from datamodules.terminal import printable
+from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.cli.closing_lines import print_next, print_written
+from zoo.cli.command import CHECKPOINT, Command
+from zoo.cli.console_progress import loading
+from zoo.cli.run_command import run_command
+from zoo.hub.hub_options import CARD, PULL, PUSH, HubOptions, check_keys, is_folder
+
+COMMAND = Command(
+    __doc__,
+    {"push|pull": "what to do", "NAME": f"push: {CHECKPOINT}; pull: repository, user/name"},
+)
+
+
+def push(named: str, options: HubOptions) -> None:
+    """Show a checkpoint and its card; write them to a folder, or send them to a repository.
+
+    Raises:
+        InputError: the checkpoint cannot be loaded, the folder is not empty, or the repository
+            cannot be written to.
+    """
+    path = find_checkpoint(named)
+    assert options.repo is not None
+    with loading():
+        from zoo.hub.shared_files import shared_files, write_files
+
+    if is_folder(options.repo):
+        print_written(write_files(shared_files(path, None, options.license), options.repo))
+        command = shlex.join(["python", "-m", "zoo.hub", PUSH, named, "repo=USER/NAME"])
+        print_next(command, "show it for a repository")
+        return
+    from zoo.hub.repository import send, writable_hub
+
+    address = f"{writable_hub() if options.send else 'repository'} {options.repo}"
+    files = shared_files(path, options.repo, options.license)
+    print("\n".join(map(printable, files[CARD].decode().splitlines())))
+    for name, contents in files.items():
+        print(f"to {address}: {name}, {len(contents):,} bytes")
+    if options.send:
+        print_written([send(options.repo, files, options.private)])
+        print_next(f"python -m zoo.hub pull {options.repo}", "fetch it on another machine")
+        return
+    keys = [f"license={options.license}"] * bool(options.license)
+    keys += ["private=true"] * options.private
+    print_written([], ["zoo.hub", PUSH, named, f"repo={options.repo}", *keys, "send=true"])
+
+
+def pull(repo: str, options: HubOptions) -> None:
+    """Fetch a repository's checkpoint and card into a new folder.
+
+    Raises:
+        InputError: the repository cannot be read, holds no checkpoint, or another file than its
+            card describes; or the folder is not empty.
+    """
+    from zoo.hub.repository import fetch
+
+    written = fetch(repo, options.file, options.out, Console(emoji=False))
+    print_written(written)
+    command = shlex.join(["python", "-m", "zoo.evaluate", str(written[0]), "track=lake"])
+    print_next(command, "let it drive")
+
+
+def hub(arguments: list[str]) -> None:
+    """Read the arguments, then push or pull.
+
+    Raises:
+        UsageError: the action is neither, or an option belongs to the other one.
+    """
+    (action, name), options = COMMAND.read(arguments, HubOptions)
+    if action not in (PUSH, PULL):
+        raise UsageError(f"{action}: must be {PUSH} or {PULL}; usage: {COMMAND.usage}")
+    check_keys(action, name, options)
+    (push if action == PUSH else pull)(name, options)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("zoo.hub", hub, sys.argv[1:]))

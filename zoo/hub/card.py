@@ -1,0 +1,164 @@
+"""The card of a shared checkpoint: Markdown with a YAML header, as the Hub reads it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from datamodules.view import View
+from zoo.checkpoints.lean_checkpoint import without_folders
+from zoo.drives.intervals import count_with_interval
+from zoo.evaluate.drives_table import with_deviation
+from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text
+from zoo.report.card_section import INTENDED_USE
+from zoo.report.markdown import to_markdown
+
+TAGS = ["drivezoo", "behavioural-cloning", "self-driving", "simulator"]
+# Metrics of the header, of those that a track's figures can have.
+SHOWN = {"autonomy": "Autonomy", "interventions": "Interventions per drive"}
+
+
+@dataclass(frozen=True)
+class Described:
+    """What a card describes.
+
+    Attributes:
+        file, sha256, size: name, hash and bytes of the shared checkpoint.
+        network, parameters, view: class of the network, its size and its input.
+        card: card within the checkpoint, without private paths.
+        metrics: contents of the run's `metrics.json`; empty without one.
+        command: command of the training; None if it is unknown.
+        repo: repository, `user/name`; None for none.
+        license: abbreviation of the weights' licence; None for none.
+    """
+
+    file: str
+    sha256: str
+    size: int
+    network: str
+    parameters: int
+    view: View
+    card: Mapping
+    metrics: Mapping
+    command: str | None
+    repo: str | None
+    license: str | None
+
+    @property
+    def tracks(self) -> dict[str, Mapping]:
+        """Return the figures of each track that the run drove."""
+        tracks = (self.metrics.get("drive") or {}).get("tracks") or {}
+        return {name: one for name, one in tracks.items() if one and one.get("autonomy")}
+
+
+def card_text(of: Described) -> str:
+    """Return the text of the card."""
+    sections = [
+        Section("", _what(of)),
+        Section("Drive it", _drive(of)),
+        Section("How it drives", _scores(of)),
+        Section("Training", _training(of)),
+        Section("Intended use", [Text(INTENDED_USE)]),
+    ]
+    header = yaml.safe_dump(_header(of), sort_keys=False, allow_unicode=True)
+    return f"---\n{header}---\n\n{to_markdown(_title(of), sections, Path())}"
+
+
+def described_hash(text: str) -> str | None:
+    """Return the checkpoint's hash that a card names; None without one.
+
+    Any text is allowed: the card may come from another person.
+    """
+    lines = text.partition("\n---")[0].splitlines()
+    found = [line.partition(":")[2].strip() for line in lines if line.strip().startswith("sha256:")]
+    return found[0] if len(found) == 1 else None
+
+
+def _header(of: Described) -> dict:
+    header: dict = {"license": of.license} if of.license else {}
+    header |= {"library_name": "drivezoo", "tags": TAGS, "pipeline_tag": "robotics"}
+    header["metrics"] = [key for key in SHOWN if any(one.get(key) for one in of.tracks.values())]
+    results = [
+        {
+            "task": {"type": "robotics", "name": "steering"},
+            "dataset": {"type": f"track-{name}", "name": f"{name}, drivezoo's embedded simulator"},
+            "metrics": [
+                {"type": key, "name": shown, "value": round(float(figures[key][0]), 4)}
+                for key, shown in SHOWN.items()
+                if figures.get(key)
+            ],
+        }
+        for name, figures in of.tracks.items()
+    ]
+    if results:
+        header["model-index"] = [{"name": _title(of), "results": results}]
+    trained_on = of.card["data"].get("fingerprint")
+    return header | {"drivezoo": {"file": of.file, "sha256": of.sha256, "data": trained_on}}
+
+
+def _title(of: Described) -> str:
+    return Path(of.file).stem
+
+
+def _what(of: Described) -> list[Block]:
+    height, width, _ = of.view.shape
+    top, bottom = of.view.crop
+    points = [
+        f"Network: {of.network}, {of.parameters:,} parameters. It steers a car from the images of "
+        "one camera.",
+        f"View: {top} rows cropped at the top and {bottom} at the bottom of 160 x 320 pixels, "
+        f"colour {of.view.colour}, resized to {height} x {width}.",
+        f"File: {of.file}, {of.size:,} bytes, SHA-256 {of.sha256}. It holds weights and settings, "
+        "and no code.",
+    ]
+    points += [
+        f"The network's code is not in the file: {one['name']} (SHA-256 begins with "
+        f"{one['sha256']}), which its author has. Add it with parts=FILE."
+        for one in of.card.get("parts") or ()
+    ]
+    return [Bullets(points)]
+
+
+def _drive(of: Described) -> list[Block]:
+    lines = [f"drivezoo drive {of.file} sim=lake laps=1"]
+    if of.repo:
+        folder = f"outputs/hub/{of.repo}"
+        lines = [
+            "pip install 'drivezoo[hub]'",
+            f"drivezoo hub pull {of.repo}",
+            f"drivezoo drive {folder}/{of.file} sim=lake laps=1",
+        ]
+    return [Code("\n".join(lines))]
+
+
+def _scores(of: Described) -> list[Block]:
+    if not of.tracks:
+        return [Text("Its run has no drives: nothing here shows that it stays on a road.")]
+    rows = []
+    for name, figures in of.tracks.items():
+        drives, kept = figures.get("drives"), figures.get("drives_without_intervention")
+        counted = count_with_interval(kept, drives) if drives and kept is not None else "-"
+        cells = [with_deviation(figures["autonomy"], "{:.1%}", drives), counted]
+        for key, form in (("interventions", "{:.3g}"), ("cte_mean_m", "{:.2f} m")):
+            cells.append(with_deviation(figures[key], form, drives) if figures.get(key) else "-")
+        rows.append([name, *cells])
+    headers = ["track", "autonomy", "drives without intervention", "interventions", "mean error"]
+    speed = (of.metrics.get("drive") or {}).get("speed_mph")
+    where = "Drives of its run in drivezoo's embedded simulator"
+    text = f"{where}, at {speed:g} mph." if speed else f"{where}."
+    return [Text(text), Rows(headers, rows)]
+
+
+def _training(of: Described) -> list[Block]:
+    data, code = of.card["data"], of.metrics.get("code") or {}
+    rows = f"{data['rows']:,} rows" if data.get("rows") else "rows of an unknown number"
+    points = [f"Recording: {rows} with fingerprint {data.get('fingerprint') or 'unknown'}."]
+    if (seed := of.card["config"].get("seed")) is not None:
+        points.append(f"Training seed: {seed}.")
+    if code:
+        points.append(f"Code: {code.get('hash')}, commit {code.get('commit') or 'unknown'}.")
+    blocks: list[Block] = [Bullets(points)]
+    if of.command:
+        blocks.append(Code(without_folders(of.command)))
+    return blocks

@@ -1,0 +1,65 @@
+"""Options of `python -m zoo.hub`, and the names of repositories."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from datamodules.errors import UsageError
+
+PUSH, PULL = "push", "pull"
+CARD = "README.md"
+_OWN = {PUSH: ("repo", "send", "license", "private"), PULL: ("file", "out")}
+_PART = r"[A-Za-z0-9](?:[\w.-]{0,94}[A-Za-z0-9])?"
+_REPOSITORY = re.compile(rf"{_PART}/{_PART}", re.ASCII)
+_LICENSE = re.compile(r"[a-z0-9][a-z0-9.-]{0,40}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HubOptions:
+    """Options of a push or a pull; `conf/hub.yaml` has their meanings and defaults."""
+
+    repo: str | None
+    send: bool
+    license: str | None
+    private: bool
+    file: str | None
+    out: str | None
+
+
+def is_folder(repo: str) -> bool:
+    """Return whether a text names a folder, not a repository.
+
+    >>> is_folder("./card"), is_folder("ann/lenet")
+    (True, False)
+    """
+    return repo.startswith((".", "/", "~")) or repo.endswith("/") or "\\" in repo
+
+
+def check_keys(action: str, name: str, options: HubOptions) -> None:
+    """Raise UsageError for an option of the other action, or a wrong name of a repository."""
+    other = PULL if action == PUSH else PUSH
+    for key in _OWN[other]:
+        if getattr(options, key) not in (None, False):
+            raise UsageError(f"{key}: belongs to {other}; leave it out of {action}")
+    if action == PULL:
+        check_repository(name, "")
+        return
+    if options.repo is None:
+        raise UsageError("repo: name a repository, repo=user/name, or a folder, repo=./card")
+    if not is_folder(options.repo):
+        check_repository(options.repo, "repo=")
+        if Path(options.repo).is_dir():
+            raise UsageError(
+                f"repo={options.repo}: is also a folder here; write repo=./{options.repo} for the "
+                "folder, or type the command elsewhere"
+            )
+    if options.license is not None and not _LICENSE.fullmatch(options.license):
+        raise UsageError(f"license={options.license}: write an abbreviation, such as mit")
+
+
+def check_repository(name: str, key: str) -> None:
+    """Raise UsageError for a name that no repository of the Hub can have."""
+    if not _REPOSITORY.fullmatch(name) or ".." in name or "--" in name:
+        raise UsageError(
+            f"{key}{name}: is no repository; write user/name, with letters, digits, -, _ and ."
+        )
