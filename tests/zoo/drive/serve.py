@@ -69,7 +69,7 @@ class Served:
         """End the driver as Ctrl-C does; return its exit status."""
         if self.process.returncode is None:
             self.process.send_signal(signal.SIGINT)
-            self.lines += self.process.communicate(timeout=20)[0].splitlines()
+            self.lines += self.process.communicate(timeout=60)[0].splitlines()
         return self.process.returncode
 
 
