@@ -28,8 +28,9 @@ START_S = 300.0
 def memory_mb(pid: int) -> tuple[float, float]:
     """Return a process's resident memory and the part without files, in MB."""
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-    values = {line.split(":")[0]: line.split()[1] for line in lines}
-    return int(values["VmRSS"]) / 1e3, int(values["RssAnon"]) / 1e3
+    values = dict(line.split(":", 1) for line in lines)
+    resident, own = (int(values[key].split()[0]) / 1e3 for key in ("VmRSS", "RssAnon"))
+    return resident, own
 
 
 def connect(port: int, log: Path) -> LegacySocket:
