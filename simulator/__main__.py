@@ -1,4 +1,4 @@
-"""Command line of the simulator: `python -m simulator record|drive|client [key=value...]`."""
+"""`python -m simulator record|drive|client [key=value...]`: record, drive by hand, or obey a driver."""
 
 import difflib
 import importlib
