@@ -1,4 +1,4 @@
-"""`python -m simulator record|drive|client [key=value...]`: record, drive by hand, or obey a driver."""
+"""`python -m simulator record|drive|client [key=value...]`: record, drive, or obey."""
 
 import difflib
 import importlib
