@@ -60,8 +60,8 @@ function lightable(node, entry) {
 function drawParallel() {
   const svg = document.getElementById("parallel");
   if (!data.entries.length || data.axes.length < 2) return document.getElementById("parallel-panel").remove();
-  const width = Math.max(svg.parentNode.clientWidth, 150 * data.axes.length), height = 400;
-  const [left, right, top, bottom] = [60, 140, 46, 14];
+  const width = Math.max(svg.parentNode.clientWidth, 150 * data.axes.length), height = 410;
+  const [left, right, top, bottom] = [60, 140, 56, 14];
   // Labels are cut to the distance of two axes, and left out where they would overlap.
   const gap = (width - left - right) / (data.axes.length - 1), letter = 8, line = 15;
   const cut = (text, fits) => text.length > fits ? `${text.slice(0, fits - 1)}…` : text;
@@ -89,7 +89,7 @@ function drawParallel() {
     const [name, ...rest] = axis.heading.split(", ");
     [name, rest.join(", ")].forEach((text, place) => {
       if (!text) return;
-      const at = { class: "heading", x: x(number) - 6, y: 14 + 16 * place };
+      const at = { class: "heading", x: x(number) - 6, y: 22 + 16 * place };
       draw(draw(svg, "text", at, cut(text, fits)), "title", {}, axis.heading);
     });
     let above = -Infinity;
