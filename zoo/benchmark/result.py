@@ -109,8 +109,8 @@ def read_result(path: Path) -> BenchmarkResult:
     if path.is_dir():
         if not (path / NAME).is_file():
             raise InputError(
-                f"{path}: holds no {NAME}; name a result of the benchmark: "
-                f"python -m zoo.benchmark CKPT out=FOLDER"
+                f"{path / NAME}: no such file; name a result of the benchmark: "
+                "python -m zoo.benchmark CKPT out=FOLDER"
             )
         path = path / NAME
     found = read_json(path)
