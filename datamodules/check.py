@@ -37,6 +37,7 @@ from datamodules.regular_file import read_regular
 from datamodules.terminal import error_line, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
+KEYS = {"data.root": "", "data.images": "--images="}  # a training's keys that check takes, too
 SHOWN = 20  # bad images that are listed; the others are counted
 
 
@@ -135,6 +136,18 @@ def _look_at_images(
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
 
 
+def _as_option(argument: str) -> str:
+    """Return an argument in this command's form, if it has the form of a training's key.
+
+    >>> _as_option("data.root=my_recording"), _as_option("data.images=IMG")
+    ('my_recording', '--images=IMG')
+    """
+    key, equals, value = argument.partition("=")
+    if not equals or key not in KEYS or os.path.lexists(argument):
+        return argument
+    return f"{KEYS[key]}{value}"
+
+
 def main(arguments: list[str]) -> int:
     """Check recordings; return 0 if all images are whole, else 1, or 130 on Ctrl-C."""
     parser = argparse.ArgumentParser(
@@ -143,7 +156,7 @@ def main(arguments: list[str]) -> int:
     )
     parser.add_argument("folders", nargs="+", metavar="FOLDER", help="folder of a driving_log.csv")
     parser.add_argument("--images", metavar="FOLDER", help="folder of the images, if not IMG")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args([_as_option(one) for one in arguments])
     # A folder's name may not be valid UTF-8.
     sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:

@@ -138,11 +138,17 @@ def read_log(log: Path) -> Iterator[LogRow]:
     previous_speed = 0.0
     order = None
     any_row = False
-    for line, fields in read_fields(log):
+    rows = read_fields(log)
+    for line, fields in rows:
         if order is None:
             order = _column_order(log, fields)
             if _is_header(fields):
                 continue
+        if any_row and len(fields) < len(order) and next(rows, None) is None:
+            raise InputError(
+                f"{log}, row {line}: {len(fields)} columns, expected {len(order)}; the log "
+                "ends within this row: delete the row"
+            )
         paths, values = _arrange(log, line, fields, order)
         numbers = _parse_numbers(log, line, values, previous_speed)
         previous_speed = numbers[3]

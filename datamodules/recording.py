@@ -1,5 +1,6 @@
 """Recordings: folders with a `driving_log.csv` and an `IMG` folder, from any machine."""
 
+import difflib
 import hashlib
 import os
 import re
@@ -115,7 +116,7 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
 def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) -> Recording:
     log = root if root.suffix == ".csv" else root / LOG_NAME
     if not root.exists():
-        raise InputError(f"{root}: no such folder; set data.root to the folder of a {LOG_NAME}")
+        raise InputError(f"{root}: no such folder; {_suggest_near(root)}")
     if not log.exists():
         raise InputError(f"{root}: holds no {LOG_NAME}; {_suggest(root)}")
     finder = ImageFinder(log, images)
@@ -150,14 +151,21 @@ def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) ->
 
 
 def _suggest(root: Path) -> str:
-    """Return what to set `data.root` to: subfolders that hold a log."""
+    """Return what to name instead of a folder without a log: the nearest folders with one."""
     found = [str(path.parent) for path in sorted(root.glob(f"*/{LOG_NAME}"))]
+    if not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
+        found = [str(root.parent)]
     if not found:
-        return f"set data.root to the folder of a {LOG_NAME}"
+        return f"name the folder of a {LOG_NAME}"
     named, more = ", ".join(found[:SUGGESTED]), len(found) - SUGGESTED
-    return f"set data.root to {'one of ' * (len(found) > 1)}{named}" + (
-        f" ({more} more)" if more > 0 else ""
-    )
+    return f"name {'one of ' * (len(found) > 1)}{named}" + (f" ({more} more)" if more > 0 else "")
+
+
+def _suggest_near(root: Path) -> str:
+    """Return what to name instead of a missing folder: a recording there with a near name."""
+    found = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
+    near = difflib.get_close_matches(root.name, list(found), n=1)
+    return f"did you mean {found[near[0]]}?" if near else f"name the folder of a {LOG_NAME}"
 
 
 def _refuse_or_note(

@@ -59,13 +59,16 @@ def serve(*command: str, folder: Path = ROOT) -> tuple[subprocess.Popen, str]:
     raise SystemExit(f"{command[0]} did not start; the lines above say why")
 
 
-def take_screenshot(url: str, size: tuple[int, int], path: Path, wait_s: float) -> None:
-    """Keep what a browser shows of a page after some seconds."""
+def take_screenshot(
+    url: str, size: tuple[int, int], path: Path, wait_s: float, ready: str = "true"
+) -> None:
+    """Keep what a browser shows of a page some seconds after a script's value is true."""
     with (
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
         Browser(Path(profile), *size) as browser,
     ):
         browser.open(url)
+        browser.wait_for(ready, 120)
         time.sleep(wait_s)
         browser.value("document.documentElement.style.overflow = 'hidden'")  # no scroll bar
         browser.screenshot(path.with_suffix(".png"))
@@ -122,16 +125,19 @@ def _report(path: Path, most: int) -> None:
 
 def main(run: Path) -> None:
     """Draw all of them."""
+    report = run / "report" / "index.html"
+    if not report.is_file():
+        raise SystemExit(f"{report}: no such file; name a finished run")
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
         drive = Path(scratch) / "drive"
         with driving(run, drive) as url:
-            take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10)
+            drives = "!document.body.innerText.includes('Waiting for a simulator')"
+            take_screenshot(url, (1280, 800), IMAGES / "live_page.webp", wait_s=10, ready=drives)
         animate(drive, IMAGES / "lap.webp")
         with editing(run, Path(scratch) / "my_lap") as url:
             take_screenshot(url, (1400, 890), IMAGES / "edit_page.webp", wait_s=20)
-    page = (run / "report" / "index.html").resolve().as_uri()
-    take_screenshot(page, (1000, 1100), IMAGES / "report.webp", wait_s=3)
+    take_screenshot(report.resolve().as_uri(), (1000, 1100), IMAGES / "report.webp", wait_s=3)
 
 
 if __name__ == "__main__":

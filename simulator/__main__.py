@@ -1,4 +1,4 @@
-"""Command line of the simulator: `python -m simulator record|drive|client [key=value...]`."""
+"""`python -m simulator record|drive|client [key=value...]`: record, drive, or obey."""
 
 import difflib
 import importlib

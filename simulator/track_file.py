@@ -1,5 +1,6 @@
 """A reader of tracks: an included track, a user's own YAML file, or a road of a family."""
 
+import difflib
 from pathlib import Path
 
 from simulator.errors import SimulatorError
@@ -27,8 +28,11 @@ def read_track(name: str) -> Track:
         return draw_road(find_family(drawn[1]), int(drawn[2]))
     if not usable or not path.exists():
         name = ascii(name[:MOST_PATH])[1:-1] if "\0" in name else name[:MOST_PATH]
+        names = sorted(map(recorded_name, track_names()))
+        near = difflib.get_close_matches(name, names, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
         raise SimulatorError(
-            f"there is no track {name}; available: {', '.join(track_names())}, a .yaml file, or a "
+            f"there is no track {name}; {hint}available: {', '.join(names)}, a .yaml file, or a "
             f"road of a family and a number, such as {family_names()[0]}:17 "
             f"({', '.join(family_names())})"
         )

@@ -73,7 +73,10 @@ def clean(arguments: list[str]) -> None:
         raise UsageError(f"{paths[1]}: name one folder; usage: {COMMAND.usage}")
     folder = Path(paths[0] if paths else "outputs").expanduser()
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; name the folder of the runs")
+        kinds = (
+            f"; kinds are chosen with what={folder}" if str(folder) in (CACHE, RUNS, "all") else ""
+        )
+        raise InputError(f"{folder}: no such folder; name the folder of the runs{kinds}")
     items = sorted(find_items(folder), key=lambda one: (one.kind, one.path))
     kinds = sorted({one.kind for one in items})
     chosen = choose(items, kinds, options)

@@ -4,6 +4,7 @@ Each run has a row: parameters, samples per second, and test errors. In brackets
 two baselines: steering always zero, and always the mean.
 """
 
+import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,6 +113,11 @@ def run_figures(folder: Path) -> dict[str, Cell]:
     if not path.is_file():
         raise InputError(f"{folder}: has no metrics.json; name a finished run")
     metrics = read_metrics_file(folder)
+    if metrics.get("open_loop") is None and metrics.get("tracks"):
+        raise InputError(
+            f"{folder}: is an evaluation, not a run; rank evaluations: python -m zoo.leaderboard "
+            f"{shlex.quote(str(folder.parent))}"
+        )
     config = load_config(folder)
     name = read_hydra_file(folder).choices.experiment or metrics["model"]
     found: dict[str, Cell] = {

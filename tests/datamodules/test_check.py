@@ -54,6 +54,8 @@ def test_images_elsewhere(written, tmp_path):
     elsewhere = (written.folder / "IMG").rename(tmp_path / "images")
     assert run_check(written.folder).returncode == 1
     assert run_check(written.folder, "--images", elsewhere).returncode == 0
+    same = run_check(f"data.root={written.folder}", f"data.images={elsewhere}")
+    assert same.returncode == 0
 
 
 def test_each_bad_image_is_named_with_its_row(written):

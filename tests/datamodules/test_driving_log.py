@@ -180,6 +180,14 @@ def test_wrong_number_of_columns_names_file_and_row(tmp_path, columns):
     assert f"{tmp_path}/driving_log.csv, row 2: {columns} columns, expected 7" in message
 
 
+def test_a_log_that_ends_within_a_row_says_which_row_to_delete(tmp_path):
+    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0")
+    assert "row 2: 5 columns, expected 7" in message
+    assert message.endswith("ends within this row: delete the row")
+    within = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0\n{PATHS},0,0,0,1\n")
+    assert within.endswith("correct or delete the row")
+
+
 def test_too_many_columns_name_file_and_row(tmp_path):
     message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n")
     assert f"{tmp_path}/driving_log.csv, row 2: 12 columns" in message

@@ -151,6 +151,17 @@ def test_missing_folder(tmp_path):
     assert f"{tmp_path}/nowhere: no such folder" in refusal(str(tmp_path / "nowhere"))
 
 
+def test_a_typo_in_a_folder_names_the_nearest_recording(tmp_path):
+    write_recording(tmp_path / "my_recording", rows=2)
+    message = refusal(str(tmp_path / "my_recoding"))
+    assert message.endswith(f"did you mean {tmp_path}/my_recording?")
+
+
+def test_the_folder_of_the_images_names_the_recording(tmp_path):
+    written = write_recording(tmp_path / "lake", rows=2)
+    assert refusal(str(written.folder / "IMG")).endswith(f"name {written.folder}")
+
+
 def test_folder_without_log(tmp_path):
     assert f"{tmp_path}: holds no driving_log.csv" in refusal(str(tmp_path))
 
@@ -158,7 +169,7 @@ def test_folder_without_log(tmp_path):
 def test_a_log_one_level_down_is_suggested(tmp_path):
     write_recording(tmp_path / "all [1]" / "lake", rows=2)
     message = refusal(str(tmp_path / "all [1]"))
-    assert message.endswith(f"set data.root to {tmp_path}/all [1]/lake")
+    assert message.endswith(f"name {tmp_path}/all [1]/lake")
 
 
 def test_of_several_logs_one_level_down_three_are_suggested(tmp_path):

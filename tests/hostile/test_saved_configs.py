@@ -457,6 +457,7 @@ def test_a_sweep_with_a_users_own_class_is_resumed_with_trust(
     folder = write_sweep(tmp_path / "sweep", [*own, "trainer.max_epochs=1"])
     refused = run(tmp_path, "resume=sweep", module="zoo.sweep")
     assert "trust=my_losses.Mine" in only_line(refused)
+    assert "add parts= and its file" in only_line(refused)
     result = run(tmp_path, "resume=sweep", "trust=my_losses.Mine", module="zoo.sweep")
     assert result.returncode == 0, result.stdout + result.stderr
     done = [json.loads((folder / job / "status.json").read_text()) for job in ("0", "1")]

@@ -81,6 +81,7 @@ def test_a_run_that_trains_and_what_is_new_stay(outputs: Path) -> None:
     ("arguments", "kind", "words"),
     [
         (["nowhere"], InputError, "nowhere: no such folder"),
+        (["all"], InputError, "what=all"),
         (["{}", "what=run"], UsageError, "did you mean runs"),
         (["{}", "older_days=-1"], UsageError, "older_days=-1"),
         (["{}", "{}"], UsageError, "name one folder"),

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from tests.zoo.commands import ROOT, only_line, run
+from zoo.runs.metrics_file import write_metrics_file
 
 
 def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
@@ -21,3 +22,11 @@ def test_a_finished_run_is_a_row_with_its_own_figures(run_folder: Path) -> None:
 
 def test_a_folder_without_figures_is_named(tmp_path: Path) -> None:
     assert "metrics.json" in only_line(run(ROOT, str(tmp_path), module="zoo.results"))
+
+
+def test_an_evaluation_names_the_command_that_ranks_it(tmp_path: Path) -> None:
+    tracks = {"lake": {"drives": 1, "drives_without_intervention": 1, "autonomy": [1.0, None]}}
+    write_metrics_file(tmp_path, {"checkpoint": "ann.ckpt", "drives": [], "tracks": tracks})
+    line = only_line(run(ROOT, str(tmp_path), module="zoo.results"))
+    assert "is an evaluation" in line
+    assert f"python -m zoo.leaderboard {tmp_path.parent}" in line

@@ -107,6 +107,11 @@ def read_result(path: Path) -> BenchmarkResult:
     """
     path = Path(path)
     if path.is_dir():
+        if not (path / NAME).is_file():
+            raise InputError(
+                f"{path / NAME}: no such file; name a result of the benchmark: "
+                "python -m zoo.benchmark CKPT out=FOLDER"
+            )
         path = path / NAME
     found = read_json(path)
     version = found.get("version") if isinstance(found, dict) else VERSION

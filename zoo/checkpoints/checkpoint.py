@@ -1,6 +1,7 @@
 """Self-contained checkpoints of plain containers, read without running code in them."""
 
 import pickle
+import warnings
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -121,7 +122,9 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         raise InputError(f"{path}: is not a torch file; {_ANOTHER}")
     file.seek(0)
     try:
-        return torch.load(file, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # torch warns of unusual pickles, then refuses them
+            return torch.load(file, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:
         raise InputError(
             f"{path}: is damaged or contains code, which was not run; name a checkpoint of "

@@ -136,6 +136,9 @@ def explain(error: HydraException, arguments: list[str]) -> str:
     if found:
         key = next(value for value in found.groupdict().values() if value)
         return f"{key}: no such key; {hint(key, valid_keys(), LISTS_ALL)}"
+    for one in arguments:
+        if "=" not in one and not one.startswith(("-", "~")):
+            return f"{one}: expected key=value, such as data.root={one}; {LISTS_ALL}"
     first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
     return f"{first} (in: {' '.join(arguments)}); python -m zoo --help lists all keys"
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LINE_EVERY_S = 10.0  # in a log file, which has no bar
+KNOWN = 0.01  # share of the work from which the time left is estimated
 DRAW_EVERY_S = 0.1
 
 
@@ -61,7 +62,7 @@ def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], No
             if now < next_line:
                 return
             next_line = now + LINE_EVERY_S
-            left = f", {(now - began) * (1 - share) / share:.0f} s left" if share else ""
+            left = f", {(now - began) * (1 - share) / share:.0f} s left" if share >= KNOWN else ""
             text = f"{what}: {share:.0%} after {now - began:.0f} s{left}"
             console.print(text, highlight=False, markup=False)
 

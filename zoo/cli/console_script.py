@@ -2,6 +2,7 @@
 
 import ast
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,10 @@ LISTED = (
     "tracks",
 )
 HELP = ("-h", "--help", "help")
+CLOSING = (
+    "first steps: drivezoo doctor; drivezoo train experiment=first_try data.root=FOLDER",
+    "help on a command: drivezoo COMMAND --help; drivezoo --version",
+)
 WRONG_USE = 2  # as in zoo.cli.run_command, whose import is slower
 
 
@@ -46,6 +51,8 @@ def main() -> int:
         name, rest = "list", [name, *rest]
     if name not in modules:
         near = hint(name, modules, "drivezoo --help lists all")
+        if "=" in name:  # keys of a training without its name
+            near = f"did you mean drivezoo train {shlex.join([name, *rest])}?"
         print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
         return WRONG_USE
     command = [sys.executable, "-m", modules[name], *rest]
@@ -66,9 +73,7 @@ def help_text(modules: dict[str, str]) -> str:
     """Return the usage, and each command's purpose from the first line of its docstring."""
     lines = [f"  {name:<12}{_purpose(module)}" for name, module in modules.items()]
     usage = "usage: drivezoo COMMAND [argument] [key=value ...]"
-    return "\n".join(
-        [usage, "", *lines, "", "help on a command: drivezoo COMMAND --help; drivezoo --version"]
-    )
+    return "\n".join([usage, "", *lines, "", *CLOSING])
 
 
 def _purpose(module: str) -> str:

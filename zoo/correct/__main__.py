@@ -256,7 +256,8 @@ def command(arguments: list[str]) -> None:
         print_written([correction.folder], ["zoo.correct", "--help"], console)
     else:
         console.print(f"best checkpoint: round {best.number}", highlight=False)
-        print_written([best.checkpoint], ["zoo.evaluate", best.checkpoint, "seeds=5"], console)
+        again = ["zoo.evaluate", best.checkpoint, f"track={given.track}", "seeds=5"]
+        print_written([best.checkpoint], again, console)
 
 
 if __name__ == "__main__":

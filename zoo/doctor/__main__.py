@@ -8,6 +8,7 @@ faults, even with warnings; 1 otherwise.
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sys
 import textwrap
@@ -131,7 +132,8 @@ def main(arguments: list[str]) -> int:
         sys.stdout.reconfigure(errors="replace")
     counts = {OK: 0, WARNING: 0, FAULT: 0}
     try:
-        for finding in diagnose(*sort_arguments(take_parts(arguments))):
+        checkpoint, recording, port = sort_arguments(take_parts(arguments))
+        for finding in diagnose(checkpoint, recording, port):
             counts[finding.state] += 1
             print_finding(finding)
     except (ValueError, InputError) as error:
@@ -146,8 +148,18 @@ def main(arguments: list[str]) -> int:
     print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
     if counts[FAULT]:
         return 1
-    print_next("python -m zoo.demo", "record, train and drive a demo")
+    print_next(*next_step(checkpoint, recording))
     return 0
+
+
+def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
+    """Return the command after a check without faults, and its purpose."""
+    if checkpoint is not None:
+        return shlex.join(["python", "-m", "zoo.evaluate", checkpoint]), "let it drive"
+    if recording is not None:
+        check = ["python", "-m", "datamodules.check", recording]
+        return shlex.join(check), "what it teaches badly"
+    return "python -m zoo.demo", "record, train and drive a demo"
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """`python -m zoo.leaderboard [FOLDER...] [key=value ...]`: rank all runs, the best driver first.
 
 Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
-without runs, ranks drives: outputs/drives has those of python -m zoo.drive.
+without runs, ranks evaluations, the `out=` of python -m zoo.evaluate, and drives: outputs/drives
+has those of python -m zoo.drive.
 """
 
+import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -61,7 +63,7 @@ def leaderboard(
     folders = sorted(set(run_folders(roots)))
     drives = sorted({one for root in named for one in drive_folders(root)})
     if not folders and not drives:
-        raise InputError(f"{', '.join(map(str, roots))}: no runs found; train one: python -m zoo")
+        raise InputError(f"{', '.join(map(str, roots))}: no runs found; {_remedy(roots)}")
     ranking = Ranking.read(folders, roots[0], drives)
     try:
         page = write_page(
@@ -70,21 +72,20 @@ def leaderboard(
     except OSError as error:
         raise InputError(f"{roots[0] / PAGE}: cannot write the page ({error.strerror})") from None
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
-    title += f", {len(drives)} drives" if drives else ""
+    title += f", {len(drives)} evaluations or drives" if drives else ""
     return ranking, title, [page, *write_asked(ranking, options.table)]
 
 
 def show_leaderboard(arguments: list[str]) -> None:
     """Read the arguments, rank the runs and print the ranking."""
     names, options = COMMAND.read(arguments, LeaderboardOptions)
-    from zoo.leaderboard.ranked_entries import print_ranking
+    from zoo.leaderboard.ranked_entries import following, print_ranking
     from zoo.leaderboard.ranking_table import wide_console
 
     console = wide_console()
     ranking, title, written = leaderboard(names, options)
     print_ranking(ranking, title, console, PAGE)
-    best = [ranking.entries[0].first.folder] if ranking.entries else []
-    print_written(written, ["zoo.report", *best] if best else [], console)
+    print_written(written, following(ranking.entries), console)
 
 
 def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
@@ -98,13 +99,22 @@ def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
         yield from run_folders(_inside(root, SKIPPED))
 
 
+def _remedy(roots: Iterable[Path]) -> str:
+    """Return what to type for folders without runs: a score of a checkpoint in them, if any."""
+    for root in roots:
+        for path in sorted([*root.glob("*.ckpt"), *root.glob("*.onnx")]):
+            score = ["python", "-m", "zoo.evaluate", str(path), f"out=scores/{path.stem}"]
+            return f"score each checkpoint: {shlex.join(score)}; then rank the folder scores"
+    return "train one: python -m zoo"
+
+
 def drive_folders(root: Path) -> list[Path]:
-    """Return every drive's folder below a folder that contains no run."""
-    from zoo.leaderboard.ranked_drive import is_drive
+    """Return every evaluation's and other drive's folder below a folder that contains no run."""
+    from zoo.leaderboard.ranked_drive import is_drive, is_evaluation
 
     if any(run_folders([root])):
         return []
-    if is_drive(root):
+    if is_drive(root) or is_evaluation(root):
         return [root]
     return [one for inner in _inside(root, SKIPPED - OF_DRIVES) for one in drive_folders(inner)]
 

@@ -1,4 +1,8 @@
-"""Single drives as entries of the ranking: from a socket, the embedded world or a replay."""
+"""Evaluations and single drives as entries of the ranking.
+
+An evaluation is a folder of `python -m zoo.evaluate`; a drive is from a socket, the embedded world
+or a replay.
+"""
 
 import math
 from collections.abc import Iterable
@@ -6,19 +10,29 @@ from pathlib import Path
 
 from datamodules.errors import InputError
 from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive
+from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
-from zoo.leaderboard.ranking import Count, Run, Unranked
+from zoo.leaderboard.ranking import (
+    Count,
+    Run,
+    Unranked,
+    mean_over_tracks,
+    track_counts,
+    track_means,
+)
+from zoo.runs.metrics_file import NAME as METRICS_NAME
+from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.trained_recordings import TrainedOn
 
 UNKNOWN = "unknown track"
 
 
 def read_drives(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
-    """Return the drives that can be ranked, and the damaged ones with the reason."""
+    """Return drives and evaluations that can be ranked, and damaged ones with the reason."""
     found, unranked = [], []
     for folder in folders:
         try:
-            found.append(load_drive(folder))
+            found.append(load_drive(folder) if is_drive(folder) else load_evaluation(folder))
         except InputError as error:
             reason = str(error).removeprefix(f"{folder}/")
             unranked.append(Unranked(folder, "damaged", reason))
@@ -68,6 +82,45 @@ def load_drive(folder: Path) -> Run:
         curves={},
         source=summary.get("drive") or "",
     )
+
+
+def load_evaluation(folder: Path) -> Run:
+    """Return the means over an evaluation's drives, in the form of a ranked run.
+
+    Raises:
+        InputError: `metrics.json` cannot be read.
+    """
+    metrics = read_metrics_file(folder)
+    tracks = {name: one for name, one in (metrics.get("tracks") or {}).items() if one}
+    return Run(
+        folder=folder,
+        name=str(metrics.get("checkpoint") or "-"),
+        overrides={},
+        settings=f"the evaluation in {folder.resolve()}",  # unique: no other one repeats it
+        seed=None,
+        trained_on=TrainedOn(),
+        parameters=None,
+        autonomy=mean_over_tracks(tracks, "autonomy"),
+        cte_m=mean_over_tracks(tracks, "cte_mean_m"),
+        tracks=track_means(tracks),
+        counts=track_counts(tracks),
+        mph=None,
+        val_mse=None,
+        test_mse=None,
+        wall_s=None,
+        curves={},
+        source=EMBEDDED,
+    )
+
+
+def is_evaluation(folder: Path) -> bool:
+    """Return whether `python -m zoo.evaluate` wrote a folder; True if its figures are damaged."""
+    if not (folder / METRICS_NAME).is_file():
+        return False
+    try:
+        return bool(read_metrics_file(folder).get("tracks"))
+    except InputError:
+        return True
 
 
 def is_drive(folder: Path) -> bool:

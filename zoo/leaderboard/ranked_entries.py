@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from zoo.drives.drive_record import EMBEDDED
 from zoo.leaderboard.ranked_drive import read_drives
 from zoo.leaderboard.ranking import Count, Entry, Unranked, protocols, rank, read_runs
 from zoo.leaderboard.ranking_table import (
@@ -79,6 +80,18 @@ def _figures(entry: Entry, column: Column) -> dict[str, Cell]:
         return {name: figure.drives, f"{name}_without_intervention": figure.without_intervention}
     value, deviation = figure or (None, None)
     return {name: value, f"{name}_std": deviation}
+
+
+def following(entries: Sequence[Entry]) -> list[str]:
+    """Return the next command: more start seeds for the best driver, which was chosen by few."""
+    if not entries or entries[0].first.source not in ("", EMBEDDED):
+        return []
+    best = entries[0].first
+    is_run = best.val_mse is not None
+    if not is_run and best.name == "-":  # the drive's file does not name the checkpoint
+        return []
+    tracks = [f"track={','.join(best.tracks)}"] if best.tracks else []
+    return ["zoo.evaluate", str(best.folder) if is_run else best.name, *tracks, "seeds=5"]
 
 
 def print_ranking(ranking: Ranking, title: str, console: Console, page: str) -> None:

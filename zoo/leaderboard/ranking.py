@@ -127,7 +127,6 @@ def load_run(folder: Path) -> Run | None:
     if open_loop is None:
         return None
     tracks, mph = _driven(metrics.get("drive"))
-    shown = (*_shown_metrics(), "driven_s")
     config, overrides, runtime = _configs(folder)
     trained_on = read_trained_on(config, runtime.cwd, metrics)
     return Run(
@@ -138,17 +137,10 @@ def load_run(folder: Path) -> Run | None:
         seed=metrics.get("seed"),
         trained_on=trained_on,
         parameters=metrics.get("parameters"),
-        autonomy=_mean(tracks, "autonomy"),
-        cte_m=_mean(tracks, "cte_mean_m"),
-        tracks={
-            name: {key: float(one[key][0]) for key in shown if one.get(key)}
-            for name, one in tracks.items()
-        },
-        counts={
-            name: Count(one["drives_without_intervention"], one["drives"])
-            for name, one in tracks.items()
-            if one.get("drives_without_intervention") is not None
-        },
+        autonomy=mean_over_tracks(tracks, "autonomy"),
+        cte_m=mean_over_tracks(tracks, "cte_mean_m"),
+        tracks=track_means(tracks),
+        counts=track_counts(tracks),
         mph=mph,
         val_mse=open_loop.get("val", {}).get("mse"),
         test_mse=open_loop.get("test", {}).get("mse"),
@@ -233,7 +225,26 @@ def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
     return tracks, drive.get("speed_mph")
 
 
-def _mean(tracks: dict[str, dict], key: str) -> float | None:
+def track_means(tracks: dict[str, dict]) -> dict[str, dict[str, float]]:
+    """Return the leaderboard's metrics by track, without the deviations."""
+    shown = (*_shown_metrics(), "driven_s")
+    return {
+        name: {key: float(one[key][0]) for key in shown if one.get(key)}
+        for name, one in tracks.items()
+    }
+
+
+def track_counts(tracks: dict[str, dict]) -> dict[str, Count]:
+    """Return by track how many drives there were, where it is known."""
+    return {
+        name: Count(one["drives_without_intervention"], one["drives"])
+        for name, one in tracks.items()
+        if one.get("drives_without_intervention") is not None
+    }
+
+
+def mean_over_tracks(tracks: dict[str, dict], key: str) -> float | None:
+    """Return the mean of a metric over the tracks, or None where none has it."""
     values = [float(one[key][0]) for one in tracks.values() if one.get(key)]
     return float(np.mean(values)) if values else None
 

@@ -57,7 +57,7 @@ def write_page(
     page = render_page(
         title=title,
         where=f"{under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
-        lead=_lead(entries),
+        lead=_lead(entries, under),
         **_table(entries, settings, figures, under),
         data=data,
         unranked=unranked_lines(unranked, under),
@@ -116,12 +116,14 @@ def _counts_text(entry: Entry) -> str:
     return f"; drives without intervention: {', '.join(texts)}" if texts else ""
 
 
-def _lead(entries: Sequence[Entry]) -> str:
+def _lead(entries: Sequence[Entry], under: Path) -> str:
     """Return the page's first sentences: number of runs, the best run and its figure."""
     if not entries:
         return "No run has finished."
     best, count = entries[0], sum(len(entry.runs) for entry in entries)
-    what = f"{count} runs" if count > 1 else "1 run"
+    trained = [one for one in entries if one.first.val_mse is not None]
+    noun = "run" if trained else "score"
+    what = f"{count} {noun}s" if count > 1 else f"1 {noun}"
     if len(entries) < count:
         what += f", grouped by training seed into {len(entries)} settings"
     for column in (
@@ -130,7 +132,8 @@ def _lead(entries: Sequence[Entry]) -> str:
     ):
         if best.figures.get(column.key):
             figure = with_deviation(best.figures[column.key], column.form, len(best.runs))
-            name, counts = best.first.name, _counts_text(best)
+            name = best.first.name if best in trained else run_name(best, under)
+            counts = _counts_text(best)
             return f"{what}. The best, {name}: {column.heading} {figure}{counts}."
     return f"{what}."
 

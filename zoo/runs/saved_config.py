@@ -26,6 +26,7 @@ from omegaconf.errors import OmegaConfBaseException
 from datamodules.errors import InputError
 from zoo.cli.parts import part_class, unknown_part
 
+SHIPPED = ("zoo.", "datamodules.", "lightning.", "torch.")  # no user's part is in these modules
 TRUST = "trust"  # key with which the user allows more
 RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a config
 
@@ -171,6 +172,8 @@ def check_saved_config(
         if one.key == "model._target_" and not str(one.value).startswith("zoo."):
             # `make_network` takes no network of another module, trusted or not.
             remedy = unknown_part(one.value)
+        elif one.key.endswith("._target_") and not str(one.value).startswith(SHIPPED):
+            remedy = f"if you trust it, add parts= and its file, or {TRUST}={one.trust:.200}"
         raise InputError(
             f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; {remedy}"
         )

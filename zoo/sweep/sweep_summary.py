@@ -6,7 +6,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from zoo.cli.closing_lines import print_written
-from zoo.leaderboard.ranked_entries import Ranking, print_ranking
+from zoo.leaderboard.ranked_entries import Ranking, following, print_ranking
 from zoo.leaderboard.ranking_page import write_page
 from zoo.sweep.sweep_record import job_folders
 
@@ -25,7 +25,7 @@ def conclude(folder: Path, console: Console) -> None:
     entries, unranked = ranking.entries, ranking.unranked
     print_ranking(ranking, title, console, PAGE)
     page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
-    print_written([page], ["zoo.report", entries[0].first.folder] if entries else [], console)
+    print_written([page], following(entries), console)
     failed = [one for one in unranked if one.why in ("failed", "stopped")]
     if failed:
         reasons = "; ".join(f"{one.folder.name}: {one.reason or 'it was killed'}" for one in failed)

@@ -32,6 +32,7 @@ def test_every_yaml_opens_with_a_command(path: Path) -> None:
     ("argument", "words"),
     [
         ("modle=nvidia", "modle: no such key; did you mean model"),
+        ("my_recording", "my_recording: expected key=value, such as data.root=my_recording"),
         ("data.ofset=0.2", "did you mean data.offset"),
         ("ofset=0.2", "did you mean data.offset"),
         ("model.dropuot=0.2", "did you mean model.dropout"),

@@ -48,6 +48,13 @@ def test_a_typo_gets_one_line_and_the_status_of_wrong_use(tmp_path: Path) -> Non
     assert "did you mean evaluate?" in line
 
 
+def test_keys_without_a_command_name_the_training(tmp_path: Path) -> None:
+    result = drivezoo(tmp_path, "experiment=first_try", "data.root=my laps")
+    assert result.returncode == WRONG_USE
+    wanted = "did you mean drivezoo train experiment=first_try 'data.root=my laps'?"
+    assert wanted in result.stderr
+
+
 def test_a_closed_pipe_ends_it_without_an_error(tmp_path: Path) -> None:
     shown = [sys.executable, "-c", CALL, "--help"]
     with subprocess.Popen(

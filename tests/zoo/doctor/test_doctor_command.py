@@ -167,3 +167,17 @@ def test_the_supported_pythons_are_those_of_pyproject() -> None:
     text = (ROOT / "pyproject.toml").read_text()
     (oldest, first), (newest, last) = installation.OLDEST, installation.NEWEST
     assert f'requires-python = ">={oldest}.{first},<{newest}.{last + 1}"' in text
+
+
+@pytest.mark.parametrize(
+    ("given", "command"),
+    [
+        ((None, None), "python -m zoo.demo"),
+        ((None, "my laps"), "python -m datamodules.check 'my laps'"),
+        (("best.ckpt", "laps"), "python -m zoo.evaluate best.ckpt"),
+    ],
+)
+def test_the_next_command_is_for_what_was_checked(
+    given: tuple[str | None, str | None], command: str
+) -> None:
+    assert doctor.next_step(*given)[0] == command

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from datamodules.errors import InputError
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.cli.run_command import run_command
@@ -22,6 +23,7 @@ from zoo.leaderboard.ranked_entries import Ranking, print_ranking
 from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
 from zoo.leaderboard.ranking_page import write_page
 from zoo.leaderboard.ranking_table import named_columns, ranking_table
+from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.status import write_status
 
 
@@ -74,6 +76,39 @@ def test_the_drives_of_a_folder_that_holds_runs_are_not_ranked(tmp_path: Path) -
     write_socket_drive(run / "drives" / "lake-0")
     assert drive_folders(tmp_path) == []
     assert drive_folders(run / "drives") == [run / "drives" / "lake-0"]
+
+
+def write_evaluation(folder: Path, autonomy: float, checkpoint: str) -> Path:
+    """Write an evaluation of two drives on the lake, as `python -m zoo.evaluate` does."""
+    for seed in (0, 1):
+        write_socket_drive(folder / f"lake-{seed}")
+    figures = {"drives": 2, "drives_without_intervention": 1, "autonomy": [autonomy, 0.1]}
+    tracks = {"lake": figures | {"cte_mean_m": [0.2, 0.1], "interventions": [0.5, 0.7]}}
+    write_metrics_file(folder, {"checkpoint": checkpoint, "drives": [], "tracks": tracks})
+    return folder
+
+
+def test_an_evaluation_is_one_entry_with_its_means(
+    tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    write_evaluation(Path("scores/ann"), 0.7, "submitted/ann.ckpt")
+    write_evaluation(Path("scores/bob"), 0.9, "submitted/bob 1.ckpt")
+    show_leaderboard(["scores"])
+    printed = capsys.readouterr().out
+    first, second = re.findall(r"^│ [12] .*$", printed, re.MULTILINE)
+    assert "bob" in first
+    assert "90.0%" in first
+    assert "1 of 2" in first
+    assert "70.0%" in second
+    assert "next: python -m zoo.evaluate 'submitted/bob 1.ckpt' track=lake seeds=5" in printed
+
+
+def test_a_folder_of_checkpoints_names_how_to_score_them(tmp_path: Path) -> None:
+    (tmp_path / "ann.ckpt").touch()
+    with pytest.raises(InputError, match=r"zoo.evaluate .*ann.ckpt out=scores/ann"):
+        show_leaderboard([str(tmp_path)])
 
 
 def test_a_drive_without_figures_is_measured(tmp_path: Path) -> None:

@@ -7,6 +7,9 @@ const brushes = new Map(); // by axis number: [top, bottom] in 0..1 from the top
 const last = Math.max(1, data.entries.length - 1);
 const shade = (place) => `color-mix(in oklab, var(--worst) ${(100 * Math.sqrt(place / last)).toFixed(1)}%, var(--best))`;
 rows.forEach((row) => row.style.setProperty("--shade", shade(+row.dataset.entry)));
+// A long folder wraps; short names take no more room than they need.
+const runLength = Math.max(0, ...rows.map((row) => row.cells[1].textContent.trim().length));
+document.body.style.setProperty("--run-width", `${Math.min(22, runLength)}ch`);
 
 const draw = (parent, name, attributes = {}, text = "") => {
   const node = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -57,11 +60,11 @@ function lightable(node, entry) {
 function drawParallel() {
   const svg = document.getElementById("parallel");
   if (!data.entries.length || data.axes.length < 2) return document.getElementById("parallel-panel").remove();
-  const width = Math.max(svg.parentNode.clientWidth, 150 * data.axes.length), height = 400;
-  const [left, right, top, bottom] = [60, 140, 46, 14];
+  const width = Math.max(svg.parentNode.clientWidth, 150 * data.axes.length), height = 410;
+  const [left, right, top, bottom] = [60, 140, 56, 14];
   // Labels are cut to the distance of two axes, and left out where they would overlap.
-  const gap = (width - left - right) / (data.axes.length - 1), letter = 9, line = 15;
-  const fits = Math.max(4, Math.floor(Math.min(gap, right) / letter) - 1);
+  const gap = (width - left - right) / (data.axes.length - 1), letter = 8, line = 15;
+  const cut = (text, fits) => text.length > fits ? `${text.slice(0, fits - 1)}…` : text;
   svg.replaceChildren();
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   svg.style.width = `${width}px`;
@@ -80,16 +83,22 @@ function drawParallel() {
   }
   data.axes.forEach((axis, number) => {
     draw(svg, "line", { class: "axis", x1: x(number), x2: x(number), y1: y(0), y2: y(1) });
-    const heading = axis.heading.length > fits ? `…${axis.heading.slice(1 - fits)}` : axis.heading;
-    const head = draw(svg, "text", { class: "heading", x: x(number) - 6, y: 20 }, heading);
-    draw(head, "title", {}, axis.heading);
+    const space = number < data.axes.length - 1 ? gap : right;
+    const fits = Math.max(4, Math.floor(space / letter) - 1);
+    // The figure's name, and the track below it.
+    const [name, ...rest] = axis.heading.split(", ");
+    [name, rest.join(", ")].forEach((text, place) => {
+      if (!text) return;
+      const at = { class: "heading", x: x(number) - 6, y: 22 + 16 * place };
+      draw(draw(svg, "text", at, cut(text, fits)), "title", {}, axis.heading);
+    });
     let above = -Infinity;
     for (const [part, label] of scales[number].ticks.sort(([a], [b]) => a - b)) {
       draw(svg, "line", { class: "axis", x1: x(number), x2: x(number) + 5, y1: y(part), y2: y(part) });
       if (y(part) - above < line) continue;
       above = y(part);
-      const text = label.length > fits - 2 ? `${label.slice(0, fits - 3)}…` : label;
-      draw(draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, text), "title", {}, label);
+      const text = draw(svg, "text", { x: x(number) + 9, y: y(part) + 5 }, cut(label, fits - 2));
+      draw(text, "title", {}, label);
     }
     const brush = draw(svg, "rect", { class: "brush", x: x(number) - 9, width: 18, y: 0, height: 0 });
     const hand = draw(svg, "rect", { class: "hand", x: x(number) - 9, width: 18, y: y(0) - 6, height: y(1) - y(0) + 12 });
