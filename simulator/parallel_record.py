@@ -8,14 +8,12 @@ byte as those of one process.
 
 import multiprocessing
 import signal
-import sys
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
-from types import ModuleType, TracebackType
+from types import TracebackType
 
 import numpy as np
 
@@ -23,6 +21,7 @@ from simulator.errors import SimulatorError
 from simulator.pictures import Pictures, open_buffer, open_pictures
 from simulator.recorder import Recorder, encode
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
+from simulator.spawned_processes import hidden_script
 from simulator.track_file import read_track
 from simulator.weather import Weather
 
@@ -141,7 +140,7 @@ class ParallelRecorder:
     def _submit(self) -> None:
         if self._batch:
             requests = [frames for frames, _ in self._batch]
-            with _hidden_script():
+            with hidden_script():
                 future = self._pool.submit(draw, requests)
             self._waiting.append((future, [numbers for _, numbers in self._batch]))
             self._batch = []
@@ -200,14 +199,3 @@ def draw(rows: Sequence[dict[str, Request]]) -> list[dict[str, bytes]]:
 def _begin_process() -> None:
     """End without a traceback on Ctrl-C; the recording process prints a line."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-@contextmanager
-def _hidden_script() -> Iterator[None]:
-    """Start processes that do not run the user's script again; see `zoo.evaluate.process_pool`."""
-    script = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = script

@@ -3,18 +3,17 @@
 import multiprocessing
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
 
 from datamodules.errors import InputError
+from simulator.spawned_processes import hidden_script
 
 Result = TypeVar("Result")
 Shares = Sequence[float]  # share of each job that is done, 0..1
@@ -79,21 +78,6 @@ def drive_in_processes(
                     yield numbers[one], one.result()
                     shares[numbers[one]] = 1.0
                 show(float(weights @ shares))
-
-
-@contextmanager
-def hidden_script() -> Iterator[None]:
-    """Start processes that do not run the user's script again.
-
-    Spawned processes import the `__main__` module: a script without `if __name__ == "__main__":`
-    would drive again in each of them. The jobs need nothing from it.
-    """
-    script = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = script
 
 
 @contextmanager
