@@ -20,7 +20,7 @@ from pathlib import Path
 
 from marked_page import markdown_table, write_between
 from rich.console import Console
-from timing import Row, make_console, print_rows
+from timing import COLUMNS, Row, make_console, print_rows
 
 from datamodules.cores import usable_cores
 
@@ -69,7 +69,7 @@ def run_one(name: str, short: bool, console: Console) -> list[Row]:
             failure = f"{name}: failed, or took more than {LONGEST_S} s"
             console.print(log.read_text()[-2000:], failure, markup=False, highlight=False)
             return []
-        return [Row(**row) for row in json.loads(out.read_text())]
+        return [Row.read(row) for row in json.loads(out.read_text())]
 
 
 def machine() -> dict:
@@ -127,24 +127,18 @@ def main(arguments: list[str]) -> int:
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
     if PAGE_WORDS & set(arguments):
-        write_page(contents)
+        write_page(contents, rows)
     return 1 if failed else 0
 
 
-def write_page(contents: dict) -> None:
-    """Write the table of `bench.json` into its page."""
-    rows = []
-    for row in contents["rows"]:
-        sign = "at least" if row["at_least"] else "at most"
-        aim = "" if row["aim"] is None else f"{sign} {row['aim']:.3g}"
-        met = {None: "", True: "yes", False: "no"}[row["met"]]
-        rows.append([row["what"], row["reference"], f"{row['ratio']:.2f}", aim, met])
+def write_page(contents: dict, rows: list[Row]) -> None:
+    """Write the table of a run into its page."""
     load, torch = contents["load_before"][0], contents["versions"]["torch"]
     machine = (
         f"{contents['processor']}, {contents['cores']} cores, load {load:.1f} before the start; "
         f"torch {torch}; {contents['seconds']:.0f} s."
     )
-    table = markdown_table(["what", "against", "ratio", "aim", "met"], rows, left=2)
+    table = markdown_table(["what", *COLUMNS], [[one.what, *one.cells()] for one in rows], left=2)
     write_between(PAGE, BEGIN, END, f"{table}\n\n{machine}")
 
 

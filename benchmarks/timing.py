@@ -18,8 +18,33 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from unittest.mock import patch
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+COLUMNS = "against", "ratio", "middle half", "aim", "met"
+NOISY = 0.1  # difference of two medians, as a share, above which a row is not judged
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A ratio that was measured in several rounds.
+
+    Attributes:
+        value: median of the rounds' ratios.
+        low, high: quarter and three quarters of the rounds' ratios lie below.
+        of_medians: ratio of both medians.
+    """
+
+    value: float
+    low: float
+    high: float
+    of_medians: float
+
+    @property
+    def noisy(self) -> bool:
+        """Return whether the two ways to take the median differ too much to judge."""
+        return abs(self.of_medians - self.value) > NOISY * self.value
 
 
 @dataclass(frozen=True)
@@ -29,7 +54,7 @@ class Row:
     Attributes:
         what: measured work.
         reference: work that it is compared with.
-        ratio: the measured figure divided by its reference's, median over the rounds.
+        ratio: the measured figure divided by its reference's; a number if it has no rounds.
         aim: ratio to reach; None for a row without an aim.
         at_least: whether a larger ratio is better.
         figures: medians behind the ratio, with units in their names.
@@ -37,16 +62,40 @@ class Row:
 
     what: str
     reference: str
-    ratio: float
+    ratio: Ratio | float
     aim: float | None = None
     at_least: bool = True
     figures: dict[str, float] = field(default_factory=dict)
 
+    @classmethod
+    def read(cls, contents: dict) -> "Row":
+        """Return the row that a part wrote as JSON."""
+        ratio = contents["ratio"]
+        return cls(**contents | {"ratio": Ratio(**ratio) if isinstance(ratio, dict) else ratio})
+
     @property
-    def met(self) -> bool | None:
+    def value(self) -> float:
+        """Return the ratio as a number."""
+        return self.ratio.value if isinstance(self.ratio, Ratio) else self.ratio
+
+    @property
+    def met(self) -> str:
+        """Return `yes`, `no` or `noisy`; an empty text without an aim."""
         if self.aim is None:
-            return None
-        return self.ratio >= self.aim if self.at_least else self.ratio <= self.aim
+            return ""
+        if isinstance(self.ratio, Ratio) and self.ratio.noisy:
+            return "noisy"
+        reached = self.value >= self.aim if self.at_least else self.value <= self.aim
+        return "yes" if reached else "no"
+
+    def cells(self) -> list[str]:
+        """Return the table's columns after the first one."""
+        spread = ""
+        if isinstance(self.ratio, Ratio):
+            spread = f"{self.ratio.low:.2f} to {self.ratio.high:.2f}"
+        sign = "at least" if self.at_least else "at most"
+        aim = "" if self.aim is None else f"{sign} {self.aim:.3g}"
+        return [self.reference, f"{self.value:.2f}", spread, aim, self.met]
 
 
 def take_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
@@ -58,9 +107,15 @@ def take_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[st
     return found
 
 
-def median_ratio(ours: list[float], theirs: list[float]) -> float:
-    """Return the median over rounds of `ours` divided by `theirs`."""
-    return statistics.median(one / other for one, other in zip(ours, theirs, strict=True))
+def median_ratio(ours: list[float], theirs: list[float]) -> Ratio:
+    """Return the median and the spread over rounds of `ours` divided by `theirs`.
+
+    >>> median_ratio([2.0, 4.0, 9.0], [1.0, 2.0, 3.0])
+    Ratio(value=2.0, low=2.0, high=2.5, of_medians=2.0)
+    """
+    ratios = np.array(ours, float) / np.array(theirs, float)
+    low, value, high = map(float, np.quantile(ratios, [0.25, 0.5, 0.75]))
+    return Ratio(value, low, high, statistics.median(ours) / statistics.median(theirs))
 
 
 def medians(found: dict[str, list[float]]) -> dict[str, float]:
@@ -115,20 +170,15 @@ def _end(process: BaseProcess, pipe: Connection) -> None:
 def make_console() -> Console:
     """Return a console; without a terminal it is wide enough for the table."""
     console = Console()
-    return console if console.is_terminal else Console(width=120)
+    return console if console.is_terminal else Console(width=140)
 
 
 def print_rows(rows: list[Row], console: Console) -> None:
     """Print the table with the figures below each row."""
-    table = Table("what", "against", "ratio", "aim", "met")
+    table = Table("what", *COLUMNS)
     for row in rows:
-        sign = "at least" if row.at_least else "at most"
-        aim = "" if row.aim is None else f"{sign} {row.aim:.3g}"
-        met = {None: "", True: "yes", False: "no"}[row.met]
         figures = ", ".join(f"{name} {value:,.4g}" for name, value in row.figures.items())
-        table.add_row(
-            f"{row.what}\n[dim]{figures}[/dim]", row.reference, f"{row.ratio:.2f}", aim, met
-        )
+        table.add_row(f"{row.what}\n[dim]{figures}[/dim]", *row.cells())
     console.print(table)
 
 
