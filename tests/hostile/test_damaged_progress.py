@@ -106,7 +106,7 @@ def recorded_lake(folder: Path) -> list[str]:
     """Write an empty recording's folder with its recipe; return the overrides that name it."""
     overrides = ["data=lake", f"data.record.out={folder}"]
     recipe = compose_config(overrides)["data"]["record"]
-    recipe.pop("out")
+    del recipe["out"], recipe["jobs"]
     folder.mkdir()
     (folder / RECIPE).write_text(json.dumps(recipe))
     return overrides
