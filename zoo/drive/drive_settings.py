@@ -11,6 +11,8 @@ from hydra.utils import instantiate
 from pydantic import Field
 
 from datamodules.errors import InputError, UsageError
+from simulator.errors import SimulatorError
+from simulator.track_file import read_track
 from zoo.cli.command_config import check_options, read_keys
 from zoo.drive.origin import is_loopback
 from zoo.drives.speed_controller import SpeedController
@@ -45,6 +47,7 @@ def read_settings(arguments: Sequence[str]) -> DriveSettings:
 
     Raises:
         UsageError: a key or choice is unknown, or a value has the wrong type or range.
+        InputError: there is no such track, or its file cannot be read.
     """
     held = [_SPEED.sub(r"speed.set_mph=\g<mph>", one) for one in arguments]
     settings = read_keys("drive", held)
@@ -58,6 +61,11 @@ def read_settings(arguments: Sequence[str]) -> DriveSettings:
     if settings["guard"] is not None:
         constructed["guard"] = Path(settings["guard"]).expanduser()
     found = check_options(DriveSettings, settings | constructed)
+    if found.sim is not None:
+        try:
+            read_track(found.sim)  # before the port is opened
+        except SimulatorError as error:
+            raise InputError(f"drive.sim={found.sim}: {error}") from None
     if not found.expose and not is_loopback(found.host):
         raise UsageError(
             f"drive.host={found.host}: other machines could connect and drive; to allow it, add "

@@ -95,8 +95,9 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
 
 
 def print_end(result: Evaluation, written: list[Path], console: Console) -> None:
-    """Print what was written, and the verdict unless the figures are invalid."""
-    print_written([result.folder, *written], console=console)
+    """Print what was written, films too, and the verdict unless the figures are invalid."""
+    films = sorted(result.folder.glob("*/film.mp4"))
+    print_written([result.folder, *films, *written], console=console)
     if not result.problem:
         print_verdict(result.verdict, console)
 

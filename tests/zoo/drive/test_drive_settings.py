@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.errors import InputError
 from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.compose import choices
 from zoo.drive.__main__ import load_warm_policy
@@ -56,3 +57,9 @@ def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_pat
     assert policy(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph == 6.0
     assert policy.alarms == 1
     assert load_warm_policy(checkpoint, 1)(np.zeros((160, 320, 3), np.uint8), 9.0).limit_mph is None
+
+
+def test_a_track_that_does_not_exist_is_refused_before_anything_starts() -> None:
+    with pytest.raises(InputError, match=r"sim=mountian: .*did you mean mountain"):
+        read_settings(["sim=mountian"])
+    assert read_settings(["sim=lake"]).sim == "lake"

@@ -49,11 +49,13 @@ def test_an_intervention_is_worse_than_any_distance() -> None:
 
 
 def test_a_scored_drive_is_filmed_on_request(
-    run_folder: Path, tmp_path: Path, console: Console
+    run_folder: Path, tmp_path: Path, console: Console, capsys: pytest.CaptureFixture
 ) -> None:
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     options = ("laps=0.03", "speed=25", "quality=simple", "workers=1")
     command([checkpoint, *options, "film=true", "film_speed=3", f"out={tmp_path / 'filmed'}"])
+    film = tmp_path / "filmed" / "lake-0" / "film.mp4"
+    assert f"wrote: {film}" in capsys.readouterr().out.splitlines()
     command([checkpoint, *options, f"out={tmp_path / 'plain'}"])
     filmed, plain = (read_drive(tmp_path / name / "lake-0") for name in ("filmed", "plain"))
     assert filmed.steering.tolist() == plain.steering.tolist()
