@@ -106,13 +106,12 @@ def read_result(path: Path) -> BenchmarkResult:
         InputError: the file cannot be read, has another version, or a field is wrong.
     """
     path = Path(path)
-    if path.is_dir():
-        if not (path / NAME).is_file():
-            raise InputError(
-                f"{path / NAME}: no such file; name a result of the benchmark: "
-                "python -m zoo.benchmark CKPT out=FOLDER"
-            )
-        path = path / NAME
+    path = path / NAME if path.is_dir() else path
+    if not path.exists():
+        raise InputError(
+            f"{path}: no such file; name a result of the benchmark: "
+            "python -m zoo.benchmark CKPT out=FOLDER"
+        )
     found = read_json(path)
     version = found.get("version") if isinstance(found, dict) else VERSION
     if version != VERSION:

@@ -13,7 +13,7 @@ import numpy as np
 from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import read_recordings
-from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
@@ -57,7 +57,7 @@ def draw_saliency(arguments: list[str]) -> None:
         out.write_bytes(cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
     except OSError as error:
         raise InputError(f"out={out}: {error.strerror}; name another file") from None
-    print_written([out], ["zoo.drive", checkpoint, "drive.sim=lake"])
+    print_written([out], ["zoo.drive", short_name(checkpoint), "drive.sim=lake"])
 
 
 def _frames(source: Path) -> list[tuple[np.ndarray, float]]:

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from datamodules.errors import InputError
+from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
@@ -69,7 +70,7 @@ class Report:
         changed += [f"delay_s={options.delay_s!r}"] if options.delay_s else []
         changed += [f"quality={options.quality}"] if options.quality != "full" else []
         track = f"track={self.folder / MILDEST}"
-        return ["zoo.evaluate", self.checkpoint, track, *changed]
+        return ["zoo.evaluate", short_name(Path(self.checkpoint)), track, *changed]
 
 
 def search_and_report(checkpoint: str, options: SearchOptions, console: Console) -> dict:
