@@ -205,6 +205,8 @@ def test_a_folder_without_a_result_and_a_wrong_place_are_named(
     line = only_line(run(tmp_path, str(first), str(second), f"out={first}", module=MODULE))
     assert f"out={first}" in line
     assert "name another file" in line
+    line = only_line(run(tmp_path, "lenet", str(first), module=MODULE))
+    assert line.startswith("zoo.compare: lenet: no such file; name a result of the benchmark")
 
 
 def test_names_of_a_result_cannot_write_to_the_terminal(
