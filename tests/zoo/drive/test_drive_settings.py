@@ -60,6 +60,6 @@ def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_pat
 
 
 def test_a_track_that_does_not_exist_is_refused_before_anything_starts() -> None:
-    with pytest.raises(InputError, match=r"sim=mountian: .*did you mean mountain"):
-        read_settings(["sim=mountian"])
+    with pytest.raises(InputError, match=r"sim=laek: .*did you mean lake"):
+        read_settings(["sim=laek"])
     assert read_settings(["sim=lake"]).sim == "lake"
