@@ -1,9 +1,8 @@
 """Read a LeRobotDataset v3, of drivezoo or of another program, and write it as a recording."""
 
 import io
-import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,17 +34,13 @@ from datamodules.exchange.lerobot_layout import (
     load_pyarrow,
     video_file,
 )
+from datamodules.exchange.parquet_columns import MOST_ROWS, REMEDY, encoded_images, read_table
 from datamodules.exchange.video import read_frames
 from datamodules.image import image_size
 from datamodules.new_folder import new_folder
-from datamodules.regular_file import open_regular
 
-MOST_ROWS = 10_000_000
 MOST_EPISODES = 1_000_000
-MOST_PARQUET_BYTES = 8_000_000_000
 MOST_NUMBER = 999_999  # of a chunk or a file
-BATCH_ROWS = 1000  # rows with images that are read at a time
-REMEDY = "download the dataset again"
 
 
 @dataclass(frozen=True)
@@ -59,6 +54,16 @@ class _Dataset:
     fps: float
     meaning: Meaning
     is_video: dict[str, bool]
+
+
+@dataclass(frozen=True)
+class _Images:
+    """A camera's images to write: their files by row, and how to write them."""
+
+    targets: list[Path]
+    fit: Fit
+    quality: int
+    progress: Callable[[float], None]
 
 
 def import_lerobot(
@@ -114,7 +119,8 @@ def import_lerobot(
                 progress((first + share) / len(cameras))
 
             write = _write_video if dataset.is_video[key] else _write_images
-            found = write(folder, dataset, key, targets, fit, quality, report, pyarrow)
+            images = _Images(targets, fit, quality, report)
+            found = write(folder, dataset, key, images, pyarrow)
             size = found if name == "center" else size
         write_log(part, rows, list(zip(*columns, strict=True)))
     notes = _notes(dataset.meaning, speed_unit) + size_note(*size, fit)
@@ -161,7 +167,7 @@ def _read_dataset(
     names = ["episode_index", "timestamp", *(one.key for one in roles.values() if one)]
     own_time = TIME in features
     tables = [
-        _read_table(path, [*dict.fromkeys(names), *([TIME] if own_time else [])], pyarrow)
+        read_table(path, [*dict.fromkeys(names), *([TIME] if own_time else [])], pyarrow)
         for path in files
     ]
     places = [
@@ -192,77 +198,12 @@ def _read_dataset(
     return _Dataset(rows, episode, timestamp, files, fps, meaning, is_video)
 
 
-def _open_parquet(path: Path, pyarrow: Any) -> Any:
-    """Return an opened Parquet file.
-
-    Raises:
-        InputError: it is missing, no regular file, damaged, or has too many rows.
-    """
-    try:
-        descriptor, _ = open_regular(path, MOST_PARQUET_BYTES)
-        file = os.fdopen(descriptor, "rb")
-        found = pyarrow.parquet.ParquetFile(file)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or 'damaged'}; {REMEDY}") from None
-    except pyarrow.ArrowException as error:
-        raise _damaged(path, error) from None
-    if found.metadata.num_rows > MOST_ROWS:
-        raise InputError(
-            f"{path}: {found.metadata.num_rows:,} rows, more than {MOST_ROWS:,}; divide the dataset"
-        )
-    return found
-
-
-def _damaged(path: Path, error: Exception) -> InputError:
-    reason = " ".join(str(error).split())[:200]
-    return InputError(f"{path}: the Parquet file is damaged ({reason}); {REMEDY}")
-
-
-def _read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarray]:
-    """Return columns of numbers, float64 [N] or [N, D].
-
-    Raises:
-        InputError: a column is missing, has no numbers, or the file is damaged.
-    """
-    file = _open_parquet(path, pyarrow)
-    for name in names:
-        if name not in file.schema_arrow.names:
-            raise InputError(f"{path}: no column {name}; {REMEDY}")
-    try:
-        table = file.read(columns=names)
-    except (OSError, pyarrow.ArrowException) as error:
-        raise _damaged(path, error) from None
-    return {name: _numbers(table.column(name), path, name, pyarrow) for name in names}
-
-
-def _numbers(column: Any, path: Path, name: str, pyarrow: Any) -> np.ndarray:
-    kind = column.type
-    if column.null_count:
-        row = column.is_null().index(True).as_py() + 1
-        raise InputError(f"{path}, row {row}: {name} is empty; correct or delete the row")
-    try:
-        if pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind):
-            return column.to_numpy().astype(np.float64)
-        lists = column.combine_chunks()
-        flat = lists.flatten().to_numpy(zero_copy_only=False).astype(np.float64)
-        return flat.reshape(len(lists), -1)
-    except (AttributeError, ValueError, TypeError, pyarrow.ArrowException):
-        raise InputError(f"{path}: {name} has no numbers of one length; {REMEDY}") from None
-
-
 def _component(table: np.ndarray, position: int) -> np.ndarray:
     return table if table.ndim == 1 else table[:, min(position, table.shape[1] - 1)]
 
 
 def _write_video(
-    folder: Path,
-    dataset: _Dataset,
-    key: str,
-    targets: list[Path],
-    fit: Fit,
-    quality: int,
-    progress: Callable[[float], None],
-    pyarrow: Any,
+    folder: Path, dataset: _Dataset, key: str, images: _Images, pyarrow: Any
 ) -> tuple[int, int]:
     """Write a camera's images from its videos; return their width and height."""
     wanted: dict[Path, dict[int, list[int]]] = defaultdict(lambda: defaultdict(list))
@@ -288,9 +229,9 @@ def _write_video(
         for count, frame in enumerate(read_frames(path), 1):
             size = frame.shape[1], frame.shape[0]
             for row in frames.get(count - 1, ()):
-                write_frame(frame, targets[row], quality, fit)
+                write_frame(frame, images.targets[row], images.quality, images.fit)
                 done += 1
-                progress(done / len(targets))
+                images.progress(done / len(images.targets))
             if count > last:
                 break
         if count <= last:
@@ -312,7 +253,7 @@ def _video_starts(
     about = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
     starts = {}
     for path in paths:
-        table = _read_table(path, ["episode_index", *about], pyarrow)
+        table = read_table(path, ["episode_index", *about], pyarrow)
         columns = [_component(table[name], 0).tolist() for name in ("episode_index", *about)]
         for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
             whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))
@@ -323,40 +264,22 @@ def _video_starts(
 
 
 def _write_images(
-    folder: Path,
-    dataset: _Dataset,
-    key: str,
-    targets: list[Path],
-    fit: Fit,
-    quality: int,
-    progress: Callable[[float], None],
-    pyarrow: Any,
+    folder: Path, dataset: _Dataset, key: str, images: _Images, pyarrow: Any
 ) -> tuple[int, int]:
     """Write a camera's images that the data holds; return their width and height."""
     size = (2, 1)
-    for row, data in enumerate(_image_bytes(dataset, key, pyarrow)):
+    for row, data in enumerate(encoded_images(dataset.files, key, pyarrow)):
         try:
-            write_encoded(data, targets[row], quality, fit)
+            write_encoded(data, images.targets[row], images.quality, images.fit)
             size = image_size(io.BytesIO(data))
         except (TypeError, ValueError) as error:
             raise InputError(
                 f"{dataset.rows.places[row]}: {key}: {error}; delete the row"
             ) from None
-        progress(row / len(targets))
+        images.progress(row / len(images.targets))
     return size
 
 
 def _suffix(dataset: _Dataset, key: str, pyarrow: Any) -> str:
-    first = next(_image_bytes(dataset, key, pyarrow), b"")
+    first = next(encoded_images(dataset.files, key, pyarrow), b"")
     return ".png" if first.startswith(b"\x89PNG") else ".jpg"
-
-
-def _image_bytes(dataset: _Dataset, key: str, pyarrow: Any) -> Iterator[bytes]:
-    for path in dataset.files:
-        file = _open_parquet(path, pyarrow)
-        try:
-            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
-                # A path next to the bytes is never opened.
-                yield from ((one or {}).get("bytes") or b"" for one in batch.column(0).to_pylist())
-        except (OSError, KeyError, AttributeError, pyarrow.ArrowException) as error:
-            raise _damaged(path, error) from None
