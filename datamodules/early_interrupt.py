@@ -4,6 +4,8 @@ import os
 import signal
 import sys
 
+AGAIN_S = 0.05
+
 
 def stop_quietly(package: str) -> None:
     """Let Ctrl-C end `python -m PACKAGE...` in one line, if no other handler is set."""
@@ -17,6 +19,20 @@ def raise_again() -> None:
     """Let Ctrl-C raise KeyboardInterrupt again, which commands handle."""
     if signal.getsignal(signal.SIGINT) is _stop:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook = _interrupt_again
+
+
+def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+    """Deliver a Ctrl-C again that arrived in a finalizer or callback, which cannot raise it."""
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)
+        return
+    import threading  # late: nothing slow comes before `stop_quietly`
+
+    timer = threading.Timer(AGAIN_S, signal.raise_signal, [signal.SIGINT])
+    timer.daemon = True
+    timer.start()
 
 
 def _named_module() -> str:
