@@ -13,18 +13,17 @@ import copy
 import os
 import statistics
 import sys
-import time
 from multiprocessing.connection import Connection
 
 import torch
+from machine_limit import flops_of_sample, run_product, untrained
 from material import AUGMENT, OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
 from timing import contestants, make_console, take_turns
-from torch.utils.flop_counter import FlopCounterMode
-from training import answer, train_by_turns
+from training import train_by_turns
 
-from zoo.cli.compose import choices, compose_config
+from zoo.cli.compose import choices
 from zoo.training.steering_module import predict
 
 NETWORKS = ("nvidia", "vgg", "tiny", "cnn_gru", "pilotnet_stack")
@@ -59,7 +58,8 @@ def main(names: list[str], device: str, short: bool) -> int:
 
 def targets(names: list[str], device: str, batch: int, epoch: int, short: bool) -> dict[str, tuple]:
     """Return the measured processes: the matrix product, and each network plain and compiled."""
-    found: dict[str, tuple] = {LIMIT: (run_product, device, 64 if short else SIDE[device])}
+    side = 64 if short else SIDE[device]
+    found: dict[str, tuple] = {LIMIT: (run_product, device, side, torch.bfloat16)}
     for name in names:
         words = [
             AUGMENT,
@@ -84,28 +84,6 @@ def run_network(pipe: Connection, words: list[str]) -> None:
     train_by_turns(pipe, config, OUT / f"gpu-{os.getpid()}")
 
 
-def run_product(pipe: Connection, device: str, side: int) -> None:
-    """Multiply bfloat16 matrices; send the FLOP/s of the fastest product at each request."""
-    left, right = (torch.randn(side, side, device=device, dtype=torch.bfloat16) for _ in "ab")
-
-    def best() -> float:
-        seconds = []
-        for _ in range(10):
-            began = time.perf_counter()
-            torch.mm(left, right)
-            wait_for(device)
-            seconds.append(time.perf_counter() - began)
-        return 2 * side**3 / min(seconds)
-
-    answer(pipe, best)
-
-
-def wait_for(device: str) -> None:
-    """Wait until the device has finished what was started."""
-    if device == "cuda":
-        torch.cuda.synchronize()
-
-
 def difference(name: str, device: str) -> float:
     """Return the largest difference of outputs and gradients from the CPU's, as a share.
 
@@ -127,28 +105,6 @@ def difference(name: str, device: str) -> float:
         float((ours - theirs).abs().max() / theirs.abs().max().clamp(min=1e-6))
         for theirs, ours in zip(*results, strict=True)
     )
-
-
-def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
-    """Return a network with random weights, and a batch of noise."""
-    from zoo.models.make_network import make_network, view_of
-
-    config = compose_config([f"model={name}", "model.weights=null"])
-    torch.manual_seed(0)
-    view = view_of(config["model"], config["data"]["crop"])
-    network = make_network(config["model"], view)
-    height, width, channels = view.shape
-    frames = (getattr(network, "sequence", 1),) if getattr(network, "sequence", 1) > 1 else ()
-    images = torch.randint(0, 256, (samples, *frames, channels, height, width), dtype=torch.uint8)
-    return network, {"images": images, "speed": torch.full((samples,), 10.0)}
-
-
-def flops_of_sample(name: str) -> float:
-    """Return the floating-point operations of a training step for each of its samples."""
-    network, batch = untrained(name, 2)
-    with FlopCounterMode(display=False) as counter:
-        predict(network.train(), batch).square().mean().backward()
-    return counter.get_total_flops() / 2
 
 
 def print_table(

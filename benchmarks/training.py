@@ -1,13 +1,15 @@
 """Measure training nvidia, whole runs and bare loops: `python benchmarks/training.py`.
 
-Four processes take turns: `python -m zoo`, epoch by epoch; a bare loop with the same network and
+Five processes take turns: `python -m zoo`, epoch by epoch; a bare loop with the same network and
 settings on tensors in memory; that loop with torch's defaults; and a loop fed by a DataLoader,
-whose four workers decode, resize and augment sample by sample. Threads spin while they wait,
+whose four workers decode, resize and augment sample by sample; and the best matrix product in 32
+bits, which is the machine's own limit. Threads spin while they wait,
 torch's default; `python -m zoo` decides itself (`zoo.training.openmp_threads`).
 """
 
 import itertools
 import os
+import statistics
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
@@ -15,6 +17,7 @@ from pathlib import Path
 
 import lightning
 import torch
+from machine_limit import flops_of_sample, run_product
 from material import AUGMENT, OUT, config_for, linked_recording
 from omegaconf import DictConfig
 from rich.console import Console
@@ -26,6 +29,7 @@ from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
 BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.0  # duration of a loop, whatever the machine's load
 HALF = "zoo, bf16/s"
+LIMIT, SIDE = "product FLOP/s", 1024
 SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 
@@ -41,6 +45,7 @@ def measure(short: bool) -> list[Row]:
         "bare loop/s": (run_bare, seconds, True),
         "bare by default/s": (run_bare, seconds, False),
         "sample by sample/s": (run_samples, seconds),
+        LIMIT: (run_product, "cpu", 64 if short else SIDE, torch.float32),
     }
     linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets) as measures:
@@ -55,6 +60,7 @@ def measure(short: bool) -> list[Row]:
         _row(found, what, loader, "zoo/s", "sample by sample/s", aim=3.6),
         _row(found, whole, f"{memory}, same settings", "zoo/s", "bare loop/s", aim=0.9),
         _row(found, bare, defaults, "bare loop/s", "bare by default/s", aim=1.75),
+        _limit_row(found, "operations per second of that bare loop"),
     ]
     if HALF in found:
         half = _row(found, f"{what}, bf16", loader, HALF, "sample by sample/s", aim=3.6)
@@ -74,6 +80,14 @@ def _row(found: dict[str, list[float]], what: str, reference: str, *names: str, 
     """Return the row that compares two targets."""
     both = {name: found[name] for name in names}
     return Row(what, reference, median_ratio(*both.values()), aim, figures=medians(both))
+
+
+def _limit_row(found: dict[str, list[float]], what: str) -> Row:
+    """Return the row that compares the bare loop's FLOP/s with the machine's limit."""
+    per_sample = flops_of_sample("nvidia")
+    ours = [per_sample * rate for rate in found["bare loop/s"]]
+    figures = {"bare loop FLOP/s": statistics.median(ours), LIMIT: statistics.median(found[LIMIT])}
+    return Row(what, "best matrix product", median_ratio(ours, found[LIMIT]), 0.6, figures=figures)
 
 
 class EpochByEpoch(lightning.Callback):
