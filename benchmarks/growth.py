@@ -4,10 +4,12 @@ Time is processor time of all threads, so that other processes do not change it.
 ten minutes. Images are links to the same few files. `docs` also writes the table to docs/growth.md.
 """
 
+import csv
 import ctypes
 import gc
 import os
 import resource
+import statistics
 import sys
 import tempfile
 import time
@@ -20,12 +22,13 @@ from marked_page import markdown_table, write_between
 from material import OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
-from timing import Row, contestants, run_part
+from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
 from datamodules.cores import usable_cores
 
 MEMORY = "memory without the page cache, MB"
 IN_USE = "of that, without freed memory, MB"
+EPOCH = "an epoch"
 MEGABYTES = (MEMORY, IN_USE)
 LOG_ROWS = 1_000_000
 DOCS = Path("docs/growth.md")
@@ -33,31 +36,40 @@ DOCS = Path("docs/growth.md")
 
 def measure(short: bool) -> list[Row]:
     """Measure the growth of each stage's time and of memory, and reading a long log."""
+    if short:
+        return [*growth_rows(200, 400, 1), *log_rows(2_000, 1)]
     # From 4,000 rows on, the number of compared held-out rows is constant (`datamodules.leak`).
-    few, many = (200, 400) if short else (4_000, 20_000)
-    less, more = (stages_of(rows) for rows in (few, many))
-    rows = [
-        Row(
-            f"{stage}, {many:,} rows",
-            f"{many // few} times that of {few:,}",
-            more[stage] / less[stage] / (many / few),
-            1.25,
-            False,
-            {f"{few} rows s": less[stage], f"{many} rows s": more[stage]},
-        )
-        for stage in less
-        if stage not in MEGABYTES
-    ]
-    figures = {f"{few} rows MB": less[MEMORY], f"{many} rows MB": more[MEMORY]}
-    figures |= {f"{few} rows in use": less[IN_USE], f"{many} rows in use": more[IN_USE]}
-    memory = more[MEMORY] / less[MEMORY]
-    what = f"memory of training on {many:,} rows"
-    rows.append(Row(what, f"on {few:,}", memory, 1.1, False, figures))
-    count = 2_000 if short else LOG_ROWS
-    seconds = read_log_of(count)
-    what = f"reading a log of {count:,} rows"
-    rows.append(Row(what, "10 s", seconds / 10, 1.0, False, {"s": seconds}))
+    return [*growth_rows(4_000, 20_000, 3), *log_rows(LOG_ROWS, 2)]
+
+
+def growth_rows(few: int, many: int, rounds: int) -> list[Row]:
+    """Compare each stage on many rows with the same on few rows; times count for each row."""
+    turns = [(stages_of(few), stages_of(many)) for _ in range(rounds)]
+    rows = []
+    for stage in turns[0][0]:
+        less, more = ([turn[which][stage] for turn in turns] for which in (0, 1))
+        unit = "MB" if stage in MEGABYTES else "s"
+        figures = medians({f"{few} rows {unit}": less, f"{many} rows {unit}": more})
+        if stage in MEGABYTES:
+            what, reference, aim = stage.removesuffix(", MB"), f"on {few:,}", 1.1
+        else:
+            what, reference = stage, f"{many // few} times that of {few:,}"
+            aim = 1.1 if stage == EPOCH else 1.25
+            less = [many / few * seconds for seconds in less]
+        ratio = median_ratio(more, less)
+        rows.append(Row(f"{what}, {many:,} rows", reference, ratio, aim, False, figures))
     return rows
+
+
+def log_rows(count: int, rounds: int) -> list[Row]:
+    """Compare reading a long log with ten seconds, and with Python's own reader."""
+    found = read_log_of(count, rounds)
+    what = f"reading a log of {count:,} rows"
+    ours, theirs = found.values()
+    return [
+        Row(what, "10 s", statistics.median(ours) / 10, 1.0, False, medians({"s": ours})),
+        Row(what, "Python's csv.reader alone", median_ratio(ours, theirs), figures=medians(found)),
+    ]
 
 
 def stages_of(rows: int) -> dict[str, float]:
@@ -121,7 +133,7 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     module = build_module(config, network, plan, {}, console)
     set_up_process(plan.threads)
     data = build_feed(data, plan, console)
-    with timed("an epoch"):
+    with timed(EPOCH):
         trainer.fit(module, datamodule=data)
     with timed("validation"):
         predict_steering(module, data.evaluation_batches("val"))
@@ -151,8 +163,11 @@ def own_memory_mb() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
-def read_log_of(rows: int) -> float:
-    """Return the seconds to read a log of a number of rows with three existing images each."""
+def read_log_of(rows: int, rounds: int) -> dict[str, list[float]]:
+    """Return the seconds to read a log of a number of rows with three existing images each.
+
+    The peer reads the same log with Python's csv module, and checks nothing.
+    """
     from datamodules.recording import LOG_NAME, read_recordings
 
     small, long = linked_recording(100), OUT / "long"
@@ -161,11 +176,21 @@ def read_log_of(rows: int) -> float:
     with (long / LOG_NAME).open("w") as file:
         for _ in range(rows // len(lines)):
             file.writelines(lines)
-    began = time.perf_counter()
-    read_recordings(str(long), images=str(small / "IMG"))
-    seconds = time.perf_counter() - began
+
+    def ours() -> float:
+        began = time.perf_counter()
+        read_recordings(str(long), images=str(small / "IMG"))
+        return time.perf_counter() - began
+
+    def theirs() -> float:
+        began = time.perf_counter()
+        with (long / LOG_NAME).open(newline="") as file:
+            list(csv.reader(file))
+        return time.perf_counter() - began
+
+    found = take_turns({"reading s": ours, "csv.reader s": theirs}, rounds)
     (long / LOG_NAME).unlink()
-    return seconds
+    return found
 
 
 def main(sizes: list[int], docs: bool) -> None:
