@@ -44,7 +44,8 @@ def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "r
                 continue
             link = folder / "IMG" / f"{camera}_{stem}"
             link.unlink(missing_ok=True)
-            link.symlink_to(there[camera][row % len(there[camera])].resolve())
+            # Hard links cost what a recording's own files cost; a symbolic link is followed first.
+            link.hardlink_to(there[camera][row % len(there[camera])])
             names.append(f"IMG/{camera}_{stem}")
         steering = ((row * 37) % 101 - 50) / 100
         lines.append(",".join([*names, f"{steering:.2f}", "0.5", "0", "20.0"]))
