@@ -201,6 +201,27 @@ def test_a_progressive_image_within_the_limit_is_decoded(scans: int, tmp_path: P
     assert read_image(path).shape == (160, 320, 3)
 
 
+def repeated_scan(components: int) -> bytes:
+    """Return a sequential JPEG of three components whose scan, of some of them, is repeated."""
+    plain = bytearray(cv2.imencode(".jpg", np.full((160, 320, 3), 90, np.uint8))[1].tobytes())
+    scan = plain.rindex(b"\xff\xda")
+    plain[scan + 4] = components
+    return bytes(plain[:-2] + plain[scan:-2] * MOST_SCANS + plain[-2:])
+
+
+def test_a_decoder_stops_after_a_scan_of_all_components(tmp_path: Path) -> None:
+    path = tmp_path / "image.jpg"
+    path.write_bytes(repeated_scan(3))
+    assert (read_image(path) == 90).all()
+
+
+def test_many_scans_of_a_sequential_image_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "image.jpg"
+    path.write_bytes(repeated_scan(1))
+    with pytest.raises(ValueError, match=f"{MOST_SCANS + 1} scans"):
+        read_image(path)
+
+
 @pytest.mark.parametrize(
     "module", ["datamodules.check", pytest.param("zoo", marks=pytest.mark.slow)]
 )
