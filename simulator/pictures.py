@@ -128,10 +128,9 @@ class Pictures:
             ROLL_DEG + offset.roll_deg,
         )
         at = np.array([x, y, z]) + car @ (right_m, up_m, ahead_m)
-        right, up, ahead = looks.T
-        rows = [(*right, 0), (*ahead, 0), (*up, 0), (*at, 1)]
-        node.setMat(core.LMatrix4f(*(float(value) for row in rows for value in row)))
-        self.sky.setPos(*(float(value) for value in at))
+        (right, up, ahead), place = looks.T.tolist(), at.tolist()
+        node.setMat(core.LMatrix4f(*right, 0, *ahead, 0, *up, 0, *place, 1))
+        self.sky.setPos(*place)
 
     def close(self) -> None:
         """Free the buffer."""

@@ -48,7 +48,8 @@ class Air:
         frame[first:] = frame[first:] * keep + colour
         if weather.brightness != 1:
             frame = cv2.LUT(frame, self.exposure)
-        rng = np.random.default_rng((self.seed, tick, CAMERAS.index(camera)))
+        if weather.rain or weather.noise:  # a generator costs as much as the bonnet
+            rng = np.random.default_rng((self.seed, tick, CAMERAS.index(camera)))
         if weather.rain:
             frame = _add_rain(frame, rng, weather.rain)
         # Blur comes before noise, because light passes the lens before the sensor.
