@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from zoo.cli.paused_collection import collection_paused
 from zoo.cli.process_ranks import is_first_process
 from zoo.cli.verbosity import is_quiet
 
@@ -19,14 +20,15 @@ DRAW_EVERY_S = 0.1
 
 @contextmanager
 def loading(what: str = "loading PyTorch") -> Iterator[None]:
-    """Show a spinner on stderr while slow imports run, if stderr is a terminal."""
-    if not sys.stderr.isatty() or not is_first_process() or is_quiet():
-        yield
-        return
-    from rich.console import Console
+    """Pause garbage collection while slow imports run; show a spinner if stderr is a terminal."""
+    with collection_paused():
+        if not sys.stderr.isatty() or not is_first_process() or is_quiet():
+            yield
+            return
+        from rich.console import Console
 
-    with working(what, Console(stderr=True)):
-        yield
+        with working(what, Console(stderr=True)):
+            yield
 
 
 @contextmanager
