@@ -2,17 +2,20 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from simulator.car import OFF_ROAD, ROAD, Car
 from simulator.errors import SimulatorError
-from simulator.pictures import Pictures, open_pictures
 from simulator.rig import PHYSICS_STEP_S, WHEEL_TRACK_M
 from simulator.track import Place, Track
 from simulator.track_file import read_track
 from simulator.weather import CLEAR, Weather, random_weather
 from simulator.world_settings import WorldSettings
+
+if TYPE_CHECKING:
+    from simulator.pictures import Pictures
 
 WALL_M = 0.7  # distance from the edge line to a wall or a rock face
 AT_END_M = 1e-3  # more than rounding errors
@@ -55,7 +58,7 @@ class World:
     def __init__(
         self,
         track: Track,
-        pictures: Pictures | None = None,
+        pictures: "Pictures | None" = None,
         frame_rate: float = 15.0,
         delay_s: float = 0.0,
         direction: int = 1,
@@ -222,8 +225,11 @@ def open_world(
     Raises:
         SimulatorError: there is no such track or renderer, or a value is not allowed.
     """
-    course = read_track(track)
-    pictures = None if renderer == "none" else open_pictures(course, renderer, quality)
+    course, pictures = read_track(track), None
+    if renderer != "none":
+        from simulator.pictures import open_pictures  # slow import: a training only checks worlds
+
+        pictures = open_pictures(course, renderer, quality)
     world = World(course, pictures, frame_rate, delay_s, direction)
     world.reset(seed)
     return world

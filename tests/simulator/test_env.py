@@ -62,10 +62,14 @@ def test_gymnasiums_checker_finds_no_fault(name, arguments):
     env.close()
 
 
-def test_importing_the_simulator_registers_it_and_loads_no_renderer():
+def test_importing_the_simulator_registers_it_and_a_checked_world_loads_no_renderer():
+    """A training checks at its start the worlds that it drives in at its end."""
     lines = """
 import sys, gymnasium, simulator
 assert gymnasium.spec("Lake-v0").kwargs == {"track": "lake"}
+from simulator.expert import Expert
+from simulator.world import open_world
+open_world("lake", renderer="none")
 assert "panda3d" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", lines], check=True)
