@@ -1,6 +1,7 @@
 """The datamodule: recordings to batches for training, validation and test."""
 
 import copy
+import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.errors import InputError
 from datamodules.features import FeatureBatches
-from datamodules.leak import Leak, measure_leak
+from datamodules.leak import Leak, measure_leak, thumbnail
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
 from datamodules.row_views import RowViews, load_row_views
@@ -332,11 +333,12 @@ class DrivingData(lightning.LightningDataModule):
     def leaks(self) -> dict[str, Leak]:
         """Return the train/validation similarity of `val` and `test`."""
 
-        def center_image(row: int) -> np.ndarray:
-            return self.views.take(np.array([row]), CENTER)[0]
+        @functools.cache  # both parts are compared with mostly the same training rows
+        def thumbnail_of(row: int) -> np.ndarray:
+            return thumbnail(self.views.take(np.array([row]), CENTER)[0])
 
         return {
-            part: measure_leak(self.recording, self.split.train, rows, center_image)
+            part: measure_leak(self.recording, self.split.train, rows, thumbnail_of)
             for part in PARTS[1:]
             if len(rows := getattr(self.split, part))
         }

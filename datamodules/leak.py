@@ -35,7 +35,7 @@ def measure_leak(
     recording: Recording,
     train: np.ndarray,
     held_out: np.ndarray,
-    image_of: Callable[[int], np.ndarray],
+    thumbnail_of: Callable[[int], np.ndarray],
 ) -> Leak:
     """Return the similarity of held-out rows to training rows.
 
@@ -43,7 +43,7 @@ def measure_leak(
         recording: recording of all rows.
         train: training row numbers, int64, not empty.
         held_out: held-out row numbers, int64, not empty.
-        image_of: function from a row number to its centre view, uint8 [H, W, C].
+        thumbnail_of: function from a row number to the `thumbnail` of its centre view.
     """
     rng = np.random.default_rng(0)
     rows = np.sort(rng.choice(held_out, min(SAMPLED, len(held_out)), replace=False))
@@ -55,9 +55,14 @@ def measure_leak(
         around = np.searchsorted(train, rows)[:, None] + np.arange(-NEAR, NEAR)
         near = train[np.clip(around, 0, len(train) - 1)]
         compared = np.union1d(rng.choice(train, COMPARED, replace=False), near)
-    nearest, stranger = _differences(_thumbnails(image_of, rows), image_of, compared)
+    nearest, stranger = _differences(_gray(thumbnail_of, rows), thumbnail_of, compared)
     likeness = float(np.median(nearest) / stranger) if stranger else 0.0
     return Leak(float(np.median(known)) if len(known) else float("nan"), likeness)
+
+
+def thumbnail(view: np.ndarray) -> np.ndarray:
+    """Return a small copy of a view, uint8 [8, 16, C], or [8, 16] of a grey one."""
+    return cv2.resize(view, THUMBNAIL, interpolation=cv2.INTER_AREA)
 
 
 def _seconds_to_nearest(recording: Recording, train: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -77,7 +82,7 @@ def _seconds_to_nearest(recording: Recording, train: np.ndarray, rows: np.ndarra
 
 
 def _differences(
-    ours: np.ndarray, image_of: Callable[[int], np.ndarray], compared: np.ndarray
+    ours: np.ndarray, thumbnail_of: Callable[[int], np.ndarray], compared: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Return each image's mean difference to the most similar compared one, float64 [n].
 
@@ -86,15 +91,15 @@ def _differences(
     nearest, any_two = np.full(len(ours), np.inf), []
     step = -(-len(compared) // STRANGERS)
     for start in range(0, len(compared), AT_ONCE):
-        theirs = _thumbnails(image_of, compared[start : start + AT_ONCE])
+        theirs = _gray(thumbnail_of, compared[start : start + AT_ONCE])
         differences = cdist(ours, theirs, "cityblock") / ours.shape[1]
         np.minimum(nearest, differences.min(axis=1), out=nearest)
         any_two.append(differences[:, ::step].copy())
     return nearest, float(np.median(np.concatenate(any_two, axis=1)))
 
 
-def _thumbnails(image_of: Callable[[int], np.ndarray], rows: np.ndarray) -> np.ndarray:
-    """Return small grey copies, float32 [n, pixels]."""
-    small = [cv2.resize(image_of(row), THUMBNAIL, interpolation=cv2.INTER_AREA) for row in rows]
-    colours = np.stack(small).reshape(len(rows), THUMBNAIL[0] * THUMBNAIL[1], -1)
-    return colours.mean(axis=2, dtype=np.float32)
+def _gray(thumbnail_of: Callable[[int], np.ndarray], rows: np.ndarray) -> np.ndarray:
+    """Return the rows' thumbnails without colour, float32 [n, pixels]."""
+    colours = np.stack([thumbnail_of(row) for row in rows])
+    pixels = colours.reshape(len(rows), THUMBNAIL[0] * THUMBNAIL[1], -1)
+    return pixels.mean(axis=2, dtype=np.float32)

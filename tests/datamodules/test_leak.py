@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from datamodules.image import decode_image
-from datamodules.leak import measure_leak
+from datamodules.leak import measure_leak, thumbnail
 from datamodules.recording import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import recording_in_memory, write_recording
@@ -22,7 +22,9 @@ def test_random_leaks_more_than_blocks(lake):
     leaks = {}
     for kind in ("random", "blocks"):
         split = split_rows(recording, kind, val_share=0.2, test_share=0.0, block_s=4)
-        leaks[kind] = measure_leak(recording, split.train, split.val, images.__getitem__)
+        leaks[kind] = measure_leak(
+            recording, split.train, split.val, lambda row: thumbnail(images[row])
+        )
     assert leaks["random"].seconds < leaks["blocks"].seconds
     assert leaks["random"].likeness < leaks["blocks"].likeness
 
@@ -56,7 +58,10 @@ def test_a_copy_in_training_has_likeness_zero():
     noise = np.random.default_rng(0).integers(0, 256, (10, 64, 128, 3), np.uint8)
     images = np.concatenate([noise, noise])
     leak = measure_leak(
-        recording_in_memory(np.zeros(20)), np.arange(10), np.arange(10, 20), images.__getitem__
+        recording_in_memory(np.zeros(20)),
+        np.arange(10),
+        np.arange(10, 20),
+        lambda row: thumbnail(images[row]),
     )
     assert leak.likeness == 0
 
