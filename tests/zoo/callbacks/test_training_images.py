@@ -2,15 +2,20 @@
 
 import io
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from PIL import Image
 from rich.console import Console
+from tensorboard.backend.event_processing.event_file_loader import EventFileLoader
 
 from datamodules.driving import DrivingData
 from datamodules.view import View
 from tests.recordings import Written
-from zoo.callbacks.training_images import figure_of_fed_batch
+from zoo.callbacks.training_images import figure_of_fed_batch, publish
+from zoo.runs.plots import steering_histogram
 
 
 @pytest.mark.parametrize(
@@ -38,3 +43,19 @@ def test_a_window_is_a_row_of_frames(
     else:
         assert len(places) == 11
     assert len(axis.lines) == len(places)
+
+
+def test_tensorboard_gets_the_saved_plot(tmp_path: Path) -> None:
+    logger = TensorBoardLogger(tmp_path, name="", version="")
+    trainer = SimpleNamespace(
+        default_root_dir=tmp_path, current_epoch=4, loggers=[CSVLogger(tmp_path), logger]
+    )
+    publish(trainer, "steering", steering_histogram(np.zeros(9), np.ones(5), 0.1))
+    logger.finalize("success")
+    plot = tmp_path / "plots" / "steering.png"
+    (events,) = tmp_path.glob("events.*")
+    shown = [one for one in EventFileLoader(str(events)).Load() if one.HasField("summary")]
+    (value,) = shown[0].summary.value
+    width, height, encoded = value.tensor.string_val  # the loader converts images
+    assert (shown[0].step, value.tag, encoded) == (4, "steering", plot.read_bytes())
+    assert (int(width), int(height)) == Image.open(plot).size
