@@ -1,17 +1,20 @@
 """Batches as tensors, of training samples and of evaluated rows."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from datamodules.augment import Augment
 from datamodules.balance import BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
 from datamodules.samples import CENTER, LEFT, RIGHT, Samples
 from datamodules.windows import SINGLE_FRAMES, Windows
+
+if TYPE_CHECKING:
+    from datamodules.augment import Augment  # slow import, which only a training needs
 
 # images: uint8 [N, C, H, W], in memory as [N, H, W, C], the fastest layout for convolutions;
 # speed: mph, float32 [N]; targets: steering and throttle, float32 [N, 2].
@@ -28,7 +31,7 @@ class TrainingBatches(Dataset):
 
     views: RowViews
     samples: Samples
-    augment: Augment
+    augment: "Augment"
     flip: float
     seed: int
 
