@@ -16,6 +16,7 @@ from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import TypeVar
 from unittest.mock import patch
 
 import numpy as np
@@ -23,6 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 COLUMNS = "against", "ratio", "middle half", "aim", "met"
+Found = TypeVar("Found")  # what a measure returns
 NOISY = 0.1  # difference of two medians, as a share, above which a row is not judged
 
 
@@ -98,9 +100,9 @@ class Row:
         return [self.reference, f"{self.value:.2f}", spread, aim, self.met]
 
 
-def take_turns(measures: dict[str, Callable[[], float]], rounds: int) -> dict[str, list[float]]:
+def take_turns(measures: dict[str, Callable[[], Found]], rounds: int) -> dict[str, list[Found]]:
     """Call each measure once per round, so that other load affects all of them equally."""
-    found: dict[str, list[float]] = {name: [] for name in measures}
+    found: dict[str, list[Found]] = {name: [] for name in measures}
     for _ in range(rounds):
         for name, measure in measures.items():
             found[name].append(measure())
