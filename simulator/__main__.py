@@ -32,15 +32,15 @@ def simulator(arguments: Sequence[str]) -> None:
         near = difflib.get_close_matches(name, COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(COMMANDS)}"
         raise UsageError(f"{name}: no such command; {hint}")
-    module = importlib.import_module(f"simulator.{name}")
     if any(one in HELP for one in rest):
-        print(f"usage: python -m simulator {name} [key=value...]\n\n{help_text(module)}")
+        options = importlib.import_module(f"simulator.{name}_options")
+        print(f"usage: python -m simulator {name} [key=value...]\n\n{help_text(options)}")
     else:
-        module.main(rest)
+        importlib.import_module(f"simulator.{name}").main(rest)
 
 
 def help_text(module: ModuleType) -> str:
-    """Return the purpose and options of a command, from its module's `...Options` dataclass."""
+    """Return the purpose and options of a command, from the `...Options` dataclass of a module."""
     return options_help(
         next(
             one

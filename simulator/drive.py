@@ -4,7 +4,6 @@ import datetime
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from rich.console import Console
 
 from simulator.command_line import read_options
 from simulator.drive_loop import Drive
+from simulator.drive_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.errors import SimulatorError
 from simulator.record_report import print_report, print_written, train_command
@@ -20,33 +20,6 @@ from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
-from simulator.world_settings import WorldSettings
-
-
-@dataclass(frozen=True)
-class DriveOptions(WorldSettings):
-    """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
-
-    Args:
-        out: folder of the recording; auto is recordings/ and the time of its start.
-        seed: random seed of the weather.
-        start: start position in metres along the road; null for its begin.
-        width: width of the window in pixels, 320..7680; its height is half of that.
-        renderer: renderer of the recorded images: auto, software or opengl.
-        header: whether the log begins with column names, as the course's sample data does.
-        relative: whether the log has paths relative to its folder (IMG/...).
-        seconds: seconds of driving until the end; 0 for no end.
-    """
-
-    out: str = "auto"
-
-    seed: int = 0
-    start: float | None = None
-    width: int = 1280
-    renderer: str = "auto"
-    header: bool = False
-    relative: bool = False
-    seconds: float = 0.0
 
 
 def drive(options: DriveOptions, console: Console | None = None) -> Path | None:

@@ -4,7 +4,6 @@ import difflib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -15,6 +14,7 @@ from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests, Scene, renderer_name
+from simulator.record_options import RecordOptions
 from simulator.record_report import Driven, print_report, print_written, train_command
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
@@ -26,40 +26,6 @@ from simulator.world_settings import WorldSettings
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
 MOST_JOBS = 64
 CONTROLS = ("expert", *REACTION_S)
-
-
-@dataclass(frozen=True)
-class RecordOptions(WorldSettings):
-    """Record laps of a simulated driver in the original simulator's format.
-
-    Args:
-        out: folder to write; it must not contain a recording.
-        laps: number of laps; 0.5 is half a lap. A drive on an open road ends at the road's end, so
-            more than 1 counts as 1.
-        control: expert (steers exactly), or a simulated student's keyboard (key taps) or mouse.
-        speed: speed on straights in mph, 8..30; the driver slows down for sharp bends.
-        noise: how far the driver sways off its line, 0..1; only the way back is recorded.
-        direction: forward, backward, or both (one after the other).
-        seed: random seed of swaying, hand inaccuracy and weather.
-        start: start position in metres along the road; null for its begin.
-        renderer: auto, software or opengl.
-        header: whether the log begins with column names, as the course's sample data does.
-        relative: whether the log has paths relative to its folder (IMG/...).
-        jobs: number of processes that draw, 1..64; it does not change the files.
-    """
-
-    out: str
-    laps: float = 1.0
-    control: str = "expert"
-    speed: float = 30.0
-    noise: float = 0.0
-
-    seed: int = 0
-    start: float | None = None
-    renderer: str = "auto"
-    header: bool = False
-    relative: bool = False
-    jobs: int = 1
 
 
 def record(

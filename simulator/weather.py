@@ -2,6 +2,7 @@
 
 import difflib
 from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -9,7 +10,9 @@ import yaml
 from simulator.errors import SimulatorError
 from simulator.plain_yaml import parse_yaml
 from simulator.rig import CameraOffset
-from simulator.track import Surroundings
+
+if TYPE_CHECKING:
+    from simulator.track import Surroundings  # slow import: SciPy
 
 RANGES = {
     "sun_elevation_deg": (5, 90),
@@ -65,7 +68,7 @@ class Weather:
 CLEAR = Weather()
 
 
-def lit_by(surroundings: Surroundings, weather: Weather) -> Weather:
+def lit_by(surroundings: "Surroundings", weather: Weather) -> Weather:
     """Return a weather in the light of a track's surroundings, within the ranges of a weather."""
 
     def within(key: str, value: float) -> float:
