@@ -1,7 +1,7 @@
 """Measure time and memory by stage and rows: `python benchmarks/growth.py [ROWS...] [docs]`.
 
 Time is processor time of all threads, so that other processes do not change it. 300,000 rows take
-ten minutes. Images are hard links to the same few files. `docs` also writes the table to docs/growth.md.
+ten minutes. Images are hard links to the same few files. `docs` also writes docs/growth.md.
 """
 
 import csv
