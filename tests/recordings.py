@@ -48,6 +48,11 @@ class Written:
     def log(self) -> Path:
         return self.folder / "driving_log.csv"
 
+    @property
+    def views(self) -> Path:
+        """Folder of decoded views (`data.cache`) that tests share, since decoding takes 0.2 s."""
+        return self.folder.with_name("views")
+
 
 def write_recording(
     folder: Path | str,

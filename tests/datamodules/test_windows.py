@@ -34,19 +34,13 @@ def lake(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("windows") / "lake", rows=600)
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    """Return the folder of decoded views that the tests share: decoding takes 0.5 s."""
-    return str(tmp_path_factory.mktemp("cache"))
-
-
 @pytest.fixture
-def load(lake, cache, console):
+def load(lake, console):
     """Create and load a datamodule of a recording of 600 rows."""
 
     def make(**settings) -> DrivingData:
         settings = SETTINGS | {"root": str(lake.folder), "view": VIEW} | settings
-        data = DrivingData(cache=cache, **settings)
+        data = DrivingData(cache=str(lake.views), **settings)
         data.load(console)
         return data
 
