@@ -1,6 +1,7 @@
 """Small recordings in the format of the original simulator, with drawn images."""
 
 import datetime
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,6 +48,11 @@ class Written:
     @property
     def log(self) -> Path:
         return self.folder / "driving_log.csv"
+
+    @property
+    def views(self) -> Path:
+        """Folder of decoded views (`data.cache`) that tests share, since decoding takes 0.2 s."""
+        return self.folder.with_name("views")
 
 
 def write_recording(
@@ -105,14 +111,12 @@ def write_recording(
         lines.append(",".join(fields))
     (folder / "driving_log.csv").write_text("\n".join(lines) + "\n", newline="")
 
-    grass = _grass(rng)
+    grass = _grass(rng).tobytes()
     travelled = np.cumsum(speeds) * 0.44704 / FPS
     for row, stem in enumerate(stems):
         for camera in cameras:
-            image = draw_road(float(bend[row]), SIDEWAYS[camera], float(travelled[row]), grass)
-            ok, data = cv2.imencode(".jpg", image[:, :, ::-1])
-            assert ok
-            (folder / "IMG" / f"{camera}_{stem}.jpg").write_bytes(data.tobytes())
+            at = float(bend[row]), SIDEWAYS[camera], float(travelled[row])
+            (folder / "IMG" / f"{camera}_{stem}.jpg").write_bytes(_jpeg(*at, grass))
     utc = datetime.timezone.utc
     return Written(
         folder=folder,
@@ -152,6 +156,16 @@ def draw_road(steering: float, sideways: int, travelled_m: float, grass: np.ndar
             width = 1 + int(6 * nearness[index])
             cv2.line(image, points[index].tolist(), points[index + 1].tolist(), colour, width)
     return image
+
+
+@functools.lru_cache(maxsize=4000)
+def _jpeg(steering: float, sideways: int, travelled_m: float, grass: bytes) -> bytes:
+    """Return an encoded image, kept since most tests write the same recordings again."""
+    ground = np.frombuffer(grass, np.uint8).reshape(160, 320, 3)
+    image = draw_road(steering, sideways, travelled_m, ground)
+    ok, data = cv2.imencode(".jpg", image[:, :, ::-1])
+    assert ok
+    return data.tobytes()
 
 
 def _grass(rng: np.random.Generator) -> np.ndarray:

@@ -20,11 +20,11 @@ VIEW = View((60, 25), "yuv", (66, 200))
 
 
 @pytest.fixture
-def load(recorded, tmp_path, console):
+def load(recorded, console):
     """Create and load a datamodule; its default is the shared recording."""
 
     def make(root=None, view: View = VIEW, **settings) -> DrivingData:
-        settings = {"batch_size": 16, "cache": str(tmp_path / "cache")} | settings
+        settings = {"batch_size": 16, "cache": str(recorded.views)} | settings
         data = DrivingData(str(root or recorded.folder), view, **settings)
         data.load(console)
         return data

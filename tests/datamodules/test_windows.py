@@ -35,12 +35,12 @@ def lake(tmp_path_factory):
 
 
 @pytest.fixture
-def load(lake, tmp_path, console):
+def load(lake, console):
     """Create and load a datamodule of a recording of 600 rows."""
 
     def make(**settings) -> DrivingData:
         settings = SETTINGS | {"root": str(lake.folder), "view": VIEW} | settings
-        data = DrivingData(cache=str(tmp_path / "cache"), **settings)
+        data = DrivingData(cache=str(lake.views), **settings)
         data.load(console)
         return data
 

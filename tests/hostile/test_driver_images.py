@@ -1,14 +1,11 @@
 """Small images that take long to decode: the driver answers without decoding them."""
 
-import struct
-import zlib
-
 import cv2
 import numpy as np
 import pytest
 
 from tests.zoo.drive.old_client import OldClient, telemetry
-from tests.zoo.drive.scans import SCANS, many_scans
+from tests.zoo.drive.scans import SCANS, many_scans, png_bomb
 from tests.zoo.drive.serve import Served, picture
 from zoo.drive import telemetry_message as telemetry_module
 from zoo.drive.telemetry_message import MAX_IMAGE_BYTES, MAX_SCANS, TelemetryError, read_telemetry
@@ -22,19 +19,6 @@ def padded(size: int) -> bytes:
     """Return a JPEG that comments extend to a size."""
     comment = b"\xff\xfe\xff\xff" + bytes(65533)
     return RED[:2] + comment * (size // len(comment) + 1) + RED[2:]
-
-
-def png_bomb(width: int, height: int) -> bytes:
-    """Return a PNG of one colour, far smaller than its pixels."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        check = struct.pack(">I", zlib.crc32(kind + data))
-        return struct.pack(">I", len(data)) + kind + data + check
-
-    pixels = zlib.compress(bytes((width // 8 + 1) * height), 9)
-    head = struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
-    chunks = chunk(b"IHDR", head) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + chunks
 
 
 HOSTILE = {

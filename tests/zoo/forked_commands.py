@@ -23,9 +23,12 @@ from pathlib import Path
 IMPORTED = (
     "albumentations",
     "hydra._internal.utils",
+    "jinja2",
     "lightning",
+    "matplotlib.backends.backend_agg",
     "matplotlib.pyplot",
     "torch.utils.tensorboard",
+    "zoo.drive.server",
     "zoo.training.run",
 )
 

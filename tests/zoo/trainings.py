@@ -21,6 +21,11 @@ from zoo.training.plan import TrainingPlan, make_plan
 from zoo.training.steering_module import SteeringModule
 
 
+def data_of(recorded: Written) -> tuple[str, str]:
+    """Return the overrides of a recording and of its decoded views, which tests share."""
+    return f"data.root={recorded.folder}", f"data.cache={recorded.views}"
+
+
 def train_here(
     recorded: Written,
     folder: Path,
@@ -30,8 +35,7 @@ def train_here(
 ) -> tuple[SteeringModule, DrivingData]:
     """Train, and return the module and the data; `together` sets the batches per step."""
     base = (
-        f"data.root={recorded.folder}",
-        f"data.cache={folder / 'cache'}",
+        *data_of(recorded),
         "data.block_s=0.5",
         "data.gap_s=0.1",
     )

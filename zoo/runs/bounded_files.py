@@ -20,6 +20,9 @@ _STARTS = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
 _ENDS = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
 _NUMBER = re.compile(r"[\s_]*[-+0-9.]")
 _UNUSABLE = re.compile("[\0\ud800-\udfff]")
+# As Python does, a path's bytes that are not UTF-8 are saved as \udc80 to \udcff.
+_UNUSABLE_IN_PATHS = re.compile("[\0\ud800-\udc7f\udd00-\udfff]")
+_ESCAPED_BYTE = re.compile(r"\\uDC[89A-F]")
 
 
 def read_json(path: Path) -> object:
@@ -43,29 +46,34 @@ def parse_json(text: str) -> object:
         raise ValueError(f"nested deeper than {MOST_LEVELS} levels") from None
 
 
-def read_yaml(path: Path) -> object:
-    """Return a YAML file's contents; raise as `read_json`, and for aliases."""
-    text = read_yaml_text(path)
+def read_yaml(path: Path, any_path: bool = False) -> object:
+    """Return a YAML file's contents; raise as `read_json`, and for aliases.
+
+    Args:
+        path: file to read.
+        any_path: whether texts may contain paths that are not UTF-8, as Hydra saves them.
+    """
+    text = read_yaml_text(path, any_path)
     try:
-        return check_text(yaml.load(text, _LOADER))
+        return check_text(yaml.load(text, _loader(text, any_path)), any_path)
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
 
 
-def read_yaml_text(path: Path) -> str:
+def read_yaml_text(path: Path, any_path: bool = False) -> str:
     """Return a YAML file's text after `check_yaml`; raise as `read_yaml`."""
     text = read_text(path, MOST_YAML_BYTES)
     try:
-        check_yaml(text)
+        check_yaml(text, any_path)
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
     return text
 
 
-def check_yaml(text: str) -> None:
+def check_yaml(text: str, any_path: bool = False) -> None:
     """Raise ValueError for YAML that would take too much time or memory to load."""
     depth = 0
-    for event in yaml.parse(text, _LOADER):
+    for event in yaml.parse(text, _loader(text, any_path)):
         line = event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent):  # a few aliases can expand to millions of values
             raise ValueError(f"line {line}: *{event.anchor} is an alias; write its value instead")
@@ -88,20 +96,26 @@ def read_text(path: Path, most_bytes: int) -> str:
         raise InputError(f"{path}: byte {error.start + 1:,} is not UTF-8") from None
 
 
-def check_text(found: object) -> Any:
+def check_text(found: object, any_path: bool = False) -> Any:
     """Return parsed contents; raise ValueError if they are too deep or hold unusable text."""
+    unusable = _UNUSABLE_IN_PATHS if any_path else _UNUSABLE
     level = [found]
     for _ in range(MOST_LEVELS + 1):
         if not level:
             return found
         for one in level:
-            if isinstance(one, str) and _UNUSABLE.search(one):
+            if isinstance(one, str) and unusable.search(one):
                 raise ValueError(f"{one[:40]!a} contains a NUL or half a character")
         dicts = [one for one in level if isinstance(one, dict)]
         inner = [one for one in level if isinstance(one, list)]
         level = [child for one in inner for child in one]
         level += [child for one in dicts for pair in one.items() for child in pair]
     raise ValueError(f"nested deeper than {MOST_LEVELS} levels")
+
+
+def _loader(text: str, any_path: bool) -> Any:
+    """Return the safe loader; the one in C rejects the surrogates of paths, which PyYAML writes."""
+    return yaml.SafeLoader if any_path and _ESCAPED_BYTE.search(text) else _LOADER
 
 
 def _reason(error: Exception) -> str:

@@ -63,20 +63,22 @@ class HydraFile(Fields):
 def read_config_file(folder: Path) -> dict:
     """Return a run's config as plain containers; raise InputError for a damaged file."""
     path = folder / FOLDER / "config.yaml"
-    config: dict = with_current_targets(plain(check_fields(Config, read_yaml(path), path)))
+    config: dict = with_current_targets(
+        plain(check_fields(Config, read_yaml(path, any_path=True), path))
+    )
     return config
 
 
 def read_hydra_file(folder: Path) -> Runtime:
     """Return a run's command, as Hydra saved it; raise InputError for a damaged file."""
     path = folder / FOLDER / "hydra.yaml"
-    return check_fields(HydraFile, read_yaml(path), path).hydra.runtime
+    return check_fields(HydraFile, read_yaml(path, any_path=True), path).hydra.runtime
 
 
 def read_overrides_file(folder: Path) -> list[str]:
     """Return the arguments of `python -m zoo`; raise InputError for a damaged file."""
     path = folder / FOLDER / "overrides.yaml"
-    found = read_yaml(path)
+    found = read_yaml(path, any_path=True)
     if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
         raise InputError(f"{path}: should be a list of texts")
     return found
@@ -94,9 +96,9 @@ def load_config(folder: Path) -> "DictConfig":
 
     path = folder / FOLDER / "config.yaml"
     try:
-        config = OmegaConf.create(read_yaml_text(path))
+        config = OmegaConf.create(read_yaml_text(path, any_path=True))
         # Interpolations of Hydra's settings cannot be resolved outside Hydra.
-        found = check_text(OmegaConf.to_container(config, resolve=False))
+        found = check_text(OmegaConf.to_container(config, resolve=False), any_path=True)
     except (OmegaConfBaseException, YAMLError, ValueError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be read as a config ({reason})") from None

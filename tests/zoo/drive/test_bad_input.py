@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.drive.old_client import TEXT, OldClient, telemetry
+from tests.zoo.drive.scans import png_bomb
 from tests.zoo.drive.serve import BLACK, WHITE, Served, picture
 
 GOOD = picture((204, 0, 0))  # steering 0.8
@@ -38,7 +39,7 @@ RUBBISH = {
     "deep": '42["telemetry",' + "[" * 200_000,
     "long integer": '42["telemetry",{"speed":' + "9" * 10_000 + "}]",
     "not UTF-8": b'42["telemetry",{"speed":"\xff\xfe',
-    "huge picture": event(telemetry(jpeg=picture(BLACK, 20_000, 5_000, ".png"))),
+    "huge picture": event(telemetry(jpeg=png_bomb(20_000, 5_000))),
     "the policy raises": event(telemetry(jpeg=picture(BLACK), speed="9.0000")),
     "the policy is NaN": event(telemetry(jpeg=picture(WHITE), speed="9.0000")),
 }

@@ -32,7 +32,7 @@ def checkpoint(track: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(checkpoint: Path, track: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a guard's command: daylight drives pass, and the dark one fails."""
     out = tmp_path_factory.mktemp("out") / "guard"
-    small = ("laps=1", "nominal=2", "levels=1", "degraded=1", "epochs=15", "samples=2")
+    small = ("laps=0.6", "nominal=2", "levels=1", "degraded=1", "epochs=15", "samples=2", "slow=12")
     files = ("method=autoencoder", f"table={out.with_suffix('.csv')}")
     command([str(checkpoint), f"track={track}", f"out={out}", *files, *WORLD, *small])
     return out

@@ -2,16 +2,17 @@
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from torch import nn
 
 from datamodules.errors import InputError
-from tests.zoo.compositions import composed
 from tests.zoo.models.test_models_command import build
-from zoo.cli.compose import choices
+from zoo.cli.conf_files import choices, conf_folder
 from zoo.models.cnn_gru import GruCell
 from zoo.models.memory import Memory
 
-NAMES = [name for name in choices("model") if "sequence" in composed(f"model={name}")["model"]]
+FOLDER = conf_folder() / "model"
+NAMES = [one for one in choices("model") if "sequence" in OmegaConf.load(FOLDER / f"{one}.yaml")]
 
 
 def windows(network: Memory, count: int = 2, seed: int = 1) -> torch.Tensor:

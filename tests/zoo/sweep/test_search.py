@@ -9,6 +9,7 @@ import pytest
 from tests.recordings import Written
 from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
+from tests.zoo.trainings import data_of
 from zoo.__main__ import zoo
 from zoo.cli.run_command import run_command
 from zoo.runs.status import read_status
@@ -50,7 +51,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "optuna.Study":
 
 
 def search(recorded: Written, *overrides: str) -> int:
-    arguments = ["-m", *SMALL, f"data.root={recorded.folder}", *SEARCH, *overrides]
+    arguments = ["-m", *SMALL, *data_of(recorded), *SEARCH, *overrides]
     return run_command("zoo", zoo, arguments)
 
 

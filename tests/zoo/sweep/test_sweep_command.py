@@ -19,6 +19,7 @@ from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
+from tests.zoo.trainings import data_of
 from zoo.__main__ import zoo
 from zoo.cli.compose import choices, conf_folder
 from zoo.cli.run_command import run_command
@@ -49,7 +50,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def sweep(recorded: Written, *overrides: str) -> int:
     """Run a sweep in this process: importing torch each time would cost minutes."""
-    arguments = ["-m", *SMALL, f"data.root={recorded.folder}", *overrides]
+    arguments = ["-m", *SMALL, *data_of(recorded), *overrides]
     return run_command("zoo", zoo, arguments)
 
 
@@ -69,7 +70,7 @@ def test_a_killed_sweep_resumes_where_it_stopped(
     free = {name: value for name, value in environment().items() if name != "OMP_NUM_THREADS"}
     with (place / "log.txt").open("w") as log:
         process = subprocess.Popen(
-            command("zoo", "-m", *SMALL, f"data.root={recorded.folder}", *overrides, *pool),
+            command("zoo", "-m", *SMALL, *data_of(recorded), *overrides, *pool),
             cwd=place,
             env=free,
             stdout=log,

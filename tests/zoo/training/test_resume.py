@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
 from tests.zoo.sweeps import change_status
-from tests.zoo.trainings import SMALL, zoo_here
+from tests.zoo.trainings import SMALL, data_of, zoo_here
 from zoo.leaderboard.ranking import read_runs
 from zoo.runs.status import read_status, write_status
 
@@ -45,7 +45,7 @@ def zoo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Zoo:
 def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Train for two epochs; tests copy the run."""
     cwd = tmp_path_factory.mktemp("trained")
-    arguments = (*SMALL, f"data.root={recorded.folder}", f"data.cache={cwd / 'cache'}")
+    arguments = (*SMALL, *data_of(recorded))
     with pytest.MonkeyPatch.context() as monkeypatch:
         ended = zoo_here(monkeypatch, cwd, *arguments, "trainer.max_epochs=2", "hydra.run.dir=run")
     assert ended == 0
@@ -151,7 +151,7 @@ def test_a_moved_run_ends_with_the_best_checkpoint_of_an_unbroken_one(
     zoo: Zoo, recorded: Written, tmp_path: Path, capfd: pytest.CaptureFixture
 ) -> None:
     # The greatest error counts as best, so that the best epoch is the first, before the move.
-    overrides = (*SMALL, f"data.root={recorded.folder}", "callbacks.best.mode=max")
+    overrides = (*SMALL, *data_of(recorded), "callbacks.best.mode=max")
     for folder, epochs in (("whole", 4), ("old", 2)):
         assert zoo(*overrides, f"trainer.max_epochs={epochs}", f"hydra.run.dir={folder}") == 0
     shutil.move(tmp_path / "old", tmp_path / "new")
@@ -242,7 +242,7 @@ def test_a_name_that_hydra_cannot_write_to_is_refused(
 def test_no_checkpoint_is_named_that_is_not_there(
     zoo: Zoo, recorded: Written, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
+    arguments = (*SMALL, *data_of(recorded), "trainer.max_epochs=1")
     assert zoo(*arguments, "callbacks.best=null", "hydra.run.dir=run") == 0
     assert "best.ckpt" not in capsys.readouterr().out
     assert zoo("resume=run") == 0
@@ -253,7 +253,7 @@ def test_no_checkpoint_is_named_that_is_not_there(
 def test_two_processes_train_in_a_folder_with_an_odd_name(
     recorded: Written, tmp_path: Path
 ) -> None:
-    arguments = (*SMALL, f"data.root={recorded.folder}", "trainer=ddp_cpu", "trainer.max_epochs=1")
+    arguments = (*SMALL, *data_of(recorded), "trainer=ddp_cpu", "trainer.max_epochs=1")
     folder = 'ï it\'s "x"=1'
     result = run(tmp_path, *arguments, f"hydra.run.dir={folder}", timeout=300)
     assert result.returncode == 0, result.stderr

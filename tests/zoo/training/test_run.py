@@ -19,7 +19,8 @@ from PIL import Image
 
 from datamodules.errors import InputError
 from tests.recordings import Written, write_recording
-from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.commands import command, environment, only_line, run, start
+from tests.zoo.trainings import data_of
 from zoo.__main__ import zoo
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.cli.compose import compose_config
@@ -194,16 +195,19 @@ def test_a_run_killed_and_resumed_ends_with_the_same_weights(
 
 
 def test_ctrl_c_saves_and_prints_how_to_resume(recorded: Written, tmp_path: Path) -> None:
-    log = tmp_path / "log.txt"
-    endless = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=100000")
-    with started(tmp_path, *endless, "hydra.run.dir=run") as process:
-        wait_until(lambda: "epoch   2/" in log.read_text(), process)
+    endless = (*SMALL, *data_of(recorded), "trainer.max_epochs=100000")
+    process = start(tmp_path, "zoo", *endless, "hydra.run.dir=run")
+    try:
+        next(line for line in process.stdout if "epoch   2/" in line)
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 130
-    said = log.read_text().strip().splitlines()[-1]
+        printed = process.communicate(timeout=60)[0]
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    said = printed.strip().splitlines()[-1]
     assert said.startswith("zoo: stopped; the epochs before ")
     assert said.endswith(f"resume with: python -m zoo resume={tmp_path / 'run'}")
-    assert "Traceback" not in log.read_text()
+    assert "Traceback" not in printed
     load_checkpoint(tmp_path / "run" / "checkpoints" / "last.ckpt")
     assert json.loads((tmp_path / "run" / "status.json").read_text())["status"] == "failed"
 
@@ -211,7 +215,7 @@ def test_ctrl_c_saves_and_prints_how_to_resume(recorded: Written, tmp_path: Path
 def test_a_loss_that_is_not_finite_stops_and_keeps_the_last_good_checkpoint(
     recorded: Written, tmp_path: Path
 ) -> None:
-    overrides = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1")
+    overrides = (*SMALL, *data_of(recorded), "trainer.max_epochs=1")
     assert run(tmp_path, *overrides, "hydra.run.dir=run").returncode == 0
     good = weights(tmp_path / "run")
     # Go on with a rate at which weights overflow.
@@ -283,7 +287,7 @@ def test_a_sweep_goes_on_past_a_job_that_fails(recorded: Written, tmp_path: Path
         tmp_path,
         "-m",
         *SMALL,
-        f"data.root={recorded.folder}",
+        *data_of(recorded),
         "data.batch_size=100000,16",
         "trainer.max_epochs=1",
         "hydra.sweep.dir=sweep",
@@ -472,7 +476,7 @@ def test_resuming_on_another_recording_is_refused(recorded: Written, tmp_path: P
 def test_resuming_as_what_it_was_not_is_refused(
     recorded: Written, tmp_path: Path, override: str, words: str
 ) -> None:
-    overrides = [*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=1"]
+    overrides = [*SMALL, *data_of(recorded), "trainer.max_epochs=1"]
     folder = tmp_path / "run"
     (folder / ".hydra").mkdir(parents=True)
     config = OmegaConf.create(compose_config(overrides))
