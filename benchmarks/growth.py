@@ -39,7 +39,7 @@ def measure(short: bool) -> list[Row]:
     if short:
         return [*growth_rows(200, 400, 1), *log_rows(2_000, 1)]
     # From 4,000 rows on, the number of compared held-out rows is constant (`datamodules.leak`).
-    return [*growth_rows(4_000, 20_000, 3), *log_rows(LOG_ROWS, 2)]
+    return [*growth_rows(4_000, 20_000, 2), *log_rows(LOG_ROWS, 2)]
 
 
 def growth_rows(few: int, many: int, rounds: int) -> list[Row]:
