@@ -1,4 +1,4 @@
-"""`python -m zoo.list [KIND]`: list networks, tracks, augmentations, losses, recipes and suites.
+"""`drivezoo list [KIND]`: list networks, tracks, augmentations, losses, recipes and suites.
 
 Prints each choice with a description. `parts=my_net.py` adds your own.
 """
@@ -60,7 +60,7 @@ def print_choices(arguments: list[str]) -> None:
         for name, path in sorted(choice_files(group).items()):
             print(printable_lines(help_row(name, description(path))))
         print()
-    print_next("python -m zoo.new model my_net", "write one of your own")
+    print_next("drivezoo new model my_net", "write one of your own")
 
 
 def print_checkpoints() -> None:

@@ -163,7 +163,7 @@ def test_an_image_that_claims_a_huge_size_is_bad_and_no_stack_trace(written):
 def test_no_folder_is_a_usage_error():
     done = run_check()
     assert done.returncode == 2
-    assert "usage: python -m datamodules.check" in done.stderr
+    assert "usage: drivezoo check" in done.stderr
 
 
 def test_png_is_whole_or_truncated(written, tmp_path):

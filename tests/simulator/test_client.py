@@ -279,7 +279,7 @@ def test_the_client_waits_for_a_closed_port() -> None:
     with start_client(url) as process:
         lines = [process.stdout.readline() for _ in range(2)]
         process.terminate()
-    assert lines[1] == (f"waiting for a driver at {url}; start it with: python -m zoo.drive CKPT\n")
+    assert lines[1] == (f"waiting for a driver at {url}; start it with: drivezoo drive CKPT\n")
 
 
 def test_truth_adds_figures_to_telemetry() -> None:

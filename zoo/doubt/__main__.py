@@ -1,4 +1,4 @@
-"""`python -m zoo.doubt CKPT... [key=value ...]`: write a policy that knows how much it doubts.
+"""`drivezoo doubt CKPT... [key=value ...]`: write a policy that knows how much it doubts.
 
 One checkpoint becomes Monte-Carlo dropout: its network runs under several dropout masks. Several
 become an ensemble. The steering is the mean, the spread its standard deviation. Every command that
@@ -70,7 +70,7 @@ def doubt(arguments: list[str]) -> None:
     table = members_table(paths, policy)
     print_table(table, f"{policy.name}: {policy.parameters:,} parameters")
     written = [out, *([] if options.table is None else [write_table(table, options.table)])]
-    print_written(written, ["zoo.evaluate", out, "track=lake"])
+    print_written(written, ["evaluate", out, "track=lake"])
 
 
 def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> ResultTable:
