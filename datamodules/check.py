@@ -88,7 +88,7 @@ def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Itera
     keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
     keys += [f"data.images={images}"] if images else []
     keys += ["data.on_bad_image=skip"] if any_bad else []
-    yield f"show the network's input: {shlex.join(['python', '-m', 'zoo.preview', *keys])}"
+    yield f"show the network's input: {shlex.join(['drivezoo', 'preview', *keys])}"
     yield f"next: {shlex.join(['python', '-m', 'zoo', FIRST_TRY, *keys])}"
 
 

@@ -37,7 +37,7 @@ KINDS = {
 CHECKPOINTS = "checkpoints"  # networks that come trained
 COMMAND = Command(__doc__, {"[KIND]": ", ".join([*KINDS, CHECKPOINTS])})
 OWN = ("zoo", "datamodules")
-_USAGE = re.compile(r"(@package|python -m|pip install) ")
+_USAGE = re.compile(r"(@package|python -m|drivezoo|pip install) ")
 _TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
 
 

@@ -133,7 +133,7 @@ def test_the_next_commands_close(tmp_path):
     images = folder / "IMG"
     see, train = run_check(folder, "--images", images).stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
-    assert shlex.split(see.partition(": ")[2]) == ["python", "-m", "zoo.preview", *keys]
+    assert shlex.split(see.partition(": ")[2]) == ["drivezoo", "preview", *keys]
     assert shlex.split(train.partition(": ")[2]) == [
         "python",
         "-m",

@@ -263,7 +263,7 @@ def test_ctrl_c_prints_a_summary_and_refusals_are_tried_again_slowly() -> None:
         time.sleep(1.2)
         process.send_signal(signal.SIGINT)
         rest = process.communicate(timeout=10)[0].splitlines()
-    assert first[1].startswith(f"waiting for a driver at {driver.url}; start it with: python -m")
+    assert first[1].startswith(f"waiting for a driver at {driver.url}; start it with: drivezoo")
     assert "HTTP 400" in first[1]
     assert rest[0] == "stopped"
     assert rest[1].startswith("0.00 laps in 0.0 s")

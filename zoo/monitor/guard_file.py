@@ -91,8 +91,8 @@ def check_checkpoint(path: str | Path, guard: Guard, checkpoint: str | Path) -> 
         return
     if file_hash(checkpoint) != guard.sha256:
         raise InputError(
-            f"guard={path}: was fitted with another checkpoint than {checkpoint}; run python -m "
-            "zoo.guard with this one"
+            f"guard={path}: was fitted with another checkpoint than {checkpoint}; run "
+            "drivezoo guard with this one"
         )
 
 
