@@ -1,4 +1,4 @@
-"""`python -m datamodules.check FOLDER [FOLDER...]`: check recordings before training.
+"""`drivezoo check FOLDER [FOLDER...]`: check recordings before training.
 
 Reads each image's header and end marker but decodes no pixels: thousands of images take seconds.
 """
@@ -88,7 +88,7 @@ def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Itera
     keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
     keys += [f"data.images={images}"] if images else []
     keys += ["data.on_bad_image=skip"] if any_bad else []
-    yield f"show the network's input: {shlex.join(['python', '-m', 'zoo.preview', *keys])}"
+    yield f"show the network's input: {shlex.join(['drivezoo', 'preview', *keys])}"
     yield f"next: {shlex.join(['python', '-m', 'zoo', FIRST_TRY, *keys])}"
 
 
@@ -151,7 +151,7 @@ def _as_option(argument: str) -> str:
 def main(arguments: list[str]) -> int:
     """Check recordings; return 0 if all images are whole, else 1, or 130 on Ctrl-C."""
     parser = argparse.ArgumentParser(
-        prog="python -m datamodules.check",
+        prog="drivezoo check",
         description="Check recordings before training: rows, images, and what is unusual.",
     )
     parser.add_argument("folders", nargs="+", metavar="FOLDER", help="folder of a driving_log.csv")

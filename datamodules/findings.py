@@ -61,7 +61,7 @@ def _keyboard(recording: Recording) -> str | None:
     return (
         f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share {values:,} "
         "values, as from a keyboard: a network learns to drive straight and to jerk; keep "
-        "data.straight_cap=0.5, or steer by mouse or gamepad (python -m simulator drive)"
+        "data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator drive)"
     )
 
 
@@ -80,7 +80,7 @@ def _no_recoveries(recording: Recording) -> str | None:
         f"{count} stretches follow a pause and steer back to the middle: a network learns to "
         "return only from side cameras (data.offset) and augment=[shift]; record recoveries: "
         "pause, drive off the middle, record while you return "
-        "(or python -m simulator record noise=1)"
+        "(or drivezoo simulator record noise=1)"
     )
 
 

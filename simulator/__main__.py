@@ -1,4 +1,4 @@
-"""`python -m simulator record|drive|client [key=value...]`: record, drive, or obey."""
+"""`drivezoo simulator record|drive|client [key=value...]`: record, drive, or obey."""
 
 import difflib
 import importlib
@@ -23,10 +23,10 @@ def simulator(arguments: Sequence[str]) -> None:
     """Run the command that the first argument names with the other arguments."""
     name, *rest = arguments or ["--help"]
     if name in HELP:
-        print("usage: python -m simulator COMMAND [key=value...]\n")
+        print("usage: drivezoo simulator COMMAND [key=value...]\n")
         for command, meaning in COMMANDS.items():
             print(f"  {command:<8}{meaning}")
-        print("\nhelp on a command: python -m simulator COMMAND --help")
+        print("\nhelp on a command: drivezoo simulator COMMAND --help")
         return
     if name not in COMMANDS:
         near = difflib.get_close_matches(name, COMMANDS, n=1)
@@ -34,7 +34,7 @@ def simulator(arguments: Sequence[str]) -> None:
         raise UsageError(f"{name}: no such command; {hint}")
     if any(one in HELP for one in rest):
         options = importlib.import_module(f"simulator.{name}_options")
-        print(f"usage: python -m simulator {name} [key=value...]\n\n{help_text(options)}")
+        print(f"usage: drivezoo simulator {name} [key=value...]\n\n{help_text(options)}")
     else:
         importlib.import_module(f"simulator.{name}").main(rest)
 

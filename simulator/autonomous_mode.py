@@ -16,7 +16,7 @@ from simulator.world import Start, World
 
 SILENT_S = 5.0  # seconds without a reply until the client reports it
 LATE_S = 1 / 3  # longest lag behind real time that is caught up; the rest is skipped
-START = "start it with: python -m zoo.drive CKPT"
+START = "start it with: drivezoo drive CKPT"
 REPLIES = {
     "steer": '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]',
     "manual": '42["manual",{}]',

@@ -1,4 +1,4 @@
-"""The command `python -m simulator client track=lake url=...`: a client for a driver."""
+"""The command `drivezoo simulator client track=lake url=...`: a client for a driver."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Options of `python -m simulator client`."""
+"""Options of `drivezoo simulator client`."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,4 +1,4 @@
-"""The command `python -m simulator drive track=lake`: drive and record in a window."""
+"""The command `drivezoo simulator drive track=lake`: drive and record in a window."""
 
 import datetime
 import time
@@ -30,7 +30,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
     """
     console = console or Console(soft_wrap=True)
     world = _open(options)
-    title = f"{world.track.name}, python -m simulator drive"
+    title = f"{world.track.name}, drivezoo simulator drive"
     window = Window(title, (options.width, options.width // 2))
     screen = DriveScreen(window, world.pictures, world.weather)
     run = Drive(world, screen, partial(_open_recorder, options), options.frame_rate)

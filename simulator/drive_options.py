@@ -1,4 +1,4 @@
-"""Options of `python -m simulator drive`."""
+"""Options of `drivezoo simulator drive`."""
 
 from dataclasses import dataclass
 

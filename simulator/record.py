@@ -1,4 +1,4 @@
-"""The command `python -m simulator record track=lake laps=2 out=FOLDER`."""
+"""The command `drivezoo simulator record track=lake laps=2 out=FOLDER`."""
 
 import difflib
 import time

@@ -1,4 +1,4 @@
-"""Options of `python -m simulator record`."""
+"""Options of `drivezoo simulator record`."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""`python -m zoo.clean [FOLDER] [key=value ...]`: list what runs left in a folder, or remove it.
+"""`drivezoo clean [FOLDER] [key=value ...]`: list what runs left in a folder, or remove it.
 
 Prints each kind with its size: the cache of decoded images, runs, sweeps, drives, and so on. With
 remove=true it removes the chosen kinds, but never a run that is training, and never what drivezoo
@@ -99,7 +99,7 @@ def clean(arguments: list[str]) -> None:
         return
     print(f"chosen: {total}; nothing was removed")
     if chosen:
-        again = shlex.join(["python", "-m", "zoo.clean", *arguments, "remove=true"])
+        again = shlex.join(["drivezoo", "clean", *arguments, "remove=true"])
         print_next(again, "remove what is chosen")
 
 

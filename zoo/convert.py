@@ -1,10 +1,10 @@
-"""`python -m zoo.convert SOURCE [key=value ...]`: exchange recordings with LeRobot and Donkeycar.
+"""`drivezoo convert SOURCE [key=value ...]`: exchange recordings with LeRobot and Donkeycar.
 
 Finds out what SOURCE is: a recording, a LeRobotDataset v3 or a Donkeycar tub. Writes a recording as
 a dataset or a tub, and a dataset or a tub as a recording that every command takes.
 
-  python -m zoo.convert FOLDER to=lerobot out=NEW
-  python -m zoo.convert TUB out=NEW
+  drivezoo convert FOLDER to=lerobot out=NEW
+  drivezoo convert TUB out=NEW
 """
 
 import sys
@@ -148,7 +148,7 @@ def print_following(result: "Converted", to: "Format") -> None:
 
     folder = str(result.folder)
     if to == "udacity":
-        print_next(shlex.join(["python", "-m", "datamodules.check", folder]))
+        print_next(shlex.join(["drivezoo", "check", folder]))
     elif to == "donkeycar":
         print_next(shlex.join(["donkey", "train", "--tub", folder]), "in your car's folder")
     else:

@@ -1,4 +1,4 @@
-"""`python -m zoo.demo`: run the whole chain: record, train, score, report, drive, film.
+"""`drivezoo demo`: run the whole chain: record, train, score, report, drive, film.
 
 Records laps of the embedded lake, trains PilotNet on them and scores it by driving. Then serves it
 on the socket, drives a lap and films it. Prints each command before it runs.
@@ -55,7 +55,8 @@ def demo(arguments: list[str]) -> None:
     }
     table = Table("stage", "seconds")
     for stage, words in stages.items():
-        console.print(f"\n> python -m {shlex.join(words)}", highlight=False, markup=False)
+        typed = shlex.join(["python", "-m", *words]).replace("python -m zoo.", "drivezoo ", 1)
+        console.print(f"\n> {typed}", highlight=False, markup=False)
         began = time.perf_counter()
         if subprocess.run([sys.executable, "-m", *words], check=False).returncode:
             raise InputError(f"could not {stage}; see the error above")
@@ -71,7 +72,7 @@ def demo(arguments: list[str]) -> None:
     ]
     # With score=none there are no drives.
     found = [path for path in written if Path(path).exists()]
-    print_written(found, ["zoo.drive", best, "drive.sim=lake"], console)
+    print_written(found, ["drive", best, "drive.sim=lake"], console)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""`python -m zoo.film FOLDER [key=value ...]`: film a drive, a recording or a folder of images.
+"""`drivezoo film FOLDER [key=value ...]`: film a drive, a recording or a folder of images.
 
 Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed; frames
 of a drive (a folder with drive.csv) also show autonomy and the distance from the centreline.
@@ -186,7 +186,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
     if len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(
             f"{folder}: has only frames of its worst moments; film a drive while it is scored: "
-            "python -m zoo.evaluate CKPT film=true"
+            "drivezoo evaluate CKPT film=true"
         )
     return shots
 

@@ -1,4 +1,4 @@
-"""`python -m zoo.import FILE [key=value ...]`: make a checkpoint of a Keras network.
+"""`drivezoo import FILE [key=value ...]`: make a checkpoint of a Keras network.
 
 Reads .h5, .json with .h5, and .keras. Runs no code of the file. With recording=FOLDER, finds out by
 trying which colour, crop and scale the network was trained with.

@@ -1,4 +1,4 @@
-"""`python -m zoo.list [KIND]`: list networks, tracks, augmentations, losses, recipes and suites.
+"""`drivezoo list [KIND]`: list networks, tracks, augmentations, losses, recipes and suites.
 
 Prints each choice with a description. `parts=my_net.py` adds your own.
 """
@@ -37,7 +37,7 @@ KINDS = {
 CHECKPOINTS = "checkpoints"  # networks that come trained
 COMMAND = Command(__doc__, {"[KIND]": ", ".join([*KINDS, CHECKPOINTS])})
 OWN = ("zoo", "datamodules")
-_USAGE = re.compile(r"(@package|python -m|pip install) ")
+_USAGE = re.compile(r"(@package|python -m|drivezoo|pip install) ")
 _TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
 
 
@@ -60,7 +60,7 @@ def print_choices(arguments: list[str]) -> None:
         for name, path in sorted(choice_files(group).items()):
             print(printable_lines(help_row(name, description(path))))
         print()
-    print_next("python -m zoo.new model my_net", "write one of your own")
+    print_next("drivezoo new model my_net", "write one of your own")
 
 
 def print_checkpoints() -> None:

@@ -1,14 +1,15 @@
-"""`python -m zoo.preview [key=value ...]`: draw the images that training feeds to a network.
+"""`drivezoo preview [key=value ...]`: draw the images that training feeds to a network.
 
 Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
 outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys of
 training, such as data.root=FOLDER and augment=[brightness,shadow]: see python -m zoo --help.
 """
 
+import shlex
 import sys
 from pathlib import Path
 
-from zoo.cli.closing_lines import print_written
+from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
@@ -38,7 +39,8 @@ def preview(arguments: list[str]) -> None:
         ("steering_histogram", figure_of_steering(data)),
     ):
         written.append(plots.save_figure(figure, folder / f"{name}.png"))
-    print_written(written, ["zoo", *arguments], console)
+    print_written(written, console=console)
+    print_next(shlex.join(["python", "-m", "zoo", *arguments]), console=console)
 
 
 if __name__ == "__main__":

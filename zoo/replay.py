@@ -1,4 +1,4 @@
-"""`python -m zoo.replay CKPT RECORDING [key=value ...]`: score a checkpoint on any recording.
+"""`drivezoo replay CKPT RECORDING [key=value ...]`: score a checkpoint on any recording.
 
 Needs no simulator: warps the recorded frames to the position that the network steers to.
 """

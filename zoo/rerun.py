@@ -1,4 +1,4 @@
-"""`python -m zoo.rerun RUN [key=value ...]`: repeat a run and compare the figures.
+"""`drivezoo rerun RUN [key=value ...]`: repeat a run and compare the figures.
 
 Trains a finished run again with the config in its folder, and compares every figure of
 metrics.json to the digit.
@@ -215,7 +215,7 @@ def _report(then: dict, now: dict, out: Path) -> None:
         print(f"{one.name}: {one.then} then, {one.now} now")
     if not found:
         print(f"equal: all {count} figures, to the digit")
-    print_written([out], [] if found else ["zoo.report", out])
+    print_written([out], [] if found else ["report", out])
     if found:
         raise InputError(f"{len(found)} of {count} figures differ")
 

@@ -1,4 +1,4 @@
-"""`python -m zoo.results [RUN_FOLDER...] [key=value ...]`: print finished runs as a Markdown table.
+"""`drivezoo results [RUN_FOLDER...] [key=value ...]`: print finished runs as a Markdown table.
 
 Each run has a row: parameters, samples per second, and test errors. In brackets are the errors of
 two baselines: steering always zero, and always the mean.
@@ -115,7 +115,7 @@ def run_figures(folder: Path) -> dict[str, Cell]:
     metrics = read_metrics_file(folder)
     if metrics.get("open_loop") is None and metrics.get("tracks"):
         raise InputError(
-            f"{folder}: is an evaluation, not a run; rank evaluations: python -m zoo.leaderboard "
+            f"{folder}: is an evaluation, not a run; rank evaluations: drivezoo leaderboard "
             f"{shlex.quote(str(folder.parent))}"
         )
     config = load_config(folder)

@@ -197,7 +197,7 @@ def _read(recording: Recording, row: int, column: int) -> np.ndarray:
         return read_image(path)
     except ValueError as error:
         raise InputError(
-            f"{recording.place(row)}: {path}: {error}; drop the row: python -m zoo.edit"
+            f"{recording.place(row)}: {path}: {error}; drop the row: drivezoo edit"
         ) from None
 
 

@@ -133,7 +133,7 @@ def test_the_next_commands_close(tmp_path):
     images = folder / "IMG"
     see, train = run_check(folder, "--images", images).stdout.splitlines()[-2:]
     keys = [f"data.root={folder}", f"data.images={images}"]
-    assert shlex.split(see.partition(": ")[2]) == ["python", "-m", "zoo.preview", *keys]
+    assert shlex.split(see.partition(": ")[2]) == ["drivezoo", "preview", *keys]
     assert shlex.split(train.partition(": ")[2]) == [
         "python",
         "-m",
@@ -163,7 +163,7 @@ def test_an_image_that_claims_a_huge_size_is_bad_and_no_stack_trace(written):
 def test_no_folder_is_a_usage_error():
     done = run_check()
     assert done.returncode == 2
-    assert "usage: python -m datamodules.check" in done.stderr
+    assert "usage: drivezoo check" in done.stderr
 
 
 def test_png_is_whole_or_truncated(written, tmp_path):

@@ -263,7 +263,7 @@ def test_ctrl_c_prints_a_summary_and_refusals_are_tried_again_slowly() -> None:
         time.sleep(1.2)
         process.send_signal(signal.SIGINT)
         rest = process.communicate(timeout=10)[0].splitlines()
-    assert first[1].startswith(f"waiting for a driver at {driver.url}; start it with: python -m")
+    assert first[1].startswith(f"waiting for a driver at {driver.url}; start it with: drivezoo")
     assert "HTTP 400" in first[1]
     assert rest[0] == "stopped"
     assert rest[1].startswith("0.00 laps in 0.0 s")
@@ -279,7 +279,7 @@ def test_the_client_waits_for_a_closed_port() -> None:
     with start_client(url) as process:
         lines = [process.stdout.readline() for _ in range(2)]
         process.terminate()
-    assert lines[1] == (f"waiting for a driver at {url}; start it with: python -m zoo.drive CKPT\n")
+    assert lines[1] == (f"waiting for a driver at {url}; start it with: drivezoo drive CKPT\n")
 
 
 def test_truth_adds_figures_to_telemetry() -> None:

@@ -16,7 +16,7 @@ from simulator.window import PIPES, open_viewer
 from tests.simulator.desktop import Desktop, open_desktop
 from tests.zoo.commands import command, environment, only_line
 
-TITLE = "python -m simulator drive"
+TITLE = "drivezoo simulator drive"
 OPTIONS = ("width=640", "seconds=60")
 
 

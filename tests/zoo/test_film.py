@@ -135,7 +135,7 @@ def test_images_that_cannot_be_read_are_skipped_and_counted(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ([], "usage: python -m zoo.film FOLDER"),
+        ([], "usage: drivezoo film FOLDER"),
         (["nowhere"], "nowhere: "),
         (["empty"], "driving_log.csv"),
         (["lake", "fps=0"], "fps=0: "),

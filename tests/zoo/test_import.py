@@ -65,7 +65,7 @@ def test_layers_trials_and_sources_are_printed(imported: Path) -> None:
         assert text in printed
     assert "the file" in printed
     assert "trying on the recording" in printed
-    assert "wrote: old.ckpt\nnext: python -m zoo.evaluate old.ckpt" in printed
+    assert "wrote: old.ckpt\nnext: drivezoo evaluate old.ckpt" in printed
 
 
 def test_the_checkpoint_steers_as_recorded(imported: Path, lake: Written) -> None:

@@ -29,4 +29,4 @@ def test_an_evaluation_names_the_command_that_ranks_it(tmp_path: Path) -> None:
     write_metrics_file(tmp_path, {"checkpoint": "ann.ckpt", "drives": [], "tracks": tracks})
     line = only_line(run(ROOT, str(tmp_path), module="zoo.results"))
     assert "is an evaluation" in line
-    assert f"python -m zoo.leaderboard {tmp_path.parent}" in line
+    assert f"drivezoo leaderboard {tmp_path.parent}" in line

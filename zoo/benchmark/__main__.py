@@ -1,8 +1,8 @@
-"""`python -m zoo.benchmark CKPT... [key=value ...]`: drive a suite of roads and compare.
+"""`drivezoo benchmark CKPT... [key=value ...]`: drive a suite of roads and compare.
 
 CKPT... are the checkpoints of one entry, one for each training seed; or one of zero, mean, expert
 and expert_late. Writes result.json and a page. With the `out=` of an interrupted benchmark it
-resumes. `python -m zoo.benchmark verify RESULT` repeats some drives of a result.json and compares
+resumes. `drivezoo benchmark verify RESULT` repeats some drives of a result.json and compares
 them.
 """
 
@@ -100,7 +100,7 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
 def _next(result: Path, suite: str) -> list[object]:
     """Return the command that verifies a result; a suite of the user's is named in it."""
     named = [f"suite={suite}"] if suite.endswith((".yaml", ".yml")) else []
-    return ["zoo.benchmark", VERIFY, result, *named]
+    return ["benchmark", VERIFY, result, *named]
 
 
 def command(arguments: list[str]) -> None:
@@ -122,7 +122,7 @@ def command(arguments: list[str]) -> None:
             raise InputError(found.problem)
         return
     if len(names) != 2:
-        raise UsageError("verify: name one result.json: python -m zoo.benchmark verify RESULT")
+        raise UsageError("verify: name one result.json: drivezoo benchmark verify RESULT")
     if options.out or options.entry or options.table or options.plot:
         raise UsageError("verify: writes nothing; leave out entry=, out=, table= and plot=")
     from zoo.benchmark.verify import verify

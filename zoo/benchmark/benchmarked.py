@@ -1,4 +1,4 @@
-"""The result of `python -m zoo.benchmark`: its table and its plot, and how it is printed."""
+"""The result of `drivezoo benchmark`: its table and its plot, and how it is printed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

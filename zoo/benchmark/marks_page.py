@@ -100,7 +100,7 @@ def _command(checkpoint: Mapping[str, Any], drive: Mapping[str, Any]) -> str:
         return ""
     settings = [f"{key}={_plain(value)}" for key, value in drive["settings"].items()]
     words = [checkpoint["file"], f"track={drive['track']}", *settings, "film=true"]
-    return shlex.join(["python", "-m", "zoo.evaluate", *words])
+    return shlex.join(["drivezoo", "evaluate", *words])
 
 
 def _plain(value: object) -> str:

@@ -110,7 +110,7 @@ def read_result(path: Path) -> BenchmarkResult:
     if not path.exists():
         raise InputError(
             f"{path}: no such file; name a result of the benchmark: "
-            "python -m zoo.benchmark CKPT out=FOLDER"
+            "drivezoo benchmark CKPT out=FOLDER"
         )
     found = read_json(path)
     version = found.get("version") if isinstance(found, dict) else VERSION

@@ -1,4 +1,4 @@
-"""A policy from an ONNX file that `python -m zoo.export` wrote.
+"""A policy from an ONNX file that `drivezoo export` wrote.
 
 The frame passes through the same `View` as in training; onnxruntime runs only the network.
 """
@@ -131,11 +131,9 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
             installed.
     """
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; name a file that python -m zoo.export wrote")
+        raise InputError(f"{path}: is a folder; name a file that drivezoo export wrote")
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; write it with python -m zoo.export CKPT out={path}"
-        )
+        raise InputError(f"{path}: no such file; write it with drivezoo export CKPT out={path}")
     try:
         import onnxruntime
     except ImportError:
@@ -174,7 +172,7 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
     if text is None:
         raise InputError(
             f"{path}: is not a file of drivezoo: it has no {CARD} metadata; name a file that "
-            "python -m zoo.export wrote"
+            "drivezoo export wrote"
         )
     try:
         card = check_text(parse_json(text))

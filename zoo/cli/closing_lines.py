@@ -18,34 +18,46 @@ if TYPE_CHECKING:
 def print_written(
     written: Iterable[str | Path], following: Iterable[object] = (), console: Console | None = None
 ) -> None:
-    """Print `wrote: PATH` for each path, then `next: python -m zoo...`.
+    """Print `wrote: PATH` for each path, then `next: drivezoo ...`.
 
-    >>> print_written(["my run/film.mp4"], ["zoo.report", "my run"])
+    >>> print_written(["my run/film.mp4"], ["report", "my run"])
     wrote: my run/film.mp4
-    next: python -m zoo.report 'my run'
+    next: drivezoo report 'my run'
 
     Args:
         written: paths of the files and folders that the command wrote.
-        following: words of the next command after `python -m`; empty for no `next:` line.
+        following: words of the next command after `drivezoo`; empty for no `next:` line.
         console: console to print on; None for standard output.
     """
     for path in written:
         _print(f"wrote: {path}", console)
     words = [str(one) for one in following]
     if words:
-        print_next(shlex.join(["python", "-m", *words]), console=console)
+        print_next(shlex.join(["drivezoo", *words]), console=console)
 
 
 def print_next(command: str, purpose: str = "", console: Console | None = None) -> None:
     """Print `next: COMMAND  # PURPOSE`; the text after `next:` can be pasted into a shell.
 
-    The user's `parts=...` are added to a command of drivezoo. With `-q` nothing is printed.
+    The user's `parts=...` are added to a command that takes them. With `-q` nothing is printed.
     """
     if is_quiet():
         return
-    if command.startswith("python -m zoo") and (parts := typed_parts()):
+    if _takes_parts(command) and (parts := typed_parts()):
         command = f"{command} {shlex.join(parts)}"
     _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
+
+
+def _takes_parts(command: str) -> bool:
+    """Return whether a command is a training or a command of drivezoo that reads `parts=`.
+
+    >>> [_takes_parts(f"{one} x") for one in ("python -m zoo", "drivezoo drive", "drivezoo check")]
+    [True, True, False]
+    """
+    words = command.split()
+    if words[0] == "drivezoo":
+        return words[1] not in ("check", "simulator")
+    return words[:3] == ["python", "-m", "zoo"]
 
 
 def _print(line: str, console: Console | None) -> None:

@@ -49,7 +49,7 @@ class Command:
     @property
     def name(self) -> str:
         """Return the command's name, which is also the name of its YAML file."""
-        return self.usage.split()[2].rpartition(".")[2]
+        return self.usage.split()[1]
 
     def options(self) -> list[Key]:
         """Return the options in the command's YAML file; an empty list without such a file."""

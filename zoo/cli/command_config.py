@@ -52,7 +52,7 @@ def read_keys(command: str, arguments: Sequence[str]) -> dict[str, Any]:
         if key in chosen:
             continue
         if key not in known:
-            remedy = f"python -m zoo.{command} --help lists all"
+            remedy = f"drivezoo {command} --help lists all"
             raise UsageError(f"{key}: no such key; {hint(key, known, remedy)}")
         section = config
         *parents, last = key.split(".")

@@ -23,8 +23,8 @@ Trains, tests and reports one experiment; with -m, a sweep.
   python -m zoo parts=my_net.py model=my_net             train a network of your own file
   python -m zoo model=tiny --help                        show the keys and values of model=tiny
 
-See also: python -m zoo.models (list of networks), python -m zoo.preview (images that a network is
-fed), python -m datamodules.check (check of a recording)."""
+See also: drivezoo models (list of networks), drivezoo preview (images that a network is fed),
+drivezoo check (check of a recording)."""
 
 NAMES = 36  # characters of the first column: these keys are long
 

@@ -1,10 +1,10 @@
-"""Progress of work that takes seconds, on a terminal or in a log file."""
+"""Progress of work that takes seconds, on a terminal, in a notebook or in a log file."""
 
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from zoo.cli.paused_collection import collection_paused
 from zoo.cli.process_ranks import is_first_process
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LINE_EVERY_S = 10.0  # in a log file, which has no bar
+NOTEBOOK_EVERY_S = 1.0
 KNOWN = 0.01  # share of the work from which the time left is estimated
 DRAW_EVERY_S = 0.1
 
@@ -44,9 +45,28 @@ def working(what: str, console: "Console") -> Iterator[None]:
         yield
 
 
+class ChangingLine:
+    """A line whose text is replaced, for a notebook: rich would add an output for each text."""
+
+    def __init__(self, file: IO[str]) -> None:
+        self.file, self.width = file, 0
+
+    def show(self, text: str) -> None:
+        """Replace the line's text."""
+        self.file.write(f"\r{text:<{self.width}}")
+        self.file.flush()
+        self.width = len(text)
+
+    def erase(self) -> None:
+        """Erase the text, if there is one; the next output begins in its place."""
+        if self.width:
+            self.show("")
+            self.file.write("\r")
+
+
 @contextmanager
 def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], None]]:
-    """Show progress: a bar on a terminal, a line every 10 s elsewhere.
+    """Show progress: a bar on a terminal, one line in a notebook, a line every 10 s elsewhere.
 
     Yield a function that takes the finished share of the work, 0..1. It is cheap enough for every
     frame of a drive, because a separate thread draws the bar.
@@ -56,19 +76,27 @@ def progress_bar(what: str, console: "Console") -> Iterator[Callable[[float], No
         return
     began = time.monotonic()
     if not console.is_terminal:
-        next_line = began + LINE_EVERY_S
+        every_s = NOTEBOOK_EVERY_S if console.is_jupyter else LINE_EVERY_S
+        next_line = began + every_s
+        line = ChangingLine(console.file)
 
         def print_line(share: float) -> None:
             nonlocal next_line
             now = time.monotonic()
             if now < next_line:
                 return
-            next_line = now + LINE_EVERY_S
+            next_line = now + every_s
             left = f", {(now - began) * (1 - share) / share:.0f} s left" if share >= KNOWN else ""
             text = f"{what}: {share:.0%} after {now - began:.0f} s{left}"
-            console.print(text, highlight=False, markup=False)
+            if console.is_jupyter:
+                line.show(text)
+            else:
+                console.print(text, highlight=False, markup=False)
 
-        yield print_line
+        try:
+            yield print_line
+        finally:
+            line.erase()
         return
     from rich.progress import (
         BarColumn,

@@ -1,1 +1,1 @@
-"""Comparison of two results of the benchmark: `python -m zoo.compare`."""
+"""Comparison of two results of the benchmark: `drivezoo compare`."""

@@ -1,4 +1,4 @@
-"""`python -m zoo.compare A B [key=value ...]`: compare two results of the benchmark.
+"""`drivezoo compare A B [key=value ...]`: compare two results of the benchmark.
 
 Pairs the drives of both on the same roads. Prints which one drives better, with intervals over
 roads and training seeds, and how many training seeds would be needed to tell.

@@ -1,4 +1,4 @@
-"""The result of `python -m zoo.compare`: its table and its plot."""
+"""The result of `drivezoo compare`: its table and its plot."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""`python -m zoo.completion bash|zsh|fish`: print a script that completes commands in a shell.
+"""`drivezoo completion bash|zsh|fish`: print a script that completes commands in a shell.
 
 The script holds all words, so that a completion starts no Python. Print it again after an update.
 

@@ -1,4 +1,4 @@
-"""`python -m zoo.correct CKPT [key=value ...]`: train a checkpoint on its own driving errors.
+"""`drivezoo correct CKPT [key=value ...]`: train a checkpoint on its own driving errors.
 
 Each round drives the checkpoint, asks the expert for the right steering in the frames it saw, and
 continues the training with these corrections (DAgger: Ross, Gordon and Bagnell 2011,
@@ -247,16 +247,16 @@ def command(arguments: list[str]) -> None:
         again.append(f"out={correction.folder}")
         raise StoppedError(
             "stopped; finished rounds are kept; resume with: "
-            + shlex.join(["python", "-m", "zoo.correct", *again])
+            + shlex.join(["drivezoo", "correct", *again])
         ) from None
     console.print(rounds_table(progress.rounds))
     best = progress.best
     if best.number == 0:
         console.print("no round drives better than the original checkpoint", highlight=False)
-        print_written([correction.folder], ["zoo.correct", "--help"], console)
+        print_written([correction.folder], ["correct", "--help"], console)
     else:
         console.print(f"best checkpoint: round {best.number}", highlight=False)
-        again = ["zoo.evaluate", best.checkpoint, f"track={given.track}", "seeds=5"]
+        again = ["evaluate", best.checkpoint, f"track={given.track}", "seeds=5"]
         print_written([best.checkpoint], again, console)
 
 

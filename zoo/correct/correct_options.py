@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.correct` and their checks."""
+"""Options of `drivezoo correct` and their checks."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property

@@ -170,5 +170,5 @@ def train_round(config: DictConfig, folder: Path, own_run: Path) -> Path:
     choices = own_run / ".hydra" / "hydra.yaml"
     if choices.is_file():
         shutil.copyfile(choices, folder / ".hydra" / "hydra.yaml")
-    run_experiment(config, folder, resume=True)
+    run_experiment(config, folder, resume=True, verdict=False)  # the round's drives give one
     return checkpoint

@@ -1,4 +1,4 @@
-"""`python -m zoo.doctor [CKPT] [RECORDING] [key=value ...]`: find faults of this installation.
+"""`drivezoo doctor [CKPT] [RECORDING] [key=value ...]`: find faults of this installation.
 
 Checks packages, device, renderer, port and disk, and prints each fault with its fix. With a
 checkpoint, also drives a round trip with the original simulator's protocol. Exits 0 without
@@ -155,11 +155,11 @@ def main(arguments: list[str]) -> int:
 def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
     """Return the command after a check without faults, and its purpose."""
     if checkpoint is not None:
-        return shlex.join(["python", "-m", "zoo.evaluate", checkpoint]), "let it drive"
+        return shlex.join(["drivezoo", "evaluate", checkpoint]), "let it drive"
     if recording is not None:
-        check = ["python", "-m", "datamodules.check", recording]
+        check = ["drivezoo", "check", recording]
         return shlex.join(check), "what it teaches badly"
-    return "python -m zoo.demo", "record, train and drive a demo"
+    return "drivezoo demo", "record, train and drive a demo"
 
 
 if __name__ == "__main__":

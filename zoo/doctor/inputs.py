@@ -98,7 +98,7 @@ def check_recording(folder: str) -> Iterator[Finding]:
             bad.append(f"{recording.place(row)}: {recording.images[row, 0]}: {error}")
     if bad:
         found = f"{len(bad):,} or more bad images: {bad[0]}"
-        fix = f"list them with python -m datamodules.check {folder}; train with "
+        fix = f"list them with drivezoo check {folder}; train with "
         yield Finding(WARNING, "images", found, f"{fix}data.on_bad_image=skip")
     else:
         yield Finding(OK, "images", f"a sample of {len(rows)} can be read")

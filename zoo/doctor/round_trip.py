@@ -21,9 +21,9 @@ FRAMES = 20
 
 
 def check_round_trip(checkpoint: str) -> Iterator[Finding]:
-    """Start `python -m zoo.drive` with a checkpoint, and send it grey images."""
+    """Start `drivezoo drive` with a checkpoint, and send it grey images."""
     what = "round trip"
-    fix = f"start it yourself to see its output: python -m zoo.drive {checkpoint}"
+    fix = f"start it yourself to see its output: drivezoo drive {checkpoint}"
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
             [sys.executable, "-m", "zoo.drive", str(Path(checkpoint).absolute()), "drive.port=0"]

@@ -1,4 +1,4 @@
-"""`python -m zoo.doubt CKPT... [key=value ...]`: write a policy that knows how much it doubts.
+"""`drivezoo doubt CKPT... [key=value ...]`: write a policy that knows how much it doubts.
 
 One checkpoint becomes Monte-Carlo dropout: its network runs under several dropout masks. Several
 become an ensemble. The steering is the mean, the spread its standard deviation. Every command that
@@ -10,16 +10,21 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
 from datamodules.errors import InputError
-from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
+from zoo.runs.result_table import Cell, ResultTable, check_table, write_table
+
+if TYPE_CHECKING:
+    from zoo.checkpoints.dropout_policy import DropoutPolicy
+    from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 
 COMMAND = Command(__doc__, {"CKPT...": "checkpoint: a .ckpt file, a run's folder, or latest"})
 
@@ -33,15 +38,17 @@ class DoubtOptions:
     out: str
     samples: Annotated[int, Field(ge=2, le=100)]
     seed: Annotated[int, Field(ge=0, lt=2**63)]
+    table: str | None
 
 
 def doubt(arguments: list[str]) -> None:
     """Write one checkpoint with dropout samples, or several as an ensemble.
 
     Raises:
-        InputError: a checkpoint cannot be used or is named twice, or the file cannot be written.
+        InputError: a checkpoint cannot be used or is named twice, or a file cannot be written.
     """
     names, options = COMMAND.read(arguments, DoubtOptions)
+    check_table(options.table)
     paths = [find_checkpoint(one) for one in names]
     with loading():
         from zoo.checkpoints.checkpoint import doubt_members, load_plain
@@ -60,8 +67,43 @@ def doubt(arguments: list[str]) -> None:
         _check_distinct(paths)
         policy = doubt_policy(contents, paths[0] if len(paths) == 1 else out)
         write_checkpoint(out, contents)
-    print(f"{policy.name}: {policy.parameters:,} parameters")
-    print_written([out], ["zoo.evaluate", out, "track=lake"])
+    table = members_table(paths, policy)
+    print_table(table, f"{policy.name}: {policy.parameters:,} parameters")
+    written = [out, *([] if options.table is None else [write_table(table, options.table)])]
+    print_written(written, ["evaluate", out, "track=lake"])
+
+
+def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> ResultTable:
+    """Return a row for each checkpoint: its file, its network, and the view that it sees."""
+    rows: list[dict[str, Cell]] = []
+    cells = []
+    for path, one in zip(paths, getattr(policy, "members", [policy]), strict=True):
+        height, width, _ = one.view.shape
+        rows.append(
+            {
+                "checkpoint": str(path),
+                "network": one.name,
+                "parameters": one.parameters,
+                "width": width,
+                "height": height,
+                "colour": one.view.colour,
+            }
+        )
+        sees = f"{width} x {height} {one.view.colour}"
+        cells.append([short_name(path), one.name, f"{one.parameters:,}", sees])
+    return ResultTable(rows, ["checkpoint", "network", "parameters", "sees"], cells)
+
+
+def print_table(table: ResultTable, title: str) -> None:
+    """Print a table under its title."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    printed = Table(*table.headings, title=Text(title), title_justify="left")
+    for row in table.cells:
+        printed.add_row(*map(Text, row))
+    Console(emoji=False).print(printed)
 
 
 def _check_distinct(paths: Sequence[Path]) -> None:

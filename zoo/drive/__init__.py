@@ -1,4 +1,4 @@
-"""The server that drives simulators on a socket with a checkpoint: `python -m zoo.drive`."""
+"""The server that drives simulators on a socket with a checkpoint: `drivezoo drive`."""
 
 import warnings
 

@@ -1,10 +1,10 @@
-"""`python -m zoo.drive CKPT [key=value ...]`: serve a checkpoint to simulators.
+"""`drivezoo drive CKPT [key=value ...]`: serve a checkpoint to simulators.
 
 The checkpoint drives the original simulator (start it and choose autonomous mode) or the embedded
 one (sim=lake). Ctrl-C ends the drive.
 
-  python -m zoo.drive latest speed=15
-  python -m zoo.drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
+  drivezoo drive latest speed=15
+  drivezoo drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
 """
 
 import errno
@@ -113,7 +113,7 @@ def serve(checkpoint: str, settings: "DriveSettings") -> Path | None:
         status = client.stop()
         server.close()
         if folder := driver.end(began):
-            following = "zoo.film" if settings.record else "zoo.leaderboard"
+            following = "film" if settings.record else "leaderboard"
             print_written([folder], [following, folder])
     if status:
         raise InputError(f"the embedded simulator failed, with exit status {status}; see above")

@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.drive`, from `conf/drive.yaml` and `conf/drive/speed`."""
+"""Options of `drivezoo drive`, from `conf/drive.yaml` and `conf/drive/speed`."""
 
 import re
 from collections.abc import Sequence

@@ -8,7 +8,7 @@ _PATIENCE_S = 5.0
 
 
 class EmbeddedClient:
-    """Child process `python -m simulator client`.
+    """Child process `drivezoo simulator client`.
 
     Args:
         track: track to drive on; None starts no process.

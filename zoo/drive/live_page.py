@@ -111,7 +111,9 @@ class LivePage:
     def _command(self, environ: dict) -> tuple[bytes, str]:
         given = parse_qs(environ.get("QUERY_STRING", "")).get("token", [""])[0]
         if self.token and not hmac.compare_digest(given.encode(), self.token.encode()):
-            line = "token: wrong or missing; open the address with ?token= that zoo.drive printed"
+            line = (
+                "token: wrong or missing; open the address with ?token= that drivezoo drive printed"
+            )
             raise RequestError(HTTPStatus.FORBIDDEN, line)
         name, value = read_command(environ, self._commands)
         self._commands[name](value)

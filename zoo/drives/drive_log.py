@@ -126,11 +126,12 @@ def read_drive(folder: Path | str) -> Drive:
     folder = Path(folder)
     path = folder / LOG_NAME
     if not path.exists():
-        raise InputError(f"{folder}: holds no {LOG_NAME}; name a folder that zoo.drive wrote")
+        raise InputError(f"{folder}: holds no {LOG_NAME}; name a folder that drivezoo drive wrote")
     header, *rows = _rows(path) or [[]]
     if tuple(header) not in (COLUMNS, FIRST_COLUMNS):
         raise InputError(
-            f"{path}: its columns are not {','.join(COLUMNS)}; name a folder that zoo.drive wrote"
+            f"{path}: its columns are not {','.join(COLUMNS)}; name a folder that drivezoo drive "
+            "wrote"
         )
     columns: dict[str, list[object]] = {name: [] for name in header}
     for line, row in enumerate(rows, 2):

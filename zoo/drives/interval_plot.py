@@ -33,7 +33,8 @@ def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None
         label: label of the axis.
         line: share to mark by a line; None for none.
     """
-    figure = Figure(figsize=(6, 0.9 + 0.35 * len(figures)), layout="constrained")
+    rows = max(len(figures), 1)  # an axis needs a height without figures, too
+    figure = Figure(figsize=(6, 0.9 + 0.35 * rows), layout="constrained")
     axis = figure.subplots()
     if line is not None:
         axis.axvline(100 * line, color=GREY, ls=":", lw=1)
@@ -42,7 +43,7 @@ def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None
         axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
         axis.plot(value, row, "o", color=BLUE)
     axis.set_yticks(range(len(figures)), list(figures))
-    axis.set(xlabel=f"{label}; bar: 95 % interval", ylim=(len(figures) - 0.5, -0.5))
+    axis.set(xlabel=f"{label}; bar: 95 % interval", ylim=(rows - 0.5, -0.5))
     axis.grid(axis="x", alpha=0.2)
     axis.spines[["top", "right"]].set_visible(False)
     return figure

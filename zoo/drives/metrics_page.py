@@ -1,4 +1,4 @@
-"""The page of all metrics of a drive, `docs/metrics.md`: `python -m zoo.results --metrics`."""
+"""The page of all metrics of a drive, `docs/metrics.md`: `drivezoo results --metrics`."""
 
 from inspect import getdoc
 
@@ -6,7 +6,7 @@ from zoo.drives.metrics import METRICS
 
 HEAD = """# The metrics of a drive
 
-Written by `python -m zoo.results --metrics > docs/metrics.md` from the functions of
+Written by `drivezoo results --metrics > docs/metrics.md` from the functions of
 [zoo/drives/metrics.py](../zoo/drives/metrics.py).
 
 A drive is a sequence of rows, one for each time step *i*. A row holds the time `t[i]` in seconds,

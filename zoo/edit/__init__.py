@@ -1,1 +1,1 @@
-"""A page on which users look at a recording and clean it: `python -m zoo.edit`."""
+"""A page on which users look at a recording and clean it: `drivezoo edit`."""

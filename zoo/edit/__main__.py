@@ -1,10 +1,10 @@
-"""`python -m zoo.edit FOLDER... [key=value ...]`: look at a recording and clean it on a page.
+"""`drivezoo edit FOLDER... [key=value ...]`: look at a recording and clean it on a page.
 
 Drop bad stretches, trim, split, merge and mirror, with undo, and write the result as a new
 recording. The recorded folder stays as it is. Several folders become one recording.
 
-  python -m zoo.edit FOLDER
-  python -m zoo.edit FOLDER drop=120-180,2600- out=cleaned page=false
+  drivezoo edit FOLDER
+  drivezoo edit FOLDER drop=120-180,2600- out=cleaned page=false
 """
 
 import contextlib
@@ -107,13 +107,13 @@ def print_result(written: "WrittenRecording") -> None:
         first = f"{len(written.left_out)} (the first: {written.left_out[0]})"
         print(printable(f"rows left out because of a bad image: {first}"))
     folders = [str(folder) for folder in written.folders]
-    print_written(folders, ["datamodules.check", *folders])
+    print_written(folders, ["check", *folders])
     sys.stdout.flush()
 
 
 def resume_words(folders: list[str], options: EditOptions, session: "EditSession") -> Iterator[str]:
     """Yield the words of a command that begins with the edits of now."""
-    yield from ("python", "-m", "zoo.edit", *folders, *session.options())
+    yield from ("drivezoo", "edit", *folders, *session.options())
     for key in ("ckpt", "images") if session.written else ("ckpt", "images", "out"):
         if value := getattr(options, key):
             yield f"{key}={value}"

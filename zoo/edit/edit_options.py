@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.edit`."""
+"""Options of `drivezoo edit`."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`python -m zoo.evaluate CKPT [key=value ...]`: score a checkpoint by driving.
+"""`drivezoo evaluate CKPT [key=value ...]`: score a checkpoint by driving.
 
 Drives it in the embedded world, with several drives in parallel and without a display, and writes
 figures, drives and plots.

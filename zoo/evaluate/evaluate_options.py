@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.evaluate` and their checks."""
+"""Options of `drivezoo evaluate` and their checks."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal

@@ -1,4 +1,4 @@
-"""The result of `python -m zoo.evaluate`: its figures, table and plot, and how it is printed."""
+"""The result of `drivezoo evaluate`: its figures, table and plot, and how it is printed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -145,7 +145,7 @@ def replay_and_print(
     console.print(drives_table({"replay": mean_and_spread([found.figures])}, REPLAYS))
     for line in found.keyboard:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    following = ["zoo.film", found.folder] if options.frames else ["zoo.evaluate", checkpoint]
+    following = ["film", found.folder] if options.frames else ["evaluate", checkpoint]
     print_written([found.folder, *found.written], following, console)
     if found.problem:
         raise InputError(found.problem)
@@ -156,7 +156,7 @@ def keyboard_lines(recording: Recording) -> list[str]:
     return [
         f"{one.name}: {one.zero_share:.0%} of the steering is exactly 0, as with a keyboard. Such "
         "a path weaves around the lane's centre, so these figures say little about the network; "
-        "score it on a track: python -m zoo.evaluate CKPT track=lake"
+        "score it on a track: drivezoo evaluate CKPT track=lake"
         for one in report_recordings(recording)
         if one.zero_share > KEYBOARD_SHARE
     ]

@@ -1,1 +1,1 @@
-"""Export of a checkpoint to ONNX, with a check that both steer the same: `python -m zoo.export`."""
+"""Export of a checkpoint to ONNX, with a check that both steer the same: `drivezoo export`."""

@@ -1,4 +1,4 @@
-"""`python -m zoo.export CKPT [key=value ...]`: write a checkpoint as an ONNX file.
+"""`drivezoo export CKPT [key=value ...]`: write a checkpoint as an ONNX file.
 
 Every command that drives takes the file in place of the checkpoint; its metadata has view and
 config. If its steering (-1..1) differs from the checkpoint's by more than 0.0001, writes nothing.
@@ -109,7 +109,7 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
     ]
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    print_written([out], ["zoo.drive", out], console)
+    print_written([out], ["drive", out], console)
     return out
 
 

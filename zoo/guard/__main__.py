@@ -1,8 +1,8 @@
-"""`python -m zoo.guard CKPT [key=value ...]`: measure warnings before failures, and fit a guard.
+"""`drivezoo guard CKPT [key=value ...]`: measure warnings before failures, and fit a guard.
 
 Drives nominal roads, levels of fog, rain and light, and degraded networks; counts how well several
-scores of the frames warn 1, 2 and 3 s before a failure. Writes guard.pt for `guard=` of zoo.drive
-and zoo.evaluate, which slows the car down, and guard.json, guard.html and guard.png.
+scores of the frames warn 1, 2 and 3 s before a failure. Writes guard.pt for `guard=` of drivezoo
+drive and drivezoo evaluate, which slows the car down, and guard.json, guard.html and guard.png.
 """
 
 import sys

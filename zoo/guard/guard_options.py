@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.guard` and their checks."""
+"""Options of `drivezoo guard` and their checks."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -56,7 +56,7 @@ class GuardOptions(WorldSettings):
         if self.method == ENSEMBLE:
             raise UsageError(
                 "method=ensemble: a guard file holds one checkpoint; write an ensemble as one "
-                "checkpoint (python -m zoo.doubt), and use method=spread with it"
+                "checkpoint (drivezoo doubt), and use method=spread with it"
             )
         if self.method is not None and self.method not in usable:
             raise UsageError(f"method={self.method}: no such method; {hint(self.method, usable)}")

@@ -90,7 +90,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     print_result(result, console)
     if options.table is not None:
         written.append(write_table(all_warnings(result), options.table))
-    following = ["zoo.evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
+    following = ["evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
     print_written([path, *written], following, console)
     return result
 

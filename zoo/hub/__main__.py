@@ -1,11 +1,11 @@
-"""`python -m zoo.hub push|pull NAME [key=value ...]`: send or fetch a checkpoint with its card.
+"""`drivezoo hub push|pull NAME [key=value ...]`: send or fetch a checkpoint with its card.
 
 Push shows the card, and sends with send=true to a repository of the Hugging Face Hub, user/name, or
 writes to a folder, repo=./card. It needs `pip install 'drivezoo[hub]'`.
 
-  python -m zoo.hub push latest repo=./card
-  python -m zoo.hub push latest repo=user/name send=true
-  python -m zoo.hub pull user/name
+  drivezoo hub push latest repo=./card
+  drivezoo hub push latest repo=user/name send=true
+  drivezoo hub pull user/name
 """
 
 import shlex
@@ -42,7 +42,7 @@ def push(named: str, options: HubOptions) -> None:
 
     if is_folder(options.repo):
         print_written(write_files(shared_files(path, None, options.license), options.repo))
-        command = shlex.join(["python", "-m", "zoo.hub", PUSH, named, "repo=USER/NAME"])
+        command = shlex.join(["drivezoo", "hub", PUSH, named, "repo=USER/NAME"])
         print_next(command, "show it for a repository")
         return
     from zoo.hub.repository import send, writable_hub
@@ -54,11 +54,11 @@ def push(named: str, options: HubOptions) -> None:
         print(f"to {address}: {name}, {len(contents):,} bytes")
     if options.send:
         print_written([send(options.repo, files, options.private)])
-        print_next(f"python -m zoo.hub pull {options.repo}", "fetch it on another machine")
+        print_next(f"drivezoo hub pull {options.repo}", "fetch it on another machine")
         return
     keys = [f"license={options.license}"] * bool(options.license)
     keys += ["private=true"] * options.private
-    print_written([], ["zoo.hub", PUSH, named, f"repo={options.repo}", *keys, "send=true"])
+    print_written([], ["hub", PUSH, named, f"repo={options.repo}", *keys, "send=true"])
 
 
 def pull(repo: str, options: HubOptions) -> None:
@@ -72,7 +72,7 @@ def pull(repo: str, options: HubOptions) -> None:
 
     written = fetch(repo, options.file, options.out, Console(emoji=False))
     print_written(written)
-    command = shlex.join(["python", "-m", "zoo.evaluate", str(written[0]), "track=lake"])
+    command = shlex.join(["drivezoo", "evaluate", str(written[0]), "track=lake"])
     print_next(command, "let it drive")
 
 

@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.hub`, and the names of repositories."""
+"""Options of `drivezoo hub`, and the names of repositories."""
 
 import re
 from dataclasses import dataclass

@@ -71,7 +71,7 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     for line in _guesses(path, known, found) if recording is None else []:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     _write(out, path, known.converted, found, recording)
-    print_written([out], ["zoo.evaluate", out, "track=lake", "seeds=3"], console)
+    print_written([out], ["evaluate", out, "track=lake", "seeds=3"], console)
     return out
 
 
@@ -156,7 +156,7 @@ def _guesses(path: Path, known: _Known, found: Combination) -> list[str]:
     return [
         f"warning: {' and '.join(guessed)} {'is a guess' if len(guessed) == 1 else 'are guesses'}: "
         "the file does not tell. Set them if you know them, or find them out: "
-        f"python -m zoo.import {path} recording=FOLDER"
+        f"drivezoo import {path} recording=FOLDER"
     ]
 
 

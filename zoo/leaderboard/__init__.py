@@ -1,1 +1,1 @@
-"""Ranking of all runs, in the terminal and as an HTML page: `python -m zoo.leaderboard`."""
+"""Ranking of all runs, in the terminal and as an HTML page: `drivezoo leaderboard`."""

@@ -1,8 +1,8 @@
-"""`python -m zoo.leaderboard [FOLDER...] [key=value ...]`: rank all runs, the best driver first.
+"""`drivezoo leaderboard [FOLDER...] [key=value ...]`: rank all runs, the best driver first.
 
 Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
-without runs, ranks evaluations, the `out=` of python -m zoo.evaluate, and drives: outputs/drives
-has those of python -m zoo.drive.
+without runs, ranks evaluations, the `out=` of drivezoo evaluate, and drives: outputs/drives
+has those of drivezoo drive.
 """
 
 import shlex
@@ -103,7 +103,7 @@ def _remedy(roots: Iterable[Path]) -> str:
     """Return what to type for folders without runs: a score of a checkpoint in them, if any."""
     for root in roots:
         for path in sorted([*root.glob("*.ckpt"), *root.glob("*.onnx")]):
-            score = ["python", "-m", "zoo.evaluate", str(path), f"out=scores/{path.stem}"]
+            score = ["drivezoo", "evaluate", str(path), f"out=scores/{path.stem}"]
             return f"score each checkpoint: {shlex.join(score)}; then rank the folder scores"
     return "train one: python -m zoo"
 

@@ -1,6 +1,6 @@
 """Evaluations and single drives as entries of the ranking.
 
-An evaluation is a folder of `python -m zoo.evaluate`; a drive is from a socket, the embedded world
+An evaluation is a folder of `drivezoo evaluate`; a drive is from a socket, the embedded world
 or a replay.
 """
 
@@ -114,7 +114,7 @@ def load_evaluation(folder: Path) -> Run:
 
 
 def is_evaluation(folder: Path) -> bool:
-    """Return whether `python -m zoo.evaluate` wrote a folder; True if its figures are damaged."""
+    """Return whether `drivezoo evaluate` wrote a folder; True if its figures are damaged."""
     if not (folder / METRICS_NAME).is_file():
         return False
     try:

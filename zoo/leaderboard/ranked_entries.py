@@ -1,4 +1,4 @@
-"""The result of `python -m zoo.leaderboard`: its table, and how it is printed."""
+"""The result of `drivezoo leaderboard`: its table, and how it is printed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -91,7 +91,7 @@ def following(entries: Sequence[Entry]) -> list[str]:
     if not is_run and best.name == "-":  # the drive's file does not name the checkpoint
         return []
     tracks = [f"track={','.join(best.tracks)}"] if best.tracks else []
-    return ["zoo.evaluate", str(best.folder) if is_run else best.name, *tracks, "seeds=5"]
+    return ["evaluate", str(best.folder) if is_run else best.name, *tracks, "seeds=5"]
 
 
 def print_ranking(ranking: Ranking, title: str, console: Console, page: str) -> None:

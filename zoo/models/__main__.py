@@ -1,4 +1,4 @@
-"""`python -m zoo.models`: list the zoo's networks.
+"""`drivezoo models`: list the zoo's networks.
 
 Prints each network's input, parameters, multiply-adds and paper.
 """

@@ -50,7 +50,7 @@ def make_network(model: dict, view: View) -> nn.Module:
     if network_class is None or not issubclass(network_class, nn.Module):
         raise InputError(
             f"model._target_={target!s:.200}: is no network of zoo.models "
-            f"(python -m zoo.models lists them); {unknown_part(target)}"
+            f"(drivezoo models lists them); {unknown_part(target)}"
         )
     settings = {key: value for key, value in model.items() if key not in ("_target_", *BORDER_KEYS)}
     height, width, channels = view.shape

@@ -12,7 +12,7 @@ from zoo.monitor.scores import METHODS, Score, make_score
 from zoo.monitor.signals import IMAGE, MOST_SAMPLES
 
 KEY, FORMAT = "drivezoo_guard", 1
-REMEDY = "name a file of python -m zoo.guard"
+REMEDY = "name a file of drivezoo guard"
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def read_guard(path: str | Path) -> Guard:
     if found.get("format") != FORMAT:
         raise InputError(
             f"guard={path}: has format {found.get('format')}, this version reads {FORMAT}; fit it "
-            "again with python -m zoo.guard"
+            "again with drivezoo guard"
         )
     for key, (kind, most) in _NUMBERS.items():
         value = found.get(key)
@@ -91,8 +91,8 @@ def check_checkpoint(path: str | Path, guard: Guard, checkpoint: str | Path) -> 
         return
     if file_hash(checkpoint) != guard.sha256:
         raise InputError(
-            f"guard={path}: was fitted with another checkpoint than {checkpoint}; run python -m "
-            "zoo.guard with this one"
+            f"guard={path}: was fitted with another checkpoint than {checkpoint}; run "
+            "drivezoo guard with this one"
         )
 
 

@@ -145,5 +145,5 @@ def command_spread(policy: Policy | OnnxPolicy) -> Source:
         InputError: the policy returns none.
     """
     if call_policy(policy, np.zeros((160, 320, 3), np.uint8), 0.0).spread is None:
-        raise InputError("the policy returns none; python -m zoo.doubt writes one that does")
+        raise InputError("the policy returns none; drivezoo doubt writes one that does")
     return lambda frame, mph, command: float(command.spread or 0.0)

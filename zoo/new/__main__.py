@@ -1,4 +1,4 @@
-"""`python -m zoo.new KIND NAME`: write a part of your own: class, YAML file and test.
+"""`drivezoo new KIND NAME`: write a part of your own: class, YAML file and test.
 
 Writes them from a template into the current folder, which needs no checkout of drivezoo, and prints
 what to type next.

@@ -43,12 +43,12 @@ KINDS = {
         "model",
         "model",
         (f"{TRAIN} model=$name quick=true", "train it; data.root=FOLDER on your recording"),
-        ("python -m zoo.evaluate latest parts=$name.py", "let it drive"),
+        ("drivezoo evaluate latest parts=$name.py", "let it drive"),
     ),
     "augmentation": _kind(
         "augmentation",
         "augment",
-        ("python -m zoo.preview parts=$name.py 'augment=[$name]'", "look at the images"),
+        ("drivezoo preview parts=$name.py 'augment=[$name]'", "look at the images"),
         (f"{TRAIN} 'augment=[brightness,$name]' quick=true", "train with it"),
     ),
     "loss": _kind("loss", "loss", (f"{TRAIN} loss=$name quick=true", "train with it")),
@@ -60,9 +60,9 @@ KINDS = {
         {"track.yaml": "$name.yaml", "track_test.py": "test_$name.py"},
         (
             CHECK,
-            ("python -m simulator drive track=$name.yaml", "drive on it"),
-            ("python -m simulator record track=$name.yaml out=FOLDER", "record laps"),
-            ("python -m zoo.evaluate latest track=$name.yaml", "let a network drive on it"),
+            ("drivezoo simulator drive track=$name.yaml", "drive on it"),
+            ("drivezoo simulator record track=$name.yaml out=FOLDER", "record laps"),
+            ("drivezoo evaluate latest track=$name.yaml", "let a network drive on it"),
         ),
     ),
 }

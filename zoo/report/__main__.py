@@ -1,4 +1,4 @@
-"""`python -m zoo.report RUN_FOLDER`: write a run's report as a page and as Markdown.
+"""`drivezoo report RUN_FOLDER`: write a run's report as a page and as Markdown.
 
 RUN_FOLDER/report/index.html contains its images and film and loads nothing else;
 RUN_FOLDER/report/report.md uses image files in the same folder.
@@ -22,7 +22,7 @@ def report(arguments: list[str]) -> None:
     run = find_run(folder)
     with loading("writing the report"):
         page = write_report(run)
-    print_written([page, page.with_name(MARKDOWN)], ["zoo.leaderboard"])
+    print_written([page, page.with_name(MARKDOWN)], ["leaderboard"])
 
 
 if __name__ == "__main__":

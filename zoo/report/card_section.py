@@ -131,7 +131,7 @@ def _limits_of_driving(run: Run) -> list[str]:
     names = " and ".join(run.tracks)
     points.append(
         f"Driven only on the {names}, in clear weather unless the settings name another. Other "
-        "tracks, speeds, weather and delays are not tested; test them with python -m zoo.evaluate "
+        "tracks, speeds, weather and delays are not tested; test them with drivezoo evaluate "
         "CKPT track=lake,mountain perturb=all."
     )
     counts = {name: figures.get("drives") for name, figures in run.tracks.items()}

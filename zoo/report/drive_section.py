@@ -43,9 +43,7 @@ def _scores(run: Run) -> list[Block]:
             raise MissingError(
                 "The run was not driven (score=none): it has only open-loop figures."
             )
-        raise MissingError(
-            "The run was not driven. Drive its checkpoint with python -m zoo.evaluate."
-        )
+        raise MissingError("The run was not driven. Drive its checkpoint with drivezoo evaluate.")
     scored = run.metrics.get("drive") or {}
     how = "Driven in the embedded simulator, in simulated time"
     if scored.get("speed_mph"):
@@ -95,9 +93,7 @@ def _tracks(run: Run) -> list[Block]:
 
 def _film(run: Run, path: Path, budget: int) -> Block:
     if not path.is_file():
-        return Missing(
-            "The drive was not filmed (score.film; film=true in python -m zoo.evaluate)."
-        )
+        return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
     speed = (run.config.get("score") or {}).get("film_speed") or 1
     faster = f", at {speed:g} times its speed" if speed > 1 else ""
     caption = f"Film of the scored drive{faster}."

@@ -1,1 +1,1 @@
-"""Saliency: the pixels that move a network's steering; `python -m zoo.saliency` draws them."""
+"""Saliency: the pixels that move a network's steering; `drivezoo saliency` draws them."""

@@ -1,4 +1,4 @@
-"""`python -m zoo.saliency CKPT IMAGE_OR_RECORDING [key=value ...]`: draw what a network looks at.
+"""`drivezoo saliency CKPT IMAGE_OR_RECORDING [key=value ...]`: draw what a network looks at.
 
 Writes a PNG file: one image, or twelve frames of a recording, each with its saliency to the right.
 """
@@ -57,7 +57,7 @@ def draw_saliency(arguments: list[str]) -> None:
         out.write_bytes(cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
     except OSError as error:
         raise InputError(f"out={out}: {error.strerror}; name another file") from None
-    print_written([out], ["zoo.drive", short_name(checkpoint), "drive.sim=lake"])
+    print_written([out], ["drive", short_name(checkpoint), "drive.sim=lake"])
 
 
 def _frames(source: Path) -> list[tuple[np.ndarray, float]]:

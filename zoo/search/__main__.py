@@ -1,4 +1,4 @@
-"""`python -m zoo.search CKPT [key=value ...]`: find roads and days on which a checkpoint fails.
+"""`drivezoo search CKPT [key=value ...]`: find roads and days on which a checkpoint fails.
 
 Drives roads of a family until their first intervention, draws a map of the failures over two
 features, and writes the mildest failing road as a track's file that replays the drive.

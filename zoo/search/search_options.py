@@ -1,4 +1,4 @@
-"""Options of `python -m zoo.search` and their checks."""
+"""Options of `drivezoo search` and their checks."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal

@@ -62,7 +62,7 @@ class Report:
         return min((one for one in drives if one.outcome.failed), key=self.distance, default=None)
 
     def replay(self, one: Driven) -> list[str]:
-        """Return the words after `python -m` that drive a road again, as the mildest."""
+        """Return the words after `drivezoo` that drive a road again, as the mildest."""
         options = self.options
         changed = [f"weather={weather_text(one.candidate.weather)}"]
         changed += [f"speed={options.speed:g}"] if options.speed != 15 else []
@@ -70,7 +70,7 @@ class Report:
         changed += [f"delay_s={options.delay_s!r}"] if options.delay_s else []
         changed += [f"quality={options.quality}"] if options.quality != "full" else []
         track = f"track={self.folder / MILDEST}"
-        return ["zoo.evaluate", short_name(Path(self.checkpoint)), track, *changed]
+        return ["evaluate", short_name(Path(self.checkpoint)), track, *changed]
 
 
 def search_and_report(checkpoint: str, options: SearchOptions, console: Console) -> dict:

@@ -1,6 +1,6 @@
-"""`python -m zoo.sweep [key=value ...]`: resume a sweep that was stopped, and rank its jobs.
+"""`drivezoo sweep [key=value ...]`: resume a sweep that was stopped, and rank its jobs.
 
-  python -m zoo.sweep resume=outputs/sweeps/DATE/TIME
+  drivezoo sweep resume=outputs/sweeps/DATE/TIME
   python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   starts a new sweep
 
 Also takes Hydra's keys: hydra/launcher=NAME chooses another launcher (basic, joblib, slurm, ray),

@@ -69,7 +69,7 @@ def sweep(arguments: list[str]) -> None:
 
 
 def go_on(folder: Path, more: list[str]) -> None:
-    """Resume a sweep, as `python -m zoo.sweep resume=FOLDER` does.
+    """Resume a sweep, as `drivezoo sweep resume=FOLDER` does.
 
     Args:
         folder: folder of the sweep; it can come from another person, see `saved_sweep`.
@@ -118,7 +118,7 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 named = f"{FOLDER_KEY}{quote(str(folder.resolve()))}"
                 _run_hydra([*quote_paths(arguments, sweep=True), named])
             except KeyboardInterrupt:
-                again = ["python", "-m", "zoo.sweep", f"resume={folder}", *typed_parts()]
+                again = ["drivezoo", "sweep", f"resume={folder}", *typed_parts()]
                 again = shlex.join(again)
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
             except Exception:

@@ -179,8 +179,10 @@ def write_metrics(
     return metrics, verdict
 
 
-def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Console) -> None:
-    """Write the report; print the training's cost, the files written and the verdict."""
+def print_conclusion(
+    folder: Path, metrics: dict, verdict: Verdict | None, console: Console
+) -> None:
+    """Write the report; print the training's cost, the files written and the verdict, if any."""
     best = metrics["best_epoch"]
     if metrics["samples_per_second"]:
         console.print(
@@ -198,7 +200,8 @@ def print_conclusion(folder: Path, metrics: dict, verdict: Verdict, console: Con
     best_path = folder / "checkpoints" / "best.ckpt"
     written = [best_path, *written] if best_path.is_file() else written
     print_written(map(short_name, written), console=console)
-    print_verdict(verdict, console)
+    if verdict:
+        print_verdict(verdict, console)
 
 
 def _best_epoch(folder: Path) -> int | None:

@@ -75,7 +75,7 @@ def _record(folder: Path, recipe: dict, jobs: int, console: Console) -> None:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise InputError(f"data.record: {error}") from None
     except TypeError as error:
-        raise InputError(f"data.record.passes: {error}; see python -m simulator record") from None
+        raise InputError(f"data.record.passes: {error}; see drivezoo simulator record") from None
     (unfinished / RECIPE).write_text(json.dumps(recipe, indent=1))
     unfinished.rename(folder)
 

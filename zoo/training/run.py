@@ -49,12 +49,17 @@ from zoo.training.steering_module import SteeringModule
 
 
 def run_experiment(
-    config: DictConfig, folder: Path, resume: bool = False, keep_config: bool = False
+    config: DictConfig,
+    folder: Path,
+    resume: bool = False,
+    keep_config: bool = False,
+    verdict: bool = True,
 ) -> float:
     """Run an experiment in `folder`; with `resume`, from its last checkpoint.
 
     With `keep_config`, `config` replaces the folder's config once it is known to fit the
-    checkpoint: a run that is stopped again resumes with it.
+    checkpoint: a run that is stopped again resumes with it. Without `verdict`, no verdict and no
+    next command is printed: a command that drives the network itself prints its own.
 
     Returns:
         The validation MSE of the best checkpoint, which a sweeper can minimise; NaN without
@@ -71,10 +76,12 @@ def run_experiment(
     with naming_lost_files(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with naming_lost_files(folder), run_status(folder, first), naming_lost_files(folder):
-        return _run(config, folder, first, resume, keep_config)
+        return _run(config, folder, first, resume, keep_config, verdict)
 
 
-def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_config: bool) -> float:
+def _run(
+    config: DictConfig, folder: Path, first: bool, resume: bool, keep_config: bool, verdict: bool
+) -> float:
     started = time.perf_counter()
     code_fingerprint()  # before training: later edits of the files do not count
     console = Console(soft_wrap=True, quiet=not first)
@@ -123,8 +130,8 @@ def _run(config: DictConfig, folder: Path, first: bool, resume: bool, keep_confi
         save_plots(open_loop, folder, console)
         print_open_loop(open_loop, card["config"]["model"]["name"], console)
         drives = drive_best(trained, score, console)
-        metrics, verdict = write_metrics(trained, choice, open_loop, drives, started)
-        print_conclusion(folder, metrics, verdict, console)
+        metrics, found = write_metrics(trained, choice, open_loop, drives, started)
+        print_conclusion(folder, metrics, found if verdict else None, console)
     return open_loop.figures.get("val", {}).get("mse", float("nan"))
 
 

@@ -154,10 +154,10 @@ def _commands(
         return found
     path, track = shlex.quote(evidence.checkpoint), shlex.quote(tracks[0] if tracks else "lake")
     if fails:
-        correct = f"python -m zoo.correct {path} track={track}"
+        correct = f"drivezoo correct {path} track={track}"
         return [*found, ("or let the expert correct it", correct)]
     purpose = "drive it" if level == UNKNOWN else "drive it from more starts"
-    found.append((purpose, f"python -m zoo.evaluate {path} track={track} seeds=5"))
+    found.append((purpose, f"drivezoo evaluate {path} track={track} seeds=5"))
     if level == DRIVES:
-        found.append(("watch it drive", f"python -m zoo.drive {path} drive.sim={track}"))
+        found.append(("watch it drive", f"drivezoo drive {path} drive.sim={track}"))
     return found

@@ -24,7 +24,7 @@ from zoo.cli.compose import (
 @pytest.mark.parametrize("path", sorted(conf_folder().rglob("*.yaml")), ids=lambda path: path.stem)
 def test_every_yaml_opens_with_a_command(path: Path) -> None:
     opening = path.read_text().splitlines()[:2]
-    commands = ("python -m zoo", "python -m simulator")
+    commands = ("python -m zoo", "drivezoo ")
     assert any(line.startswith("#") and any(c in line for c in commands) for line in opening)
 
 

@@ -52,6 +52,22 @@ def test_a_log_gets_a_line_at_intervals(log: Console, monkeypatch: pytest.Monkey
     assert "left" in second
 
 
+def test_a_notebook_gets_one_line_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(console_progress, "NOTEBOOK_EVERY_S", 0.0)
+    notebook = Console(file=io.StringIO(), width=100, force_jupyter=True)
+    with progress_bar("driving [/red]", notebook) as show:
+        show(0.5)
+        show(1.0)
+    printed = notebook.file.getvalue()
+    assert "\n" not in printed
+    begin, first, second, erased, end = printed.split("\r")
+    assert first.startswith("driving [/red]: 50%")
+    assert second.startswith("driving [/red]: 100%")
+    assert len(second) >= len(first), "nothing of the first text is left"
+    assert erased.isspace()
+    assert [begin, end] == ["", ""]
+
+
 def test_work_without_a_share_is_shown_only_on_a_terminal(
     log: Console, terminal: Console, capsys: pytest.CaptureFixture
 ) -> None:

@@ -17,7 +17,7 @@ FAILED, WRONG_USE = 1, 2
         (WRONG_USE, "zoo.evaluate", "usage"),
         (WRONG_USE, "zoo.evaluate no.ckpt lap=1", "did you mean laps"),
         (WRONG_USE, "zoo.correct no.ckpt round=1", "did you mean rounds"),
-        (WRONG_USE, "zoo.drive drive.port=1", "zoo.drive CKPT"),
+        (WRONG_USE, "zoo.drive drive.port=1", "drivezoo drive CKPT"),
         (WRONG_USE, "zoo.doctor port=0", "1..65535"),
         (WRONG_USE, "zoo.export no.ckpt frame=x", "did you mean frames"),
         (WRONG_USE, "zoo.leaderboard --no", "no such key"),

@@ -1,6 +1,7 @@
 """`--help` of every command: short, useful, fast and without an error."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -94,7 +95,8 @@ def helps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str,
 def test_help_shows_the_usage_and_exits_with_0(command: str, helps: dict) -> None:
     status, text, slow = helps[command]
     assert status == 0
-    assert text.startswith(f"usage: python -m {command}")
+    typed = re.sub(r"^(zoo\.|datamodules\.|(?=simulator))", "drivezoo ", command)
+    assert text.startswith(f"usage: {'python -m zoo' if command == 'zoo' else typed}")
     for words in NAMED[command]:
         assert words in " ".join(text.split())
     assert slow == [], "--help must be fast"

@@ -24,7 +24,7 @@ def work(arguments: list[str]) -> None:
     console = Console()
     with progress_bar("working", console) as show:
         show(0.5)
-    print_written([Path("a.csv")], ["zoo.report"], console)
+    print_written([Path("a.csv")], ["report"], console)
 
 
 def test_quiet_leaves_progress_and_hints_out(
@@ -34,7 +34,7 @@ def test_quiet_leaves_progress_and_hints_out(
     assert run_command("work", work, []) == 0
     usual = capsys.readouterr().out
     assert "working: 50%" in usual
-    assert "next: python -m zoo.report" in usual
+    assert "next: drivezoo report" in usual
     assert run_command("work", work, ["-q"]) == 0
     assert capsys.readouterr().out == "wrote: a.csv\n"
     assert is_quiet()

@@ -140,6 +140,9 @@ def test_the_same_command_resumes_after_the_last_finished_round(
     ]
     assert not names[1] & names[2]
     assert re.search(r"^wrote: .*\.ckpt$", printed, re.MULTILINE)
+    lines = printed.splitlines()
+    following = [number for number, line in enumerate(lines, 1) if line.startswith("next: ")]
+    assert following == [len(lines)], "one next command, and only at the end"
 
 
 @pytest.mark.parametrize(

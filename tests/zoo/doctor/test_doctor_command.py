@@ -144,7 +144,7 @@ def test_bad_images_are_a_warning(tmp_path: Path, recorded: Written) -> None:
 
     assert finding.state == WARNING
     assert finding.found.startswith("2 ")
-    assert "python -m datamodules.check" in finding.fix
+    assert "drivezoo check" in finding.fix
 
 
 def test_a_driver_that_does_not_start_is_a_fault(tmp_path: Path) -> None:
@@ -172,9 +172,9 @@ def test_the_supported_pythons_are_those_of_pyproject() -> None:
 @pytest.mark.parametrize(
     ("given", "command"),
     [
-        ((None, None), "python -m zoo.demo"),
-        ((None, "my laps"), "python -m datamodules.check 'my laps'"),
-        (("best.ckpt", "laps"), "python -m zoo.evaluate best.ckpt"),
+        ((None, None), "drivezoo demo"),
+        ((None, "my laps"), "drivezoo check 'my laps'"),
+        (("best.ckpt", "laps"), "drivezoo evaluate best.ckpt"),
     ],
 )
 def test_the_next_command_is_for_what_was_checked(

@@ -1,5 +1,6 @@
 """`python -m zoo.doubt`: the file that it writes, the commands that take it, and its errors."""
 
+import csv
 import json
 import shutil
 from collections.abc import Callable
@@ -79,6 +80,25 @@ def test_several_become_an_ensemble_with_their_own_views(ensemble: Path, tmp_pat
     assert view_line(policy).endswith("sees 14 x 1 hsv_s and 200 x 66 rgb")
 
 
+def test_the_table_has_a_row_for_each_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    members = [write_constant(Path(f"{one}.ckpt"), one) for one in (0.1, 0.3)]
+    members.append(write_pilotnet(Path("[red].ckpt")))
+    doubt([*map(str, members), "table=networks.csv"])
+    with Path("networks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [one["checkpoint"] for one in rows] == ["0.1.ckpt", "0.3.ckpt", "[red].ckpt"]
+    assert [one["network"] for one in rows] == ["Linear", "Linear", "PilotNet"]
+    total = sum(int(one["parameters"]) for one in rows)
+    assert total == load_policy("doubt.ckpt").parameters
+    assert [rows[2][one] for one in ("width", "height", "colour")] == ["200", "66", "rgb"]
+    printed = capsys.readouterr().out
+    assert "[red].ckpt" in printed, "a name is not markup"
+    assert "wrote: doubt.ckpt\nwrote: networks.csv\n" in printed
+
+
 def test_the_commands_repeat_after_a_reset_and_in_another_session(file: Path) -> None:
     policy = load_policy(file)
     first = [policy(frame, 9.0) for frame in FRAMES]
@@ -155,6 +175,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
         (["linear.ckpt", "lost.ckpt"], "lost.ckpt: no such checkpoint", "name"),
         (["pilotnet.ckpt", "samples=1"], "samples=1", "2..100"),
         (["pilotnet.ckpt", "out=doubt.txt"], "out=doubt.txt", ".ckpt"),
+        (["pilotnet.ckpt", "table=doubt.txt"], "table=doubt.txt", ".csv"),
         (["pilotnet.ckpt", "out=no/doubt.ckpt"], "out=no/doubt.ckpt", "name another"),
     ],
 )

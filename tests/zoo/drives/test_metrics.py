@@ -85,7 +85,7 @@ def test_a_new_metric_is_measured_averaged_and_shown() -> None:
 def test_the_page_of_metrics_is_that_of_the_registry(capsys: pytest.CaptureFixture) -> None:
     print_results(["--metrics"])
     assert PAGE.read_text() == capsys.readouterr().out, (
-        "run python -m zoo.results --metrics > docs/metrics.md"
+        "run drivezoo results --metrics > docs/metrics.md"
     )
 
 

@@ -22,7 +22,7 @@ def test_without_a_page_it_writes_at_once(recorded: Written, tmp_path: Path) -> 
     folders = [str(tmp_path / "new" / name) for name in ("1", "2")]
     for folder in folders:
         assert f"wrote: {folder}" in result.stdout
-    assert f"next: python -m datamodules.check {folders[0]} {folders[1]}" in result.stdout
+    assert f"next: drivezoo check {folders[0]} {folders[1]}" in result.stdout
     assert len(read_recordings(folders)) == 90
 
 
@@ -59,7 +59,7 @@ def test_ctrl_c_ends_the_page_and_prints_how_to_resume(recorded: Written, tmp_pa
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=20)
     assert process.returncode == 0, rest
-    assert f"next: python -m zoo.edit '{folder}' drop=11-20" in rest
+    assert f"next: drivezoo edit '{folder}' drop=11-20" in rest
     assert "Traceback" not in rest
 
 

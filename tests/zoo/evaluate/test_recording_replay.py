@@ -231,7 +231,7 @@ def test_a_keyboards_recording_is_said_to_mean_little(recording, share, lines):
         assert recording.names[0] in line
         assert "41%" in line
         assert "keyboard" in line
-        assert "python -m zoo.evaluate CKPT track=" in line
+        assert "drivezoo evaluate CKPT track=" in line
 
 
 def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, console):
@@ -251,7 +251,7 @@ def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, console):
 def test_a_wrong_command_is_one_line(tmp_path, run_folder, folder):
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     for arguments, message in (
-        ((checkpoint,), "usage: python -m zoo.replay"),
+        ((checkpoint,), "usage: drivezoo replay"),
         ((checkpoint, str(folder), "marign=2"), "did you mean margin?"),
         ((checkpoint, str(folder), "margin=9"), "margin=9: must be above 0, up to 2 m"),
         ((checkpoint, "nowhere"), "nowhere: no such folder"),

@@ -59,7 +59,7 @@ def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempP
     assert [one.name for one in cwd.iterdir()] == ["model.onnx"]
     for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
         assert text in result.stdout
-    assert result.stdout.strip().endswith("python -m zoo.drive model.onnx")
+    assert result.stdout.strip().endswith("drivezoo drive model.onnx")
     return cwd / "model.onnx"
 
 
@@ -274,7 +274,7 @@ def test_a_missing_package_is_named(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ([], "usage: python -m zoo.export"),
+        ([], "usage: drivezoo export"),
         (["absent.ckpt"], "absent.ckpt: "),
         (["docs"], "docs: "),
         (["CKPT", "out=model.pt"], "out=model.pt: "),

@@ -127,7 +127,7 @@ def test_the_guard_file_names_its_checkpoint(folder: Path, checkpoint: Path) -> 
     ("option", "words"),
     [
         ("method=magic", "method=magic"),
-        ("method=ensemble", "zoo.doubt"),
+        ("method=ensemble", "drivezoo doubt"),
         ("weather=random", "weather=random"),
         ("track=lake,mountain", "name one track"),
         ("track=nowhere", "nowhere"),

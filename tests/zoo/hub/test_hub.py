@@ -63,7 +63,7 @@ def test_what_was_sent_is_fetched_and_is_the_same_network(
     assert set(files) == {"tiny.ckpt", "README.md"}
     fetched = hub(tmp_path, "pull", "ann/tiny")
     assert fetched.returncode == 0, fetched.stderr
-    assert f"next: python -m zoo.evaluate {PLACE}/tiny.ckpt track=lake" in fetched.stdout
+    assert f"next: drivezoo evaluate {PLACE}/tiny.ckpt track=lake" in fetched.stdout
     for name, contents in files.items():
         assert (tmp_path / PLACE / name).read_bytes() == contents
     before = load_checkpoint(ran).network.state_dict()

@@ -102,12 +102,12 @@ def test_an_evaluation_is_one_entry_with_its_means(
     assert "90.0%" in first
     assert "1 of 2" in first
     assert "70.0%" in second
-    assert "next: python -m zoo.evaluate 'submitted/bob 1.ckpt' track=lake seeds=5" in printed
+    assert "next: drivezoo evaluate 'submitted/bob 1.ckpt' track=lake seeds=5" in printed
 
 
 def test_a_folder_of_checkpoints_names_how_to_score_them(tmp_path: Path) -> None:
     (tmp_path / "ann.ckpt").touch()
-    with pytest.raises(InputError, match=r"zoo.evaluate .*ann.ckpt out=scores/ann"):
+    with pytest.raises(InputError, match=r"drivezoo evaluate .*ann.ckpt out=scores/ann"):
         show_leaderboard([str(tmp_path)])
 
 

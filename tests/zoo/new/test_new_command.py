@@ -34,14 +34,15 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[s
     return folder, following
 
 
-def commands_of(following: list[list[str]], module: str) -> list[list[str]]:
-    """Return the arguments of each printed `python -m MODULE`."""
-    return [words[3:] for words in following if words[:3] == ["python", "-m", module]]
+def commands_of(following: list[list[str]], *program: str) -> list[list[str]]:
+    """Return the arguments of each printed command of a program."""
+    count = len(program)
+    return [words[count:] for words in following if words[:count] == list(program)]
 
 
 def test_the_written_tests_pass(written: tuple[Path, list[list[str]]]) -> None:
     folder, following = written
-    files = [one for words in commands_of(following, "pytest") for one in words]
+    files = [one for words in commands_of(following, "python", "-m", "pytest") for one in words]
     assert sorted(files) == sorted(f"test_{name}.py" for name in PARTS.values())
     result = run(folder, "-q", "-p", "no:cacheprovider", *files, module="pytest")
     assert result.returncode == 0, result.stdout
@@ -52,12 +53,12 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
 ) -> None:
     folder, following = written
     here = (f"data.root={recorded.folder}", "data.cache=null")
-    (preview,) = commands_of(following, "zoo.preview")
+    (preview,) = commands_of(following, "drivezoo", "preview")
     result = run(folder, *preview, *here, module="zoo.preview")
     assert result.returncode == 0, result.stderr
 
     # The words of four commands, each of which trains with one of the parts.
-    trainings = commands_of(following, "zoo")
+    trainings = commands_of(following, "python", "-m", "zoo")
     assert len(trainings) == 4
     words = list(dict.fromkeys(word for one in trainings for word in one))
     small = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
@@ -67,7 +68,7 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
     assert json.loads(metrics.read_text())["model"] == "my_net"
     assert "my_callback" in metrics.with_name("metrics.csv").read_text().splitlines()[0]
 
-    drives = [words for words in commands_of(following, "zoo.evaluate")]
+    drives = commands_of(following, "drivezoo", "evaluate")
     merged = list(dict.fromkeys(word for one in drives for word in one))
     assert {"track=my_track.yaml", "parts=my_net.py"} <= set(merged)
     result = run(folder, *merged, "laps=0.02", "workers=1", "out=drives", module="zoo.evaluate")

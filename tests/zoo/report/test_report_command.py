@@ -175,7 +175,7 @@ def test_side_cameras_are_shown_with_their_labels(driven: Path) -> None:
 
 def test_a_run_that_was_not_driven_says_so(undriven: Path) -> None:
     (line,) = missing_in(undriven)
-    assert "python -m zoo.evaluate" in line
+    assert "drivezoo evaluate" in line
     page = (undriven / "report" / "index.html").read_text()
     assert "Unknown whether it drives." in page
     assert "<video" not in page

@@ -105,7 +105,7 @@ def test_a_likely_cause_is_named_with_a_command_against_it(
     if typed:
         assert commands[0][:3] == ["python", "-m", "zoo"]
         assert typed in commands[0]
-    assert commands[-1][:4] == ["python", "-m", "zoo.correct", known.checkpoint]
+    assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
 
 
 def test_bends_are_not_advised_to_a_network_that_had_them() -> None:
@@ -123,9 +123,9 @@ def test_a_track_recorded_under_its_longer_name_is_a_track_it_has_seen() -> None
 def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> None:
     verdict = judge([drive()], evidence({"quick": True}))
     assert not verdict.causes
-    assert [shlex.split(command)[2] for _, command in verdict.commands] == [
-        "zoo.evaluate",
-        "zoo.drive",
+    assert [shlex.split(command)[:2] for _, command in verdict.commands] == [
+        ["drivezoo", "evaluate"],
+        ["drivezoo", "drive"],
     ]
 
 
