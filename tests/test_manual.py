@@ -258,6 +258,8 @@ def test_a_marked_command_runs(
         write_steering_h5(tmp_path / "model.h5", recording, view, SCALED)
     for name, place in places.items():
         words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
+    if words[0] == "drivezoo":
+        words = ["python", "-m", drivezoo_commands()[words[1]], *words[2:]]
     assert words[:2] == ["python", "-m"], "only these can be run"
     monkeypatch.chdir(tmp_path)
     status, printed = run_here(words[2], words[3:])
