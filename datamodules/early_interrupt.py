@@ -30,7 +30,9 @@ def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
         return
     import threading  # late: nothing slow comes before `stop_quietly`
 
-    timer = threading.Timer(AGAIN_S, signal.raise_signal, [signal.SIGINT])
+    # To the main thread: a signal to the timer's would not wake it from a system call.
+    main = threading.main_thread().ident
+    timer = threading.Timer(AGAIN_S, signal.pthread_kill, [main, signal.SIGINT])
     timer.daemon = True
     timer.start()
 

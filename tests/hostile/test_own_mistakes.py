@@ -168,7 +168,7 @@ class Interrupted:
 raise_again()
 try:
     Interrupted()
-    time.sleep(20)
+    time.sleep(120)
 except KeyboardInterrupt:
     print("stopped")
 """
