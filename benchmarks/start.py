@@ -27,7 +27,7 @@ def measure(short: bool) -> list[Row]:
     start(zoo)  # fills the cache of views
     found = take_turns(
         {"zoo": lambda: start(zoo), "imports": lambda: run_python(["-c", IMPORTS])},
-        1 if short else 3,
+        1 if short else 2,
     )
     rows = []
     for index, (what, unit) in enumerate(

@@ -54,7 +54,8 @@ def measure(short: bool) -> list[Row]:
     with contestants(targets) as measures:
         found = take_turns(measures, rounds)
         with busy_core():
-            beside = take_turns({name: measures[name] for name in ("zoo/s", "bare loop/s")}, rounds)
+            pair = {name: measures[name] for name in ("zoo/s", "bare loop/s")}
+            beside = take_turns(pair, min(rounds, 2))
     what = f"training nvidia, batch {BATCH}, augmented"
     loader = f"DataLoader, {WORKERS} workers, sample by sample"
     whole = "the same, a whole run after start-up"
