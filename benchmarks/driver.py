@@ -23,7 +23,7 @@ from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.cli.compose import choices, compose_config
 
-FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 1.2
+FPS, SECONDS, BENCH_SECONDS = 60, 8.0, 0.9
 CONSTANT = "a constant"
 TURNS = 3  # turns of nvidia in the driver and alone
 

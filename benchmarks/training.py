@@ -214,7 +214,9 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     def run() -> float:
         # Uses up the batches that its workers prepared during other turns.
         rate(step, itertools.islice(feed, 2 * WORKERS), seconds)
-        return rate(step, feed, seconds)
+        found = rate(step, feed, seconds)
+        time.sleep(2 * WORKERS * BATCH / found)  # the workers prepare as much, in others' turns
+        return found
 
     answer(pipe, run)
 
