@@ -50,7 +50,10 @@ class ModernSocket:
         try:
             event = self._queue.get(timeout=max(wait_s, 0.0005))
         except queue.Empty:
-            return []
+            # python-socketio reports no end that comes before its connect() has returned
+            if self._client.eio.state == "connected":
+                return []
+            event = ("disconnect", None)
         if event[0] == "disconnect":
             raise ConnectionError("the driver closed the session")
         return [event]

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import engineio
 import pytest
 from rich.console import Console
 
@@ -132,12 +133,21 @@ def test_a_message_beyond_the_limit_ends_the_connection(name: str) -> None:
             first_events(link)
 
 
-def test_the_modern_socket_has_the_same_limit() -> None:
+@pytest.mark.parametrize("late", [False, True], ids=["at once", "before connect() returns"])
+def test_the_modern_socket_has_the_same_limit(late: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    class LateEvent(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            woken = super().wait(timeout)
+            time.sleep(0.5)  # meanwhile, the frame ends the connection
+            return woken
+
     def send(connection: socket.socket) -> None:
         connection.recv(4096)
         connection.sendall(make_frame('40{"sid":"y"}'))
         endless_frame(1 << 40)(connection)
 
+    if late:
+        monkeypatch.setattr(engineio.Client, "create_event", lambda _: LateEvent())
     with serving(open_and(send)) as url:
         link = ModernSocket(url)
         with pytest.raises(ConnectionError):
