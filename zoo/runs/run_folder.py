@@ -50,13 +50,21 @@ def is_folder_named(argument: str) -> bool:
     return argument.lstrip("+").startswith(KEY)
 
 
-def check_name(folder: Path) -> None:
-    """Raise InputError for a folder's name that Hydra reads as an interpolation."""
-    if "${" in str(folder.absolute()):
+def check_name(folder: Path, key: str = KEY) -> None:
+    """Raise InputError for a path that Hydra reads as an interpolation, or that is not UTF-8."""
+    path = str(folder.absolute())
+    if "${" in path:
         raise InputError(
-            f"{folder.absolute()}: Hydra cannot write a run into a path that contains ${{; name "
-            f"another folder: {KEY}FOLDER"
+            f"{path}: Hydra cannot write a run into a path that contains ${{; name another "
+            f"folder: {key}FOLDER"
         )
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        raise InputError(
+            f"{path}: TensorBoard cannot write a run into a path that is not UTF-8; rename the "
+            f"folder, or name another one: {key}FOLDER"
+        ) from None
 
 
 def _composed_folder(arguments: list[str]) -> Path | None:

@@ -108,7 +108,7 @@ def go_on(folder: Path, more: list[str]) -> None:
 
 def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
     """Run the jobs in `folder` that are not done, then rank all jobs."""
-    check_name(folder)
+    check_name(folder, "hydra.sweep.dir=")
     with _locked(folder):
         is_new = not (folder / records.NAME).is_file()
         if is_new:

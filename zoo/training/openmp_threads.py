@@ -113,11 +113,12 @@ def _usage() -> tuple[float, float, float]:
 def _find_openmp() -> ctypes.CDLL | None:
     """Return GNU OpenMP if torch has loaded it, else None."""
     try:
-        lines = MAPS.read_text().splitlines()
+        lines = MAPS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
         # The sixth column is a path, which may have spaces.
         found = sorted({line.split(maxsplit=5)[-1] for line in lines if "libgomp" in line})
         # Other packages may have loaded another copy.
         torchs = [path for path in found if "/torch/" in path] or found
         return ctypes.CDLL(torchs[0]) if torchs else None
-    except OSError:  # no such file on this system, or the library was replaced meanwhile
+    # No such file on this system, or the library was replaced meanwhile.
+    except (OSError, UnicodeError):  # ctypes cannot name a path that is not UTF-8
         return None

@@ -71,18 +71,21 @@ def test_a_team_comes_and_goes() -> None:
     assert result.stdout.strip() in ("5 0", "none")
 
 
-def test_openmp_is_found_in_a_folder_with_spaces(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize("folder", [b"my laps", b"not UTF-8 \xff"])
+def test_openmp_is_found_in_any_folder(
+    folder: bytes, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    place = "7f00-7f01 r-xp 00000000 08:01 42    "
+    place = b"7f00-7f01 r-xp 00000000 08:01 42    /" + folder
     maps = tmp_path / "maps"
-    maps.write_text(
-        f"{place}/my laps/.venv/cv2/libgomp-1.so\n{place}/my laps/.venv/torch/lib/libgomp.so.1\n"
+    maps.write_bytes(
+        place + b"/.venv/cv2/libgomp-1.so\n" + place + b"/.venv/torch/lib/libgomp.so.1\n"
     )
     monkeypatch.setattr(openmp_threads, "MAPS", maps)
     assert openmp_threads._find_openmp() is None  # it is not there, and that is no error
     monkeypatch.setattr("ctypes.CDLL", lambda path: path)
-    assert openmp_threads._find_openmp() == "/my laps/.venv/torch/lib/libgomp.so.1"
+    assert openmp_threads._find_openmp() == os.fsdecode(
+        b"/" + folder + b"/.venv/torch/lib/libgomp.so.1"
+    )
 
 
 class OpenMP:

@@ -229,12 +229,16 @@ def test_odd_names_are_trained_in_and_resumed(
     )
 
 
-def test_a_name_that_hydra_cannot_write_to_is_refused(
-    zoo: Zoo, tmp_path: Path, capsys: pytest.CaptureFixture
+@pytest.mark.parametrize(
+    ("typed", "name", "writer"),
+    [("a\\${b}", "a${b}", "Hydra"), ("a\udcff", "a\\udcff", "TensorBoard")],
+)
+def test_a_name_that_no_run_can_have_is_refused(
+    zoo: Zoo, typed: str, name: str, writer: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    assert zoo("hydra.run.dir=a\\${b}") == 1
+    assert zoo(f"hydra.run.dir={typed}") == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert f"{tmp_path / 'a${b}'}: " in line
+    assert f"{tmp_path / name}: {writer} cannot write" in line
     assert "hydra.run.dir=FOLDER" in line
     assert list(tmp_path.iterdir()) == []
 
