@@ -138,7 +138,10 @@ def result_of(report: Report, drives: list[Driven]) -> dict:
         "drives": [_record(report, one) for one in drives],
         "mildest": None
         if mildest is None
-        else {"drive": drives.index(mildest), "command": report.replay(mildest)},
+        else {
+            "drive": drives.index(mildest),
+            "command": ["drivezoo", *report.replay(mildest)],
+        },
     }
 
 

@@ -57,8 +57,8 @@ def test_the_mildest_failure_replays_to_the_frame(
     failures = [one["distance_to_usual"] for one in result["drives"] if one["failed"]]
     assert mildest["distance_to_usual"] == min(failures)
 
-    name, *arguments = result["mildest"]["command"]
-    assert name == "evaluate"
+    program, name, *arguments = result["mildest"]["command"]
+    assert (program, name) == ("drivezoo", "evaluate")
     evaluate([*arguments, "workers=1", f"out={tmp_path / 'again'}"])
     again = read_drive(tmp_path / "again" / "mildest-0")
     file = found / "mildest.yaml"
