@@ -2,16 +2,20 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
+from datamodules.cores import usable_cores
 from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import RECIPE
+
+MOST_JOBS = 8  # processes that draw if the user names no number: each opens its tracks
 
 
 def with_recording(config: DictConfig, console: Console) -> DictConfig:
@@ -30,7 +34,7 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
     folder = Path(recipe.pop("out"))
     # Neither is an option of the drives: the fingerprint is of the rows, and any number of
     # processes writes the same files.
-    fingerprint, jobs = recipe.pop("fingerprint", None), recipe.pop("jobs", 1)
+    fingerprint, jobs = recipe.pop("fingerprint", None), recipe.pop("jobs", None)
     try:
         if not (folder / RECIPE).is_file():
             folder.parent.mkdir(parents=True, exist_ok=True)
@@ -49,7 +53,7 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
     return config
 
 
-def _record(folder: Path, recipe: dict, jobs: int, console: Console) -> None:
+def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> None:
     """Record into `FOLDER.part`, and rename it when the recording is complete."""
     # Training on other recordings must work without Panda3D.
     from simulator.errors import SimulatorError
@@ -68,9 +72,11 @@ def _record(folder: Path, recipe: dict, jobs: int, console: Console) -> None:
         markup=False,
     )
     try:
-        common = {"out": str(unfinished), "relative": True, "jobs": jobs}
+        common = {"out": str(unfinished), "relative": True}
         passes = [RecordOptions(**common, **one) for one in recipe["passes"]]
-        record_laps(passes, console)
+        if jobs is None:  # half a lap takes less time than starting another process is worth
+            jobs = min(usable_cores(), MOST_JOBS) if sum(one.laps for one in passes) >= 1 else 1
+        record_laps([replace(one, jobs=jobs) for one in passes], console)
     except SimulatorError as error:
         shutil.rmtree(unfinished, ignore_errors=True)
         raise InputError(f"data.record: {error}") from None

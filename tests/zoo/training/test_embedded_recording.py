@@ -1,6 +1,7 @@
 """`data=lake`: recorded by the embedded simulator on first use, and never again."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from rich.console import Console
 
 from datamodules.errors import InputError
 from datamodules.recording import read_recordings
+from simulator.record import RecordOptions
 from tests.zoo.commands import only_line, run
 from zoo.cli.compose import compose_config, conf_folder
 from zoo.training.embedded_recording import with_recording
@@ -99,3 +101,21 @@ def test_an_option_that_cannot_be_is_one_line(tmp_path: Path, passes: str, words
     assert "data.record" in line
     assert words in line
     assert not (tmp_path / "outputs" / "recordings" / "lake").exists()
+
+
+@pytest.mark.parametrize(
+    ("jobs", "laps", "processes"), [("null", 0.5, 1), ("null", 1, 3), ("2", 0.5, 2), ("1", 1, 1)]
+)
+def test_a_long_recording_is_drawn_on_each_core(
+    jobs: str, laps: float, processes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def recorded(passes: Sequence[RecordOptions], _: Console) -> None:
+        assert [one.jobs for one in passes] == [processes]
+        Path(passes[0].out).mkdir()
+
+    monkeypatch.setattr("simulator.record.record_laps", recorded)
+    monkeypatch.setattr("zoo.training.embedded_recording.usable_cores", lambda: 3)
+    options = [f"jobs={jobs}", f"out={tmp_path / 'lake'}", f"passes=[{{laps: {laps}}}]"]
+    config = compose_config([f"data.record.{one}" for one in options])
+    with_recording(OmegaConf.create(config), Console(quiet=True))
+    assert (tmp_path / "lake").is_dir()
