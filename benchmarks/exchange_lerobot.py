@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import torch
 from PIL import Image
+from torch import library
 
 # torchvision's wheel is built for CUDA. Without CUDA its operators cannot load; the decoding of
 # videos uses none of them, but torchvision wants to describe this one.
-library = torch.library.Library("torchvision", "FRAGMENT")
+operators = library.Library("torchvision", "FRAGMENT")
 if not hasattr(torch.ops.torchvision, "nms"):
-    library.define("nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
+    operators.define("nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
 
 from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: E402
 
