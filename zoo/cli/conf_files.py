@@ -29,10 +29,15 @@ class Key:
 
 
 def conf_folder() -> Path:
-    """Return the folder of the YAML files: inside the installed package, or next to it."""
+    """Return the folder of the YAML files."""
+    return shipped_folder("conf")
+
+
+def shipped_folder(name: str) -> Path:
+    """Return a folder of the checkout's top, which an installed package has inside."""
     package = Path(__file__).parents[1]
-    installed = package / "conf"
-    return installed if installed.is_dir() else package.parent / "conf"
+    installed = package / name
+    return installed if installed.is_dir() else package.parent / name
 
 
 def part_folders() -> list[Path]:

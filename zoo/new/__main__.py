@@ -1,4 +1,4 @@
-"""`drivezoo new KIND NAME`: write a part of your own: class, YAML file and test.
+"""`drivezoo new KIND NAME`: write a part of your own (class, YAML file, test), or a notebook.
 
 Writes them from a template into the current folder, which needs no checkout of drivezoo, and prints
 what to type next.
@@ -14,7 +14,8 @@ from zoo.cli.run_command import run_command
 COMMAND = Command(
     __doc__,
     {
-        "KIND": "model, augmentation, loss, callback or track",
+        "KIND": "model, augmentation, loss, callback, track, notebook (train a network and let it "
+        "drive) or study (a notebook that compares networks)",
         "NAME": "name in small letters, such as my_net",
     },
 )

@@ -1,4 +1,4 @@
-"""The files of each kind of part, and the commands to type after they are written."""
+"""The files of each kind of part and notebook, and the commands to type after they are written."""
 
 import importlib.util
 import keyword
@@ -8,7 +8,7 @@ from pathlib import Path
 from string import Template
 
 from datamodules.errors import InputError, UsageError
-from zoo.cli.conf_files import choices
+from zoo.cli.conf_files import choices, shipped_folder
 from zoo.cli.nearest import hint
 from zoo.runs.whole_file import write_whole
 
@@ -18,17 +18,23 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of part.
+    """A kind of part, or a notebook.
 
     Attributes:
-        group: group of its YAML file in `conf`; a track is one file outside of it.
+        group: group of its YAML file in `conf`; a track is one file outside of it. None for a
+            notebook, which has none.
         files: path of each file to write, by its template; `$name` is the part's name.
         following: commands to type next, with the purpose of each.
     """
 
-    group: str
+    group: str | None
     files: dict[str, str]
     following: tuple[tuple[str, str], ...]
+
+
+def _notebook(name: str) -> Kind:
+    opened = ("jupyter lab $name.ipynb", "open it (pip install jupyterlab)")
+    return Kind(None, {f"{name}.ipynb": "$name.ipynb"}, (opened,))
 
 
 def _kind(name: str, group: str, *following: tuple[str, str]) -> Kind:
@@ -65,6 +71,8 @@ KINDS = {
             ("drivezoo evaluate latest track=$name.yaml", "let a network drive on it"),
         ),
     ),
+    "notebook": _notebook("quickstart"),
+    "study": _notebook("study"),
 }
 
 
@@ -84,10 +92,8 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
         raise UsageError(f"{name}: is no name of a part; use small letters, digits and _: my_net")
     names = {"name": name, "Class": "".join(word.capitalize() for word in name.split("_"))}
     texts = {
-        folder / _filled(path, names): _filled(
-            (TEMPLATES / f"{template}.txt").read_text(encoding="utf-8"), names
-        )
-        for template, path in KINDS[kind].files.items()
+        folder / _filled(path, names): _filled(_template(one).read_text(encoding="utf-8"), names)
+        for one, path in KINDS[kind].files.items()
     }
     for path in texts:
         if path.exists():
@@ -105,10 +111,17 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
 
 def _check_free(name: str, kind: str) -> None:
     """Raise UsageError for a name that drivezoo or a Python module already has."""
-    if name in choices(KINDS[kind].group):
+    group, files = KINDS[kind].group, KINDS[kind].files.values()
+    if group is not None and name in choices(group):
         raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
-    if KINDS[kind].group != "track" and importlib.util.find_spec(name) is not None:
+    if "$name.py" in files and importlib.util.find_spec(name) is not None:
         raise UsageError(f"{name}: there is a Python module of that name; choose another name")
+
+
+def _template(name: str) -> Path:
+    if name.endswith(".ipynb"):
+        return shipped_folder("notebooks") / name
+    return TEMPLATES / f"{name}.txt"
 
 
 def _filled(text: str, names: dict[str, str]) -> str:

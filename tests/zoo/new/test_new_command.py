@@ -9,6 +9,7 @@ import pytest
 
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
+from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.trainings import SMALL
 
 PARTS = {
@@ -73,6 +74,17 @@ def test_the_printed_commands_show_train_and_drive_the_parts(
     assert {"track=my_track.yaml", "parts=my_net.py"} <= set(merged)
     result = run(folder, *merged, "laps=0.02", "workers=1", "out=drives", module="zoo.evaluate")
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(("kind", "source"), [("notebook", "quickstart"), ("study", "study")])
+def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_path: Path) -> None:
+    result = run(tmp_path, kind, "mine", module="zoo.new")
+    assert result.stdout.splitlines()[:2] == [
+        "wrote: mine.ipynb",
+        "next: jupyter lab mine.ipynb  # open it (pip install jupyterlab)",
+    ]
+    assert (tmp_path / "mine.ipynb").read_bytes() == (NOTEBOOKS / f"{source}.ipynb").read_bytes()
+    assert "exists" in only_line(run(tmp_path, kind, "mine", module="zoo.new"))
 
 
 @pytest.mark.parametrize(
