@@ -9,7 +9,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks import attacks
+from benchmarks.attacker import ATTACKS, POST, Attacker, half_sent
+from benchmarks.attacker import LARGE as LONGEST
+from benchmarks.attacks import MOST_GROWTH_MB, megabytes
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
 from tests.zoo.commands import ROOT, environment
 from tests.zoo.drive.old_client import OldClient
@@ -25,7 +27,6 @@ LARGE = {
     "whole large messages": 60,
     "missing attachments": 60,
 }
-GROWTH = attacks.MOST_GROWTH_MB
 
 
 @pytest.fixture
@@ -37,12 +38,12 @@ def fresh(tmp_path: Path) -> Iterator[Served]:
 
 def grown(driver: Served, name: str, requests: int) -> float:
     """Return the largest growth of a driver's memory during an attack, in MB."""
-    process, attacker = psutil.Process(driver.process.pid), attacks.Attacker(driver.port)
-    before = peak = attacks.megabytes(process)
+    process, attacker = psutil.Process(driver.process.pid), Attacker(driver.port)
+    before = peak = megabytes(process)
     for _ in range(requests):
         with contextlib.suppress(OSError, ValueError):
-            attacks.ATTACKS[name](attacker)
-        peak = max(peak, attacks.megabytes(process))
+            ATTACKS[name](attacker)
+        peak = max(peak, megabytes(process))
     attacker.close()
     return peak - before
 
@@ -52,7 +53,7 @@ def test_large_messages_do_not_fill_the_memory(fresh: Served, name: str) -> None
     with OldClient(fresh.port, timeout_s=10) as steady:
         steady.telemetry(jpeg=RED)
         assert steady.reply() == FINE
-        assert grown(fresh, name, LARGE[name]) < GROWTH
+        assert grown(fresh, name, LARGE[name]) < MOST_GROWTH_MB
         steady.telemetry(jpeg=RED)
         assert steady.reply() == FINE
     assert_drives(fresh)
@@ -85,10 +86,10 @@ def test_the_oldest_websocket_without_telemetry_is_closed(fresh: Served) -> None
 def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> None:
     small = OldClient(fresh.port)
     small.send_frame(1, b'42["telem', last=False)
-    attacker = attacks.Attacker(fresh.port)
-    for _ in range(MOST_HELD // attacks.LARGE + 4):
+    attacker = Attacker(fresh.port)
+    for _ in range(MOST_HELD // LONGEST + 4):
         with contextlib.suppress(OSError):
-            attacks.half_sent(attacker)
+            half_sent(attacker)
     small.send_frame(0, b'etry",{}]')
     assert small.reply()[0] == "steer"
     attacker.close()
@@ -97,10 +98,10 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
 
 
 def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
-    attacker = attacks.Attacker(fresh.port)
-    for _ in range(MOST_HELD // attacks.LARGE - 1):
-        attacks.half_sent(attacker)
-    post = attacker.connect(attacks.POST % (b"none", attacks.LARGE))
+    attacker = Attacker(fresh.port)
+    for _ in range(MOST_HELD // LONGEST - 1):
+        half_sent(attacker)
+    post = attacker.connect(POST % (b"none", LONGEST))
     assert closed(post)
     attacker.close()
     assert_drives(fresh)
