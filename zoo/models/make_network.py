@@ -11,7 +11,7 @@ from datamodules.errors import InputError
 from datamodules.view import View
 from zoo.cli.parts import part_class, part_of, unknown_part
 from zoo.models.part_network import check_network, part_errors
-from zoo.runs.saved_config import ALLOWED, own_class
+from zoo.runs.allowed_classes import ALLOWED, own_class
 
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
 VIEW_KEYS = ("colour", "size", "resize")

@@ -10,8 +10,6 @@ A saved config still decides which recording and weights are read, where decoded
 (`data.cache`), and how much time, memory and how many processes a run takes.
 """
 
-import importlib
-import inspect
 import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -24,7 +22,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from datamodules.errors import InputError
-from zoo.cli.parts import part_class, unknown_part
+from zoo.cli.parts import unknown_part
+from zoo.runs.allowed_classes import is_allowed
 
 SHIPPED = ("zoo.", "datamodules.", "lightning.", "torch.")  # no user's part is in these modules
 TRUST = "trust"  # key with which the user allows more
@@ -32,74 +31,6 @@ RECIPE = "recipe.json"  # in a recording that the embedded simulator wrote for a
 
 Keys = tuple[str, ...]
 
-
-@dataclass(frozen=True)
-class Allowed:
-    """The classes that a config's section may name.
-
-    Attributes:
-        own: drivezoo's modules; the class must be defined there, not imported.
-        names: full names of other packages' classes.
-        base: full name of the class that the classes of the user's parts derive from; empty where
-            no part may be named.
-    """
-
-    own: tuple[str, ...] = ()
-    names: frozenset[str] = frozenset()
-    base: str = ""
-
-
-def _of(module: str, names: str) -> frozenset[str]:
-    return frozenset(f"{module}.{name}" for name in names.split())
-
-
-MODULE = "torch.nn.modules.module.Module"
-# By the keys above a `_target_`; * stands for any name.
-ALLOWED = {
-    ("model",): Allowed(own=("zoo.models.*",), base=MODULE),
-    ("loss",): Allowed(
-        own=("zoo.losses",),
-        names=_of("torch.nn", "HuberLoss L1Loss MSELoss SmoothL1Loss"),
-        base=MODULE,
-    ),
-    ("optim",): Allowed(
-        names=_of("torch.optim", "Adadelta Adagrad Adam Adamax AdamW NAdam RAdam RMSprop SGD")
-    ),
-    ("schedule",): Allowed(
-        names=_of(
-            "torch.optim.lr_scheduler",
-            "ConstantLR CosineAnnealingLR CosineAnnealingWarmRestarts ExponentialLR LinearLR "
-            "MultiStepLR OneCycleLR PolynomialLR ReduceLROnPlateau StepLR",
-        )
-    ),
-    ("trainer",): Allowed(names=_of("lightning", "Trainer pytorch.Trainer")),
-    ("data",): Allowed(own=("datamodules.driving",)),
-    # Image transforms that read no file and call no function of the config.
-    ("data", "augment", "*"): Allowed(
-        own=("datamodules.augment", "datamodules.bend"),
-        names=_of(
-            "albumentations",
-            "AdvancedBlur Blur ChannelDropout ChannelShuffle CLAHE CoarseDropout ColorJitter "
-            "Defocus Downscale Emboss Equalize GaussianBlur GaussNoise HueSaturationValue "
-            "ImageCompression ISONoise MedianBlur MotionBlur MultiplicativeNoise PlanckianJitter "
-            "Posterize RandomBrightnessContrast RandomFog RandomGamma RandomRain RandomShadow "
-            "RandomSnow RandomSunFlare RGBShift SaltAndPepper Sharpen ShotNoise Solarize ToGray "
-            "ToSepia ZoomBlur",
-        ),
-        base="albumentations.core.transforms_interface.BasicTransform",
-    ),
-    ("callbacks", "*"): Allowed(
-        own=("zoo.callbacks.*", "zoo.sweep.pruning"),
-        names=_of(
-            "lightning.pytorch.callbacks",
-            "DeviceStatsMonitor EarlyStopping LearningRateMonitor ModelCheckpoint ModelSummary "
-            "RichModelSummary RichProgressBar StochasticWeightAveraging Timer TQDMProgressBar",
-        ),
-        base="lightning.pytorch.callbacks.callback.Callback",
-    ),
-    # MLflow and Weights & Biases are not here: they send figures to a server of the config.
-    ("logger", "*"): Allowed(names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")),
-}
 # Sections whose classes write files; the files must lie in the run's folder.
 WRITERS = ("callbacks", "logger")
 READ_KEYS = ("track",)  # keys of these sections that name files to read
@@ -185,11 +116,12 @@ def find_refusals(
     trusted: Collection[str] = (),
     typed: Collection[Keys] = (),
 ) -> Iterator[Refusal]:
-    """Yield the values that a saved config must not have; see `ALLOWED` and the next constants.
+    """Yield the values that a saved config must not have.
 
-    The rules: a `_target_` contains no interpolation and names a class of its section's list; an
-    interpolation names another key; callbacks, loggers and the trainer write only in the run's
-    folder; a recording that is made on first use lies below `outputs`.
+    The rules: a `_target_` contains no interpolation and names a class of its section's list, see
+    `zoo.runs.allowed_classes`; an interpolation names another key; callbacks, loggers and the
+    trainer write only in the run's folder; a recording that is made on first use lies below
+    `outputs`. The constants of this file name the keys.
     """
     if not isinstance(config, DictConfig):
         config = OmegaConf.create(dict(config))
@@ -225,32 +157,11 @@ def leaf_keys(value: object, keys: Keys = ()) -> set[Keys]:
     return {leaf for leaf, _ in _walk(value, keys)}
 
 
-def own_class(target: object, modules: Sequence[str]) -> type | None:
-    """Return the class with a full name, if one of the given modules defines it.
-
-    Args:
-        target: value of a `_target_`.
-        modules: full names; `zoo.models.*` stands for every module of the package.
-    """
-    if not isinstance(target, str):
-        return None
-    module, _, name = target.rpartition(".")
-    packages = tuple(one[:-1] for one in modules if one.endswith(".*"))
-    if module not in modules and not (packages and module.startswith(packages)):
-        return None
-    try:
-        found = getattr(importlib.import_module(module), name, None)
-    except (ImportError, ValueError):
-        return None
-    # Refuse torch's `zoo.models.layers.nn.Sequential`: the module must define the class.
-    return found if inspect.isclass(found) and found.__module__ == module else None
-
-
 def _refused(keys: Keys, value: Any, config: Mapping) -> tuple[str | None, str]:
     """Return why a value is refused, or None; and the name for `trust=`."""
     key, section = ".".join(keys), keys[0] if keys else ""
     if keys[-1:] == ("_target_",):
-        is_known = _is_allowed(keys[:-1], value) or _is_shipped(keys[:-1], config)
+        is_known = is_allowed(keys[:-1], value) or _is_shipped(keys[:-1], config)
         return None if is_known else "is not a class that a saved config may name here", str(value)
     if section in WRITERS and not _is_shipped(keys[:2], config):
         if section == "logger" and keys[-1] in FOLDER_KEYS and value is not None:
@@ -299,25 +210,6 @@ def _walk(node: object, keys: Keys = ()) -> Iterator[tuple[Keys, object]]:
         return
     for name, value in pairs:
         yield from _walk(value, (*keys, str(name)))
-
-
-def _is_allowed(place: Keys, target: object) -> bool:
-    for pattern, allowed in ALLOWED.items():
-        if len(pattern) == len(place) and all(
-            one in ("*", name) for one, name in zip(pattern, place, strict=True)
-        ):
-            is_known = target in allowed.names or own_class(target, allowed.own) is not None
-            return is_known or _is_of_part(target, allowed.base)
-    return False
-
-
-def _is_of_part(target: object, base: str) -> bool:
-    """Return whether a class of one of the user's parts derives from a class with a full name."""
-    found = part_class(target) if base else None
-    names = (
-        [f"{one.__module__}.{one.__qualname__}" for one in inspect.getmro(found)] if found else []
-    )
-    return base in names
 
 
 def _is_shipped(place: Keys, config: Mapping) -> bool:
