@@ -5,7 +5,7 @@ import math
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -13,7 +13,9 @@ import numpy as np
 
 from zoo.checkpoints.command import PolicyFunction
 from zoo.drive.drive_writer import BackgroundWriter
+from zoo.drive.latest_state import LatestState
 from zoo.drive.notices import Notices
+from zoo.drive.reply import PUT_BACK, Reply, number_text, reply_values
 from zoo.drive.session import Session
 from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
@@ -23,65 +25,7 @@ from zoo.drives.steering_filter import SteeringFilter
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
 GENTLE_BRAKE = -0.2
-PUT_BACK = "put_back"  # key of a reply: speed of the car that is put back on the centre
 SILENCE_S = 1.0  # silence of a simulator after which another one is recorded and shown
-
-
-@dataclass(frozen=True)
-class Reply:
-    """Reply to a telemetry.
-
-    Attributes:
-        event: name of the event to send.
-        values: argument of the event.
-        row: row of the drive.
-        image: image to record, as the client sent it; None to record none.
-    """
-
-    event: str
-    values: dict[str, str]
-    row: DriveRow
-    image: bytes | None = None
-
-
-@dataclass(frozen=True)
-class LatestState:
-    """State of the drive for the live page; None for unknown values.
-
-    Attributes:
-        frame: latest frame, uint8 [160, 320, 3] RGB, which must not be changed; None before the
-            first.
-        spread: standard deviation of the steering.
-        lost: `off_road` or `standstill` while the car is in that state, else None.
-        put_back: whether the simulator puts the car back after an intervention.
-    """
-
-    frame: np.ndarray | None
-    steering: float
-    spread: float | None
-    throttle: float
-    speed_mph: float
-    cross_track_m: float | None
-    latency_ms: float | None
-    clients: int
-    telemetry: int
-    interventions: int
-    off_road: int
-    standstills: int
-    takeovers: int
-    lost: str | None
-    put_back: bool
-    fallbacks: int
-    driven_s: float
-    autonomy: float | None
-    overridden: bool
-    paused: bool
-    set_mph: float | None
-    recording: bool
-    recorded: int
-    folder: str
-    checkpoint: str
-    troubles: dict[str, int]
 
 
 class Driver:
@@ -377,18 +321,3 @@ class Driver:
             checkpoint=self.checkpoint,
             troubles=dict(self.notices.counts),
         )
-
-
-def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, str]:
-    """Return the argument of a `steer` event, with the client's own decimal sign.
-
-    >>> reply_values(0.05, 0.2, ",")
-    {'steering_angle': '0,0500', 'throttle': '0,2000'}
-    """
-    pair = {"steering_angle": steering, "throttle": throttle}
-    return {name: number_text(value, decimal) for name, value in pair.items()}
-
-
-def number_text(value: float, decimal: str) -> str:
-    """Return a number with four decimals and the client's decimal sign."""
-    return f"{value:.4f}".replace(".", decimal)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture
-from zoo.drive.driver import reply_values
+from zoo.drive.reply import reply_values
 from zoo.drive.telemetry_message import (
     TelemetryError,
     decimal_sign,
