@@ -30,6 +30,7 @@ from datamodules.view import View
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
 VERSION = 2
 CHUNK = 32  # images that a thread decodes, and writes, at a time
+SYNC_EVERY_S = 0.05  # time between two syncs of a file that is being written
 
 Progress = Callable[[int, int], None]
 # A function that stores rows of an array from a start position; several threads may call it.
@@ -216,7 +217,8 @@ def _build(
             def keep(start: int, chunk: np.ndarray) -> None:
                 _write_at(file.fileno(), chunk, first + start * size)
 
-            faults = fill(keep)
+            with _synced_early(file.fileno()):
+                faults = fill(keep)
             os.fsync(file.fileno())
         _faults_path(target).write_text(json.dumps(faults))
         part.replace(target)
@@ -231,6 +233,28 @@ def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
     while left:
         written = os.pwrite(descriptor, left, offset)
         left, offset = left[written:], offset + written
+
+
+@contextmanager
+def _synced_early(descriptor: int) -> Iterator[None]:
+    """Sync a file again and again while it is written; the last sync then has little to wait for.
+
+    The disk writes while the images are decoded.
+    """
+    written = threading.Event()
+
+    def sync() -> None:
+        while not written.wait(SYNC_EVERY_S):
+            os.fsync(descriptor)
+
+    pool = ThreadPoolExecutor(1)
+    try:
+        syncing = pool.submit(sync)
+        yield
+    finally:
+        written.set()
+        pool.shutdown()
+    syncing.result()  # raises what a sync raised: the system reports a failed write only once
 
 
 @contextmanager

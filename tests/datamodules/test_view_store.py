@@ -1,10 +1,12 @@
 """The cache of views, with real files and real processes."""
 
+import errno
 import hashlib
 import json
 import os
 import subprocess
 import sys
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -285,6 +287,21 @@ def test_failed_write_is_one_line_and_leaves_earlier_files(written, cache):
     )
     assert again.decoded == 0
     np.testing.assert_array_equal(load_views(paths, VIEW, cache).views, expected(paths))
+
+
+def test_failed_early_sync_is_one_line_and_leaves_no_file(written, cache, monkeypatch):
+    """The system reports a failed write to one sync only, which may not be the last."""
+    failed = threading.Event()
+
+    def fsync(descriptor: int) -> None:
+        if not failed.is_set():
+            failed.set()
+            raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with pytest.raises(InputError, match=r"cannot write the view cache \(Input/output error\)"):
+        load_views(centre_paths(written), VIEW, cache, lambda done, total: failed.wait(60))
+    assert not [*cache.glob("*.npy"), *cache.glob("*.part")]
 
 
 @contextmanager
