@@ -43,10 +43,10 @@ def measure(short: bool) -> list[Row]:
 
 def growth_rows(few: int, many: int, rounds: int) -> list[Row]:
     """Compare each stage on many rows with the same on few rows; times count for each row."""
-    turns = [(stages_of(few), stages_of(many)) for _ in range(rounds)]
+    found = stages_of([few, many] * rounds)
     rows = []
-    for stage in turns[0][0]:
-        less, more = ([turn[which][stage] for turn in turns] for which in (0, 1))
+    for stage in found[0]:
+        less, more = ([turn[stage] for turn in found[which::2]] for which in (0, 1))
         unit = "MB" if stage in MEGABYTES else "s"
         figures = medians({f"{few} rows {unit}": less, f"{many} rows {unit}": more})
         if stage in MEGABYTES:
@@ -71,14 +71,20 @@ def log_rows(count: int) -> list[Row]:
     ]
 
 
-def stages_of(rows: int) -> dict[str, float]:
-    """Return seconds of each stage, and megabytes, measured in a new process."""
-    folder = linked_recording(rows, ("center",))
-    with (
-        tempfile.TemporaryDirectory(dir=OUT) as place,
-        contestants({"stages": (run_stages, str(folder), place)}, asleep=True) as ask,
-    ):
-        return ask["stages"]()
+def stages_of(sizes: list[int]) -> list[dict[str, float]]:
+    """Return seconds of each stage, and megabytes, for each number of rows.
+
+    Each is measured in a new process, one after the other. All processes start at the same time,
+    because imports take longer than most stages.
+    """
+    folders = [linked_recording(rows, ("center",)) for rows in sizes]
+    with tempfile.TemporaryDirectory(dir=OUT) as place:
+        targets = {
+            f"{number}": (run_stages, str(folder), f"{place}/{number}")
+            for number, folder in enumerate(folders)
+        }
+        with contestants(targets, asleep=True) as measures:
+            return [measure() for measure in measures.values()]
 
 
 def run_stages(pipe: Connection, folder: str, place: str) -> None:
@@ -189,7 +195,7 @@ def main(sizes: list[int], docs: bool) -> None:
     """Print a table with a column for each size."""
     load = os.getloadavg()[0]
     head = ["seconds of a core", *(f"{rows:,} rows" for rows in sizes), "per row, last / first"]
-    columns = [stages_of(rows) for rows in sizes]
+    columns = stages_of(sizes)
     lines = []
     for stage in columns[0]:
         figures = [column[stage] for column in columns]

@@ -8,7 +8,6 @@ import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from zoo.cli.compose import compose_config
-from zoo.training.steering_module import predict
 
 TIMES = 10  # of each product; the fastest counts
 
@@ -64,6 +63,8 @@ def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch
 
 def flops_of_sample(name: str) -> float:
     """Return the floating-point operations of a training step for each of its samples."""
+    from zoo.training.steering_module import predict  # imports Lightning, slowly
+
     network, batch = untrained(name, 2)
     with FlopCounterMode(display=False) as counter:
         predict(network.train(), batch).square().mean().backward()

@@ -8,6 +8,7 @@ torch's default; `python -m zoo` decides itself (`zoo.training.openmp_threads`).
 """
 
 import itertools
+import multiprocessing
 import os
 import statistics
 import subprocess
@@ -18,22 +19,18 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-import lightning
 import torch
 from machine_limit import flops_of_sample, run_product
 from material import AUGMENT, OUT, config_for, linked_recording
-from omegaconf import DictConfig
 from rich.console import Console
 from timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
 from zoo.training.host_settings import multiplies_bf16
-from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.0  # duration of a loop, whatever the machine's load
 HALF = "zoo, bf16/s"
 LIMIT, SIDE = "product FLOP/s", 1024
-SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
 
 
 def measure(short: bool) -> list[Row]:
@@ -41,7 +38,7 @@ def measure(short: bool) -> list[Row]:
 
     On processors with bf16 instructions `python -m zoo` is also measured in bf16.
     """
-    batches, rounds = (2, 1) if short else (24, 3)
+    batches, rounds = (2, 1) if short else (16, 3)
     seconds = 0.1 if short else ROUND_S
     targets = {
         **zoo_targets(batches),
@@ -115,38 +112,13 @@ def _limit_row(found: dict[str, list[float]], what: str) -> Row:
     return Row(what, "best matrix product", median_ratio(ours, found[LIMIT]), 0.6, figures=figures)
 
 
-class EpochByEpoch(lightning.Callback):
-    """A callback that trains on request and sends the samples per second of one epoch.
-
-    It measures an epoch that begins after `SETTLE_S`, when threads spin if the machine is quiet.
-    """
-
-    def __init__(self, pipe: Connection) -> None:
-        self.pipe, self.settled_s, self.counts = pipe, 0.0, False
-
-    def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
-        if self.counts or not self.settled_s:
-            if not self.settled_s:
-                self.pipe.send(None)
-            if not self.pipe.recv():
-                os._exit(0)
-            self.settled_s = time.perf_counter() + SETTLE_S
-        self.counts = time.perf_counter() > self.settled_s
-        self.samples, self.began = module.train_samples, time.perf_counter()
-
-    def on_train_batch_end(self, trainer: lightning.Trainer, module: object, *_: object) -> None:
-        self.seconds = time.perf_counter() - self.began
-
-    def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:
-        if self.counts:
-            self.pipe.send((module.train_samples - self.samples) / self.seconds)
-
-
 def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
     """Run `python -m zoo` with more overrides; a round is one or two epochs.
 
     Its output is discarded.
     """
+    from epoch_by_epoch import train_by_turns  # imports Lightning, which other targets do not need
+
     config = config_for(
         linked_recording(ROWS),
         AUGMENT,
@@ -159,24 +131,6 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
         *more,
     )
     train_by_turns(pipe, config, OUT / "-".join(["run", *more]))
-
-
-def train_by_turns(pipe: Connection, config: DictConfig, folder: Path) -> None:
-    """Train with `python -m zoo`'s own code, an epoch at each request; discard its output."""
-    from unittest.mock import patch
-
-    from zoo.training import build, run
-
-    made = build.build_trainer
-
-    def with_turns(*arguments: object, **more: object) -> lightning.Trainer:
-        trainer = made(*arguments, **more)
-        trainer.callbacks.insert(0, EpochByEpoch(pipe))
-        return trainer
-
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    with patch.object(run, "build_trainer", with_turns):
-        run.run_experiment(config, folder)
 
 
 def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
@@ -208,7 +162,15 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     config = config_for(linked_recording(ROWS), AUGMENT, "model=nvidia")
     data = build_data(config)
     data.load(Console(quiet=True))
-    loader = DataLoader(SampleBySample(data), BATCH, shuffle=True, num_workers=WORKERS)
+    # Without it the workers would be started as this process was, and import everything again.
+    usual = multiprocessing.get_all_start_methods()[0]
+    loader = DataLoader(
+        SampleBySample(data),
+        BATCH,
+        shuffle=True,
+        num_workers=WORKERS,
+        multiprocessing_context=usual,
+    )
     step, feed = bare_step(tuned=False), endless(loader)
 
     def run() -> float:

@@ -1,0 +1,58 @@
+"""Train with `python -m zoo`'s own code, an epoch at each request of a benchmark."""
+
+import os
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import lightning
+from omegaconf import DictConfig
+
+from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
+
+SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
+
+
+class EpochByEpoch(lightning.Callback):
+    """A callback that trains on request and sends the samples per second of one epoch.
+
+    It measures an epoch that begins after `SETTLE_S`, when threads spin if the machine is quiet.
+    """
+
+    def __init__(self, pipe: Connection) -> None:
+        self.pipe, self.settled_s, self.counts = pipe, 0.0, False
+
+    def on_train_epoch_start(self, trainer: lightning.Trainer, module: object) -> None:
+        if self.counts or not self.settled_s:
+            if not self.settled_s:
+                self.pipe.send(None)
+            if not self.pipe.recv():
+                os._exit(0)
+            self.settled_s = time.perf_counter() + SETTLE_S
+        self.counts = time.perf_counter() > self.settled_s
+        self.samples, self.began = module.train_samples, time.perf_counter()
+
+    def on_train_batch_end(self, trainer: lightning.Trainer, module: object, *_: object) -> None:
+        self.seconds = time.perf_counter() - self.began
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, module: object) -> None:
+        if self.counts:
+            self.pipe.send((module.train_samples - self.samples) / self.seconds)
+
+
+def train_by_turns(pipe: Connection, config: DictConfig, folder: Path) -> None:
+    """Train with `python -m zoo`'s own code, an epoch at each request; discard its output."""
+    from unittest.mock import patch
+
+    from zoo.training import build, run
+
+    made = build.build_trainer
+
+    def with_turns(*arguments: object, **more: object) -> lightning.Trainer:
+        trainer = made(*arguments, **more)
+        trainer.callbacks.insert(0, EpochByEpoch(pipe))
+        return trainer
+
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    with patch.object(run, "build_trainer", with_turns):
+        run.run_experiment(config, folder)
