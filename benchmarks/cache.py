@@ -1,22 +1,32 @@
-"""Measure how fast all cores decode a recording into the cache: `python benchmarks/cache.py`."""
+"""Measure how fast all cores decode into the cache: `python benchmarks/cache.py [parts [FOLDER]]`.
+
+`parts` prints the microseconds of each part of an image's work on one core, for the images in a
+folder.
+"""
 
 import multiprocessing
+import os
 import shutil
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import cv2
+import numpy as np
 from material import OUT, linked_recording
 from timing import Row, median_ratio, medians, run_part, take_turns
 
 from datamodules.cores import usable_cores
-from datamodules.image import decode_image
+from datamodules.image import MOST_IMAGE_BYTES, decode_image
+from datamodules.regular_file import read_regular
 from datamodules.view import View
-from datamodules.view_store import load_views
+from datamodules.view_store import CHUNK, load_views
 
 VIEW = View((40, 20), "rgb", (66, 200))
+ROWS = 1_500
 
 
 def measure(short: bool) -> list[Row]:
@@ -25,7 +35,7 @@ def measure(short: bool) -> list[Row]:
     The references only read, decode and resize. The one with processes shows the speed that the
     machine has at that moment.
     """
-    rows, rounds = (100, 1) if short else (1_500, 5)
+    rows, rounds = (100, 1) if short else (ROWS, 5)
     folder = linked_recording(rows, ("center",))
     paths = sorted(map(str, (folder / "IMG").iterdir()))
     cache, cores = OUT / "built", usable_cores()
@@ -90,5 +100,42 @@ def seconds_of(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
+def parts_of_image(paths: list[str]) -> dict[str, float]:
+    """Return the microseconds that each part takes for an image: medians, but for the sync."""
+    cv2.setNumThreads(1)
+    chunk = np.zeros((CHUNK, *VIEW.shape), np.uint8)
+    times: dict[str, list[float]] = {}
+
+    def timed(part: str, work: Callable, *arguments: object) -> None:
+        began = time.perf_counter()
+        work(*arguments)
+        times.setdefault(part, []).append(1e6 * (time.perf_counter() - began))
+
+    OUT.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=OUT) as file:
+        for path in paths:
+            data = read_regular(path, MOST_IMAGE_BYTES)
+            image, pixels = decode_image(data), np.frombuffer(data, np.uint8)
+            timed("read", read_regular, path, MOST_IMAGE_BYTES)
+            timed("check and decode", decode_image, data)
+            timed("of that, decode", cv2.imdecode, pixels, cv2.IMREAD_COLOR_RGB)
+            timed("crop and resize", VIEW, image, chunk[0])
+        for _ in range(0, len(paths), CHUNK):
+            timed("write", os.write, file.fileno(), chunk.data)
+        sync = 1e6 * seconds_of(lambda: os.fsync(file.fileno())) / len(paths)
+    found = medians(times)
+    return found | {"write": found["write"] / CHUNK, "sync, if it is one at the end": sync}
+
+
+def print_parts(folder: Path) -> None:
+    """Print the parts of an image's work for up to `ROWS` images."""
+    for part, microseconds in parts_of_image(sorted(map(str, folder.glob("*.jpg")))[:ROWS]).items():
+        print(f"{part}: {microseconds:.1f}")
+
+
 if __name__ == "__main__":
-    run_part(measure)
+    if sys.argv[1:2] == ["parts"]:
+        folder = sys.argv[2] if sys.argv[2:] else linked_recording(ROWS, ("center",)) / "IMG"
+        print_parts(Path(folder))
+    else:
+        run_part(measure)

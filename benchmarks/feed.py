@@ -19,7 +19,7 @@ FRAMES = 8  # in a window
 
 def measure(short: bool) -> list[Row]:
     """Measure batches of nvidia's view with flips, brightness, shadow and shift."""
-    rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 7)
+    rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 5)
     data = loaded_data(rows)
     # The blocks of a short recording hold no window: all rows are for training.
     windows = loaded_data(rows, f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
