@@ -30,7 +30,7 @@ from datamodules.view import View
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
 VERSION = 2
 CHUNK = 32  # images that a thread decodes, and writes, at a time
-SYNC_EVERY_S = 0.05  # time between two syncs of a file that is being written
+SYNC_EVERY_S = 0.02  # time between two syncs of a file that is being written
 
 Progress = Callable[[int, int], None]
 # A function that stores rows of an array from a start position; several threads may call it.
