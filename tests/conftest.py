@@ -18,6 +18,7 @@ import pytest
 from hypothesis import settings
 from rich.console import Console
 
+from tests.kept_compositions import keep_compositions
 from tests.recordings import Written, write_recording
 
 # A shell that starts the tests in the background makes all processes ignore Ctrl-C; some tests
@@ -29,10 +30,24 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("drivezoo", deadline=None, derandomize=True)
 settings.load_profile("drivezoo")
 
+keep_compositions()
+
 
 def pytest_collection_finish() -> None:
     """Spare the garbage collections during tests the half million objects of what was imported."""
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _unplotted() -> Iterator[None]:
+    """Let trainings in this process write no plots, which take longer than a small training.
+
+    Those in processes of their own do: `run_folder` has them.
+    """
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        if "zoo.training.run" in sys.modules:
+            monkeypatch.setattr("zoo.training.run.save_plots", lambda *_: None)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,24 @@
+"""The kept configs of the tests are those that Hydra composes."""
+
+import pytest
+
+from tests import kept_compositions
+from zoo.cli.compose import compose_config
+
+CHOICES = (
+    ["model=tiny", "data.root=here", "seed=3"],
+    ["augment=[shift,noise]", "callbacks=closed_loop", "~data.augment.shift"],
+    ["experiment=lenet", "+callbacks.mine._target_=here.Mine"],
+)
+
+
+@pytest.mark.parametrize("overrides", CHOICES, ids=" ".join)
+def test_a_kept_config_is_the_composed_one(
+    overrides: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compose_config(overrides[:1])  # the same files, other values
+    first = compose_config(overrides)
+    first["data"].clear()
+    found = compose_config(overrides)
+    monkeypatch.setattr(kept_compositions, "only_our_files", lambda sources: False)
+    assert found == compose_config(overrides)
