@@ -24,14 +24,9 @@ from simulator.rig import (
     camera_matrix,
 )
 from simulator.scenery.air import Air
-from simulator.scenery.bridge import bridge_meshes
-from simulator.scenery.edges import edge_meshes
-from simulator.scenery.ground import Ground
+from simulator.scenery.landscape import landscape
 from simulator.scenery.light import lit_colours
-from simulator.scenery.mesh import Mesh, cut, join, join_materials
-from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
-from simulator.scenery.road import road_meshes
-from simulator.scenery.shadows import Shadows
+from simulator.scenery.mesh import Mesh
 from simulator.scenery.sky import sky_mesh
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
@@ -40,7 +35,6 @@ from simulator.world_settings import WorldSettings
 
 RENDERERS = ("auto", "software", "opengl", "none")
 FAR_M = 1500.0
-CELL_M = 90.0
 ORDER = ("asphalt", "plain", "cobbles", "stripes", "concrete", "ground", "rock", "plants", "sky")
 POINT = np.dtype([("point", "<f4", 3), ("colour", "u1", 4), ("uv", "<f4", 2)])
 
@@ -74,7 +68,6 @@ class Pictures:
         self.camera = self.root.attachNewNode(core.Camera("camera", _lens()))
         self.buffer.makeDisplayRegion().setCamera(self.camera)
         self.textures = {name: core.Texture(name) for name in ORDER}
-        self.shadows: Shadows | None = None
         self.pieces = self._build()
         self.seed_drawn: int | None = None
         self.set_weather(CLEAR, 0)
@@ -138,17 +131,9 @@ class Pictures:
         self.root.removeNode()
 
     def _build(self) -> list[Piece]:
-        track, quality = self.track, self.quality
-        ground = Ground(track)
-        standing = place_standing(track, ground, quality)
-        built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
-        road = [part for mesh in join_materials(built) for part in cut(mesh, CELL_M)]
-        if quality == "full":
-            self.shadows = Shadows(track, standing, [mesh.points for mesh in road])
-        things = (standing_meshes(standing, ground), boulder_meshes(track, ground, quality))
-        around = [*ground.meshes(), *(join(meshes) for meshes in things if meshes)]
-        parts = [*road, *(part for mesh in around for part in cut(mesh, CELL_M))]
-        pieces = [self._attach(part)[0] for part in parts]
+        built = landscape(self.track, self.quality)
+        self.shadows = built.shadows
+        pieces = [self._attach(part)[0] for part in built.meshes]
         dome, self.sky = self._attach(sky_mesh())
         self.sky.setTextureOff(1)
         return [*pieces, dome]

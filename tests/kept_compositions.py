@@ -1,7 +1,7 @@
 """Configs that Hydra composes from `conf`, kept for all tests of a process.
 
 Hydra reads and merges some 30 YAML files at each composition, which takes 0.1 s: a quarter of the
-time of the tests that train. Here it does so once for each choice of files, in 0.02 s after that; it
+time of the tests that train. Here it does so once for each choice of files (later: 0.02 s); it
 parses and applies the values that a test sets every time. The process that forks commands does not
 call this, so that commands compose as users' do.
 """

@@ -10,6 +10,7 @@ from simulator.scenery.bonnet import bonnet_picture
 from simulator.scenery.bridge import bridge_meshes
 from simulator.scenery.edges import edge_meshes
 from simulator.scenery.ground import Ground
+from simulator.scenery.landscape import landscape
 from simulator.scenery.light import lit_colours
 from simulator.scenery.mesh import Mesh, cut, grid_triangles, join
 from simulator.scenery.plants import boulder_meshes, place_standing
@@ -207,3 +208,15 @@ def test_the_bonnet_begins_where_the_originals_does(camera: str, column: int) ->
     first = int(np.argmax(cover[:, column, 0] > 0.5))
     assert first == pytest.approx({"center": 137, "left": 137, "right": 136}[camera], abs=1.5)
     assert not cover[:130].any()
+
+
+def test_a_landscape_is_kept_for_the_same_track_only() -> None:
+    lake = landscape(read_track("lake"), "simple")
+    assert landscape(read_track("lake"), "simple") is lake
+    moved = read_track("lake")
+    moved.xyz[:, 2] += 1.0
+    higher = landscape(moved, "simple")
+    rise = higher.meshes[0].points[:, 2] - lake.meshes[0].points[:, 2]
+    assert rise == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        lake.meshes[0].points[0] = 0.0

@@ -1,0 +1,73 @@
+"""The meshes and shadows of a whole track, kept for further worlds of the same track.
+
+Drives of one process open a world each: a further one on a track opens in 0.07 s instead of 0.35 s.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from simulator.scenery.bridge import bridge_meshes
+from simulator.scenery.edges import edge_meshes
+from simulator.scenery.ground import Ground
+from simulator.scenery.mesh import Mesh, cut, join, join_materials
+from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
+from simulator.scenery.road import road_meshes
+from simulator.scenery.shadows import Shadows
+from simulator.track import Track
+
+CELL_M = 90.0
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """The solid parts of a world, which nothing changes.
+
+    Attributes:
+        meshes: meshes in cells of `CELL_M`; those of the road come first.
+        shadows: shadows on the road's meshes; None without shadows.
+    """
+
+    meshes: tuple[Mesh, ...]
+    shadows: Shadows | None
+
+
+def landscape(track: Track, quality: str) -> Landscape:
+    """Return the landscape of a track; `quality` is full, or simple (fewer plants, no shadows)."""
+    return _landscape(_Contents(track), quality)
+
+
+class _Contents:
+    """A track that equals another one with the same contents, for a cache."""
+
+    def __init__(self, track: Track) -> None:
+        self.track = track
+
+    @cached_property
+    def key(self) -> tuple:
+        values = (getattr(self.track, one.name) for one in fields(self.track))
+        return tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Contents) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+@lru_cache(maxsize=2)
+def _landscape(contents: _Contents, quality: str) -> Landscape:
+    track = contents.track
+    ground = Ground(track)
+    standing = place_standing(track, ground, quality)
+    built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
+    road = [part for mesh in join_materials(built) for part in cut(mesh, CELL_M)]
+    shadows = Shadows(track, standing, [one.points for one in road]) if quality == "full" else None
+    things = (standing_meshes(standing, ground), boulder_meshes(track, ground, quality))
+    around = [*ground.meshes(), *(join(meshes) for meshes in things if meshes)]
+    parts = (*road, *(part for mesh in around for part in cut(mesh, CELL_M)))
+    for mesh in parts:
+        for array in (mesh.points, mesh.normals, mesh.colours, mesh.uv, mesh.triangles):
+            array.flags.writeable = False  # worlds share them
+    return Landscape(parts, shadows)
