@@ -1,28 +1,17 @@
 """`make bench` runs and writes its table; tests do not judge speed."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from benchmarks.timing import Row, median_ratio
-
-ROOT = Path(__file__).parents[2]
+from tests.zoo.commands import ROOT, run
 
 
 def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, str(ROOT / "benchmarks" / "bench.py"), *arguments],
-        cwd=cwd,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
+    return run(cwd, *arguments, module=str(ROOT / "benchmarks" / "bench.py"), timeout=240)
 
 
 @pytest.mark.parametrize(

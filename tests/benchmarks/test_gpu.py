@@ -1,26 +1,16 @@
 """`benchmarks/gpu.py` runs its whole path on a CPU, and names a missing GPU in one line."""
 
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import torch
 
-ROOT = Path(__file__).parents[2]
+from tests.zoo.commands import ROOT, run
 
 
 def gpu(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, str(ROOT / "benchmarks" / "gpu.py"), *arguments],
-        cwd=cwd,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
+    return run(cwd, *arguments, module=str(ROOT / "benchmarks" / "gpu.py"), timeout=900)
 
 
 @pytest.mark.slow  # two trainings in processes of their own

@@ -3,7 +3,6 @@
 import shlex
 import struct
 import subprocess
-import sys
 import zlib
 from pathlib import Path
 
@@ -13,13 +12,11 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from datamodules.check import look_at_image
 from tests.recordings import Written, write_recording
-
-REPOSITORY = Path(__file__).parents[2]
+from tests.zoo.commands import ROOT, run
 
 
 def run_check(*arguments: object) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "datamodules.check", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
+    return run(ROOT, *map(str, arguments), module="datamodules.check")
 
 
 @pytest.fixture

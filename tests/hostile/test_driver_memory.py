@@ -2,7 +2,6 @@
 
 import contextlib
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from benchmarks.attacker import ATTACKS, POST, Attacker, half_sent
 from benchmarks.attacker import LARGE as LONGEST
 from benchmarks.attacks import MOST_GROWTH_MB, megabytes
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
-from tests.zoo.commands import ROOT, environment
+from tests.zoo.commands import ROOT, run
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served, served
 from zoo.drive.connections import MOST_QUIET_WEBSOCKETS
@@ -111,13 +110,7 @@ def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
 
 def measure(*options: str) -> subprocess.CompletedProcess:
     """Run `benchmarks/attacks.py`, which exits with 1 where a driver grows too much."""
-    return subprocess.run(
-        [sys.executable, str(ROOT / "benchmarks" / "attacks.py"), *options],
-        env=environment() | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return run(ROOT, *options, module=str(ROOT / "benchmarks" / "attacks.py"))
 
 
 def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:

@@ -23,13 +23,18 @@ def environment(code: Path = ROOT) -> dict[str, str]:
 
 
 def command(module: str, *arguments: str) -> list[str]:
-    return [sys.executable, "-m", module, *arguments]
+    """Return the words that start a module, or a script whose path ends with `.py`."""
+    how = [] if module.endswith(".py") else ["-m"]
+    return [sys.executable, *how, module, *arguments]
 
 
 def run(
     cwd: Path, *arguments: str, module: str = "zoo", timeout: int = 120, code: Path = ROOT
 ) -> subprocess.CompletedProcess:
-    """Return the output and exit status of `python -m zoo ARGUMENTS`, of the project at `code`."""
+    """Return the output and exit status of `python -m zoo ARGUMENTS`, of the project at `code`.
+
+    `module` is another module, or the path of a script.
+    """
     if sys.platform != "linux":  # elsewhere, forking a process that has threads is not safe
         return subprocess.run(
             command(module, *arguments),

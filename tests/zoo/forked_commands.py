@@ -55,7 +55,10 @@ class ForkedCommands:
         output: Path,
         errors: Path,
     ) -> int:
-        """Return the exit status of `python -m ARGUMENTS`; its output goes to the two files."""
+        """Return the exit status of `python -m ARGUMENTS`; its output goes to the two files.
+
+        A first argument that ends with `.py` is a script: `python ARGUMENTS`.
+        """
         return self.wait(self.start(arguments, cwd, environment, timeout_s, output, errors))
 
     def start(
@@ -182,13 +185,17 @@ def become(
 
 
 def run_and_exit(module: str) -> None:
-    """Run a module as `python -m` does, then end without taking apart what `serve` imported.
+    """Run a module or a script as Python does, then end without taking apart what `serve` imported.
 
     Taking apart torch and the rest takes longer than most commands.
     """
     status: object = 0
     try:
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        if module.endswith(".py"):
+            sys.path[0] = str(Path(module).parent)
+            runpy.run_path(module, run_name="__main__")
+        else:
+            runpy.run_module(module, run_name="__main__", alter_sys=True)
     except SystemExit as error:
         status = error.code
     except BaseException:

@@ -192,19 +192,13 @@ def test_a_benchmark_is_plotted(tmp_path: Path) -> None:
 def test_a_served_drive_returns_its_figures(tmp_path: Path) -> None:
     write_constant(tmp_path / "best.ckpt", 0.05)
     # A process of its own: the server changes how sockets wait.
-    source = (
-        "import drivezoo; found = drivezoo.drive('best.ckpt', sim='lake', laps=0.005, port=0); "
-        "print(found.folder / 'drive.json', found.table()[0]['driven_m'], repr(found), sep='|')"
+    (tmp_path / "served.py").write_text(
+        "import drivezoo\n"
+        "found = drivezoo.drive('best.ckpt', sim='lake', laps=0.005, port=0)\n"
+        "print(found.folder / 'drive.json', found.table()[0]['driven_m'], repr(found), sep='|')\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", source],
-        cwd=tmp_path,
-        env=commands.environment(),
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=True,
-    )
+    done = commands.run(tmp_path, module=str(tmp_path / "served.py"))
+    assert done.returncode == 0, done.stderr
     path, driven_m, text = done.stdout.strip().splitlines()[-1].split("|")
     assert json.loads((tmp_path / path).read_text())["driven_m"] == float(driven_m) > 0
     assert "ServedDrive in" in text

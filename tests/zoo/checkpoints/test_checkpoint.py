@@ -3,8 +3,6 @@
 import os
 import pickle
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +19,7 @@ from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import ROOT
+from tests.zoo.commands import run
 from tests.zoo.drive.old_client import telemetry
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
 from zoo.checkpoints.policy import load_policy
@@ -49,18 +47,13 @@ def test_a_checkpoint_holds_plain_containers_its_view_and_its_data(best: Path) -
 def test_a_checkpoint_needs_nothing_but_its_path(best: Path, tmp_path: Path) -> None:
     """The process and the folder are new, without the recording and the run's config."""
     copy = shutil.copy(best, tmp_path / "a=b [c].ckpt")
-    code = (
-        "import sys, numpy as np; from zoo.checkpoints.policy import load_policy;"
-        "print(load_policy(sys.argv[1])(np.zeros((160, 320, 3), np.uint8), 9.0).steering)"
+    (tmp_path / "load.py").write_text(
+        "import sys, numpy as np\n"
+        "from zoo.checkpoints.policy import load_policy\n"
+        "print(load_policy(sys.argv[1])(np.zeros((160, 320, 3), np.uint8), 9.0).steering)\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", code, copy],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    result = run(tmp_path, str(copy), module=str(tmp_path / "load.py"))
+    assert result.returncode == 0, result.stderr
     steering = float(result.stdout)
     assert -1 <= steering <= 1
 
