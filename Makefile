@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 export NO_ALBUMENTATIONS_UPDATE = 1
+# Where it is set, as in many containers, each process of the tests compiles every module again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup test test-all lint docs docs-links train sweep demo drive bench dist clean
 

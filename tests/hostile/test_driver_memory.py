@@ -12,7 +12,7 @@ from benchmarks.attacker import ATTACKS, POST, Attacker, half_sent
 from benchmarks.attacker import LARGE as LONGEST
 from benchmarks.attacks import MOST_GROWTH_MB, megabytes
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
-from tests.zoo.commands import ROOT, run
+from tests.zoo.commands import ROOT, command, environment, run
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served, served
 from zoo.drive.connections import MOST_QUIET_WEBSOCKETS
@@ -26,6 +26,7 @@ LARGE = {
     "whole large messages": 60,
     "missing attachments": 60,
 }
+MEASUREMENT = str(ROOT / "benchmarks" / "attacks.py")
 
 
 @pytest.fixture
@@ -108,13 +109,8 @@ def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
     assert not any("Traceback" in line or "failed" in line for line in fresh.lines)
 
 
-def measure(*options: str) -> subprocess.CompletedProcess:
-    """Run `benchmarks/attacks.py`, which exits with 1 where a driver grows too much."""
-    return run(ROOT, *options, module=str(ROOT / "benchmarks" / "attacks.py"))
-
-
 def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:
-    result = measure("only=nothing")
+    result = run(ROOT, "only=nothing", module=MEASUREMENT)
     assert result.returncode == 1
     (line,) = result.stderr.splitlines()
     assert "only" in line
@@ -122,6 +118,8 @@ def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:
 
 @pytest.mark.slow
 def test_ten_seconds_of_an_attack_are_measured() -> None:
-    result = measure("seconds=10", "only=half-sent messages")
+    """The measurement exits with 1 where a driver grows too much."""
+    words = command(MEASUREMENT, "seconds=10", "only=half-sent messages")
+    result = subprocess.run(words, env=environment(), capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "half-sent messages" in result.stdout

@@ -18,7 +18,7 @@ from datamodules.errors import InputError
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
-from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.commands import command, environment, only_line, run, train_in_fork
 from tests.zoo.compositions import composed
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
@@ -48,11 +48,7 @@ def trained(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(autouse=True)
 def _forked_reruns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `rerun`, called in this process, train in a fork."""
-
-    def train(words: list[str], **_: object) -> subprocess.CompletedProcess:
-        return run(Path.cwd(), *words[3:])  # after `python -m zoo`
-
-    monkeypatch.setattr("zoo.rerun.subprocess", SimpleNamespace(run=train))
+    monkeypatch.setattr("zoo.rerun.subprocess", SimpleNamespace(run=train_in_fork))
 
 
 @pytest.fixture

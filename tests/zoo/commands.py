@@ -29,17 +29,23 @@ def command(module: str, *arguments: str) -> list[str]:
 
 
 def run(
-    cwd: Path, *arguments: str, module: str = "zoo", timeout: int = 120, code: Path = ROOT
+    cwd: Path,
+    *arguments: str,
+    module: str = "zoo",
+    timeout: int = 120,
+    code: Path = ROOT,
+    threads: str = "1",
 ) -> subprocess.CompletedProcess:
     """Return the output and exit status of `python -m zoo ARGUMENTS`, of the project at `code`.
 
-    `module` is another module, or the path of a script.
+    `module` is another module, or the path of a script; `threads` is its OMP_NUM_THREADS.
     """
+    variables = environment(code) | {"OMP_NUM_THREADS": threads}
     if sys.platform != "linux":  # elsewhere, forking a process that has threads is not safe
         return subprocess.run(
             command(module, *arguments),
             cwd=cwd,
-            env=environment(code),
+            env=variables,
             capture_output=True,
             text=True,
             timeout=timeout,
@@ -47,11 +53,21 @@ def run(
         )
     with tempfile.NamedTemporaryFile("r") as output, tempfile.NamedTemporaryFile("r") as errors:
         files = Path(output.name), Path(errors.name)
-        words, variables = [module, *arguments], environment(code)
+        words = [module, *arguments]
         status = forked_commands(code).run(words, cwd, variables, timeout, *files)
         if status == -signal.SIGALRM:
             raise subprocess.TimeoutExpired([module, *arguments], timeout)
         return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())
+
+
+def train_in_fork(
+    words: list[str], env: dict[str, str], check: bool
+) -> subprocess.CompletedProcess:
+    """Stand in for the `subprocess.run` of `drivezoo rerun`, which takes seconds to import."""
+    assert words[:3] == command("zoo")
+    assert not check
+    assert env["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
+    return run(Path.cwd(), *words[3:], threads=env["OMP_NUM_THREADS"])
 
 
 def start(cwd: Path, module: str, *arguments: str) -> subprocess.Popen | ForkedProcess:

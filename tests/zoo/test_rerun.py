@@ -3,11 +3,13 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from omegaconf import OmegaConf
 
 from tests.recordings import Written
+from tests.zoo.commands import train_in_fork
 from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import zoo
@@ -38,6 +40,7 @@ def test_a_run_is_repeated_to_the_digit(
     assert run_command("zoo", zoo, arguments) == 0
     metrics = json.loads((folder / "metrics.json").read_text())
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("zoo.rerun.subprocess", SimpleNamespace(run=train_in_fork))
     capsys.readouterr()
 
     assert run_command("zoo.rerun", rerun, ["run", "out=again"]) == 0
