@@ -1,6 +1,5 @@
 """Fixtures for all tests, and settings of hypothesis."""
 
-import gc
 import io
 import os
 import signal
@@ -18,6 +17,7 @@ import pytest
 from hypothesis import settings
 from rich.console import Console
 
+from tests.frozen_objects import freeze_objects
 from tests.kept_compositions import keep_compositions
 from tests.recordings import Written, write_recording
 
@@ -35,7 +35,7 @@ keep_compositions()
 
 def pytest_collection_finish() -> None:
     """Spare the garbage collections during tests the half million objects of what was imported."""
-    gc.freeze()
+    freeze_objects()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -6,7 +6,6 @@ start itself (imports, threads, Ctrl-C during imports) use `commands.command` in
 """
 
 import atexit
-import gc
 import json
 import os
 import runpy
@@ -18,6 +17,8 @@ import threading
 import traceback
 from importlib import import_module
 from pathlib import Path
+
+from tests.frozen_objects import freeze_objects
 
 # Not the commands themselves: these must run as `__main__`.
 IMPORTED = (
@@ -146,7 +147,7 @@ def serve() -> None:
     """Fork a process or wait for one at each request; return in forks, ready for the command."""
     for module in IMPORTED:
         import_module(module)
-    gc.freeze()  # else each fork's collections copy all pages of what was imported
+    freeze_objects()  # else each fork's collections copy all pages of what was imported
     for line in sys.stdin:
         request = json.loads(line)
         if len(request) == 1:

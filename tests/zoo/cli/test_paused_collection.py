@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from tests.frozen_objects import count_frozen
 from zoo.cli.console_progress import loading
 
 # In its own process, because the tests' process has frozen its objects.
@@ -38,11 +39,11 @@ def test_collection_resumes_after_an_error():
 
 
 def test_what_the_process_has_set_is_kept():
-    frozen = gc.get_freeze_count()
+    frozen = count_frozen()
     assert frozen  # see tests/conftest.py
     with loading():
         pass
-    assert gc.get_freeze_count() == frozen
+    assert count_frozen() == frozen
     gc.disable()
     try:
         with loading():
