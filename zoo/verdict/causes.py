@@ -100,7 +100,8 @@ def _recording(evidence: Evidence, _: Sequence[str]) -> Cause | None:
     used = evidence.at("data.augment", {})
     missing = not isinstance(used, Mapping) or not set(ROBUST) <= set(used)
     more = evidence.again({"quick": None, "augment": f"[{','.join(ROBUST)}]"}) if missing else None
-    return Cause(" ".join(["The recording:", *map(str, texts[:2])]), more)
+    sentences = [f"{str(text).rstrip('.')}." for text in texts[:2]]
+    return Cause(" ".join(["The recording:", *sentences]), more)
 
 
 def _unseen(evidence: Evidence, tracks: Sequence[str]) -> Cause | None:

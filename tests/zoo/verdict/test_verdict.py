@@ -79,8 +79,10 @@ def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
             "trainer.max_epochs=16",
         ),
         (
-            evidence({}, (), findings=[{"kind": "keyboard", "text": "84 % of steering is 0."}]),
-            "84 % of steering is 0.",
+            evidence(
+                {}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 recoveries"}]
+            ),
+            "The recording: 84 % of steering is 0. 0 recoveries.",
             "augment=[brightness,shadow,shift]",
         ),
         (
