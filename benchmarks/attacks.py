@@ -30,9 +30,9 @@ from rich.table import Table
 from benchmarks.attacker import ATTACKS, Attacker
 from datamodules.view import View
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import make_card
 from zoo.models.make_network import make_network
 
@@ -209,13 +209,13 @@ def main(arguments: list[str]) -> int:
     try:
         options = read_options(AttackOptions, arguments)
         if options.only not in (None, *ATTACKS):
-            raise SimulatorError(
+            raise InputError(
                 f"only={options.only}: no such attack; available: {', '.join(ATTACKS)}"
             )
         for key in ("seconds", "rate"):
             if not 0 < (value := getattr(options, key)) < math.inf:
-                raise SimulatorError(f"{key}={value:g}: must be above 0")
-    except SimulatorError as error:
+                raise InputError(f"{key}={value:g}: must be above 0")
+    except InputError as error:
         print(f"attacks: {error}", file=sys.stderr)
         return 1
     names = [options.only] if options.only else list(ATTACKS)

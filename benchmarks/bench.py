@@ -22,7 +22,8 @@ from marked_page import markdown_table, write_between
 from rich.console import Console
 from timing import COLUMNS, Row, make_console, print_rows
 
-from datamodules.cores import usable_cores
+from zoo.base.child_process import child_environment
+from zoo.base.cores import usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
@@ -57,7 +58,11 @@ def run_one(name: str, short: bool, console: Console) -> list[Row]:
         log = Path(folder) / "log.txt"
         with log.open("w") as output:
             process = subprocess.Popen(
-                command + ["short"] * short, stdout=output, stderr=output, start_new_session=True
+                command + ["short"] * short,
+                env=child_environment(),
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
             )
             try:
                 process.wait(LONGEST_S)
@@ -92,6 +97,8 @@ def machine() -> dict:
 
 def main(arguments: list[str]) -> int:
     """Print the table; return 1 if a part failed."""
+    # SIGTERM ends the running part, too, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     console = make_console()
     for word in arguments:
         if word not in {"short", *PAGE_WORDS} and not word.startswith("ONLY="):

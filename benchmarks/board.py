@@ -1,7 +1,7 @@
 """Fill the benchmark's board: `python benchmarks/board.py [only=lenet,pilotnet] [seeds=3]`.
 
 It trains each recipe with several training seeds on `data=bench_v1` alone, and drives the suite v1
-with the checkpoints as one entry (`python -m zoo.benchmark`). The baselines are driven, too. The
+with the checkpoints as one entry (`drivezoo benchmark`). The baselines are driven, too. The
 script writes `docs/benchmark.csv`, and from it the tables of `docs/benchmark.md` and `README.md`
 and the page that sorts, `docs/_static/board.html`; `runs=false` writes these alone.
 
@@ -23,9 +23,8 @@ from rich.console import Console
 from benchmarks.board_page import CSV, DATA, csv_rows, merge, read_csv, write_csv, write_pages
 from benchmarks.recipes import table_recipes
 from benchmarks.results import run_logged, train_logged
-from datamodules.errors import InputError
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
 from zoo.benchmark.baselines import BASELINES
 from zoo.cli.compose import compose_config, conf_folder
 
@@ -62,7 +61,7 @@ class BoardOptions:
 
 
 def entries(weights: str | None = None) -> dict[str, tuple[str, ...]]:
-    """Return the entries' names, and the overrides of `python -m zoo` that train them.
+    """Return the entries' names, and the overrides of `drivezoo train` that train them.
 
     A baseline has none. `lenet` is the published recipe, `lenet-with_bends` one of its variants.
     """
@@ -111,7 +110,7 @@ def train_entry(
 
     Args:
         name: name of the entry.
-        overrides: overrides of `python -m zoo`.
+        overrides: overrides of `drivezoo train`.
         root: folder of the recording `data=bench_v1`.
         options: options of the board.
 
@@ -201,12 +200,12 @@ def training_of(overrides: tuple[str, ...], options: BoardOptions) -> tuple[str,
     """Return an entry's column `training`, and the command of one training; empty for a baseline.
 
     >>> training_of(("experiment=lenet",), BoardOptions(quick=True))
-    ('quick', 'python -m zoo experiment=lenet data=bench_v1 quick=true')
+    ('quick', 'drivezoo train experiment=lenet data=bench_v1 quick=true')
     """
     if not overrides:
         return "", ""
     quick = ["quick=true"] if options.quick else []
-    command = shlex.join(["python", "-m", "zoo", *overrides, f"data={DATA}", *quick])
+    command = shlex.join(["drivezoo", "train", *overrides, f"data={DATA}", *quick])
     return "quick" if options.quick else "whole", command
 
 
@@ -232,7 +231,7 @@ def add_submitted(folder: Path) -> None:
     Raises:
         InputError: a file is missing or damaged, or a drive differs.
     """
-    from zoo.benchmark.result import read_result
+    from zoo.benchmark.checked_result import read_result
 
     result = read_result(folder)
     if result.suite != SUITE:
@@ -256,10 +255,7 @@ def main(arguments: list[str]) -> None:
     Raises:
         InputError: an option is wrong, or an entry failed or could not be verified.
     """
-    try:
-        options = read_options(BoardOptions, arguments)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    options = read_options(BoardOptions, arguments)
     failed = []
     if options.add is not None:
         add_submitted(Path(options.add))

@@ -41,7 +41,7 @@ def csv_rows(folder: Path, name: str, training: str, command: str) -> list[Row]:
     Raises:
         InputError: the file is damaged, or of another version.
     """
-    from zoo.benchmark.result import read_result
+    from zoo.benchmark.checked_result import read_result
 
     result = read_result(folder)
     first = result.checkpoints[0]

@@ -19,11 +19,11 @@ import numpy as np
 from material import OUT, linked_recording
 from timing import Row, median_ratio, medians, run_part, take_turns
 
-from datamodules.cores import usable_cores
 from datamodules.image import MOST_IMAGE_BYTES, decode_image
-from datamodules.regular_file import read_regular
 from datamodules.view import View
 from datamodules.view_store import CHUNK, load_views
+from zoo.base.cores import usable_cores
+from zoo.base.regular_file import read_regular
 
 VIEW = View((40, 20), "rgb", (66, 200))
 ROWS = 1_500

@@ -22,9 +22,8 @@ from pathlib import Path
 from benchmarks.claims_page import CSV, write_page
 from benchmarks.csv_table import write_table
 from benchmarks.results import train_logged
-from datamodules.errors import InputError
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
 from zoo.drives.drive_record import DriveRow
 
 RUNS = Path("outputs/claims")
@@ -115,7 +114,7 @@ def train(recipe: str, data: str, seed: int, options: ClaimOptions) -> Path:
 
 def drive_missing(folder: Path, recipe: str, jobs: int) -> dict[Drive, dict]:
     """Drive a run's checkpoint where no figures are kept; return the figures of all its drives."""
-    from zoo.runs.bounded_files import read_json
+    from zoo.base.bounded_files import read_json
 
     paths = {drive: folder / "claims" / f"{drive.name}.json" for drive in drives_of(recipe)}
     missing = [drive for drive, path in paths.items() if not path.is_file()]
@@ -127,7 +126,7 @@ def drive_missing(folder: Path, recipe: str, jobs: int) -> dict[Drive, dict]:
 
 def drive_and_keep(checkpoint: Path, drive: Drive, path: Path) -> None:
     """Drive a lap, and write its figures to a file."""
-    from zoo.runs.whole_file import json_text, write_whole
+    from zoo.base.whole_file import json_text, write_whole
 
     figures = drive_once(checkpoint, drive)
     path.parent.mkdir(exist_ok=True)
@@ -235,10 +234,7 @@ def main(arguments: list[str]) -> None:
     Raises:
         InputError: an option is wrong, or a training failed.
     """
-    try:
-        options = read_options(ClaimOptions, arguments)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    options = read_options(ClaimOptions, arguments)
     if options.runs:
         write_table(CSV, merge(make_rows(options)))
     print(", ".join(map(str, [CSV, *write_page(read_csv())])))

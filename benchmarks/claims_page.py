@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import t
 
 from benchmarks.marked_page import markdown_table, write_between
+from zoo.drives.bootstrap import mean_over_seeds
 from zoo.drives.intervals import count_with_interval
 from zoo.runs.plots import BLUE, GREY, ORANGE, save_figure
 
@@ -93,8 +93,9 @@ def mean_with_interval(percents: list[float]) -> str:
     mean, count = float(np.mean(percents)), len(percents)
     if count < 2:
         return f"{mean:.1f} %"
-    half = float(t.ppf(0.975, count - 1)) * float(np.std(percents, ddof=1)) / math.sqrt(count)
-    return f"{mean:.1f} % ({max(mean - half, 0):.1f} to {min(mean + half, 100):.1f})"
+    found = mean_over_seeds(mean, float(np.std(percents, ddof=1)), count, (0, 100))
+    low, high = (mean, mean) if math.isnan(found.low) else (found.low, found.high)
+    return f"{mean:.1f} % ({low:.1f} to {high:.1f})"
 
 
 def frame_rate_plot(rows: list[dict]) -> Figure:

@@ -1,4 +1,4 @@
-"""Measure the memory of `python -m zoo.drive`: `python benchmarks/driver_memory.py [MESSAGES]`.
+"""Measure the memory of `drivezoo drive`: `python benchmarks/driver_memory.py [MESSAGES]`.
 
 A client with the original's two loops sends each frame twice, and the next one as soon as it is
 answered: 72,000 messages are what the original sends in ten minutes at 60 frames per second. The

@@ -1,4 +1,4 @@
-"""Train with `python -m zoo`'s own code, an epoch at each request of a benchmark."""
+"""Train with `drivezoo train`'s own code, an epoch at each request of a benchmark."""
 
 import os
 import time
@@ -41,7 +41,7 @@ class EpochByEpoch(lightning.Callback):
 
 
 def train_by_turns(pipe: Connection, config: DictConfig, folder: Path) -> None:
-    """Train with `python -m zoo`'s own code, an epoch at each request; discard its output."""
+    """Train with `drivezoo train`'s own code, an epoch at each request; discard its output."""
     from unittest.mock import patch
 
     from zoo.training import build, run

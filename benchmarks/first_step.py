@@ -1,4 +1,4 @@
-"""A callback for `benchmarks/start.py`, which `python -m zoo` creates by its name."""
+"""A callback for `benchmarks/start.py`, which `drivezoo train` creates by its name."""
 
 import os
 

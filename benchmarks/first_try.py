@@ -19,10 +19,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
 from simulator.human_control import REACTION_S
+from zoo.base.errors import InputError
 
 AUGMENTED = "augment=[brightness,shadow,shift]"
 BEFORE = "quick_samples=3200"  # an earlier quick=true
@@ -139,10 +138,7 @@ def main(arguments: Sequence[str]) -> None:
     Raises:
         InputError: an option is wrong, or a command failed.
     """
-    try:
-        options = read_options(FirstTryOptions, arguments)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    options = read_options(FirstTryOptions, arguments)
     if options.only not in (None, *CANDIDATES):
         raise InputError(
             f"only={options.only}: no such candidate; available: {'; '.join(CANDIDATES)}"

@@ -1,6 +1,6 @@
 """Measure training on a GPU: `python benchmarks/gpu.py [NETWORK...] [device=cpu] [short]`.
 
-For each network `python -m zoo trainer=gpu` trains on views that stay in the GPU's memory, plainly
+For each network `drivezoo train trainer=gpu` trains on views that stay in the GPU's memory, plainly
 and compiled. The processes take turns, an epoch each; figures are medians over the rounds, with the
 lowest and highest. The machine's own limit is the best matrix product in the same run. Before that,
 outputs and gradients of each network are compared with the CPU's.

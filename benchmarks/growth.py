@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 from timing import Row, contestants, median_ratio, medians, run_part
 
-from datamodules.cores import usable_cores
+from zoo.base.cores import usable_cores
 
 MEMORY = "memory without the page cache, MB"
 IN_USE = "of that, without freed memory, MB"

@@ -11,7 +11,7 @@ import time
 import numpy as np
 import torch
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.monitor.guard_file import Guard

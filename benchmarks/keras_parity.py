@@ -23,7 +23,7 @@ from material import pictures
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.keras_layers import convert
 from zoo.models.sequential import Sequential

@@ -24,7 +24,7 @@ INSTALL = (
 
 
 def measure(short: bool) -> list[Row]:
-    """Measure `python -m zoo`'s samples per second relative to Keras, also in bf16.
+    """Measure `drivezoo train`'s samples per second relative to Keras, also in bf16.
 
     The aim is 0.95 of what a bare loop on tensors in memory reaches in the same run.
     """

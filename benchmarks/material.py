@@ -15,7 +15,7 @@ AUGMENT = "augment=[brightness,shadow,shift]"
 
 
 def pictures() -> dict[str, list[Path]]:
-    """Return images by camera, from the lake that `python -m zoo` recorded, or drawn ones."""
+    """Return images by camera, from the lake that `drivezoo train` recorded, or drawn ones."""
     recorded = sorted(LAKE.glob("**/IMG"))
     folder = recorded[0] if recorded else OUT / "drawn" / "IMG"
     if not folder.is_dir():
@@ -54,7 +54,7 @@ def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "r
 
 
 def config_for(folder: Path, *overrides: str) -> DictConfig:
-    """Return the config of `python -m zoo` without driving at the end."""
+    """Return the config of `drivezoo train` without driving at the end."""
     ours = (f"data.root={folder}", f"data.cache={CACHE}", "score=none", *overrides)
     config = OmegaConf.create(compose_config(list(ours)))
     OmegaConf.set_struct(config, True)

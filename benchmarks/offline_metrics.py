@@ -18,7 +18,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.marked_page import write_between
 from benchmarks.results import CSV
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.run_command import run_command
 from zoo.runs.plots import save_figure
 

@@ -19,16 +19,15 @@ from benchmarks.board_page import DATA
 from benchmarks.marked_page import markdown_table, write_between
 from benchmarks.recipes import BENDS
 from benchmarks.results import run_logged, train_logged
-from datamodules.errors import InputError
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
-from zoo.benchmark.result import read_result
+from zoo.base.errors import InputError
+from zoo.base.whole_file import json_text, write_whole
+from zoo.benchmark.checked_result import read_result
 from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
 from zoo.checkpoints.packaged_networks import FOLDER, packaged_names, read_facts
 from zoo.drives.intervals import count_with_interval
 from zoo.runs.metrics_file import read_metrics_file
-from zoo.runs.whole_file import json_text, write_whole
 
 NAMES = ("linear", "tiny41", "tiny63", "lenet", "pilotnet")
 RUNS = Path("outputs/pretrained")
@@ -58,7 +57,7 @@ class PretrainedOptions:
 
 
 def recipes() -> dict[str, tuple[str, ...]]:
-    """Return the overrides of `python -m zoo`: the board's, and a shorter recipe for LeNet."""
+    """Return the overrides of `drivezoo train`: the board's, and a shorter recipe for LeNet."""
     board = entries()
     lenet = ("experiment=lenet", BENDS, "schedule=cosine", "callbacks.early_stopping=null")
     return {
@@ -102,7 +101,7 @@ def package(name: str) -> None:
         "bytes": len(data),
         "sha256": sha256,
         "licence": "MIT",
-        "command": shlex.join(["python", "-m", "zoo", *words]),
+        "command": shlex.join(["drivezoo", "train", *words]),
         "data": checkpoint.data,
         "code": metrics["code"],
         "versions": metrics["versions"],
@@ -156,7 +155,7 @@ def drive(name: str, options: PretrainedOptions) -> None:
 
 def write_page() -> None:
     """Write the table of the packaged networks."""
-    head = ["network", "parameters", "file", "laps of the lake without intervention (95 %)"]
+    head = ["network", "parameters", "file", "laps of the lake without intervention"]
     head += ["lake: autonomy", "lake: mean error, m", "unseen roads without intervention (95 %)"]
     head += ["unseen: autonomy (95 %)"]
     rows = []
@@ -174,7 +173,7 @@ def _driven(drives: dict) -> list[str]:
     lake, unseen = drives["lake"], drives["unseen"]
     value, low, high = (100 * unseen["headline"][key] for key in ("value", "low", "high"))
     return [
-        count_with_interval(lake["kept"], lake["drives"]),
+        f"{lake['kept']} of {lake['drives']}",
         f"{lake['autonomy']:.1%}",
         f"{lake['cte_mean_m']:.2f}",
         count_with_interval(unseen["kept"], unseen["drives"]),
@@ -188,10 +187,7 @@ def main(arguments: list[str]) -> None:
     Raises:
         InputError: an option is wrong, or a training or a drive failed.
     """
-    try:
-        options = read_options(PretrainedOptions, arguments)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    options = read_options(PretrainedOptions, arguments)
     names = options.only.split(",") if options.only else list(NAMES)
     if unknown := set(names) - set(NAMES):
         raise InputError(f"only={options.only}: no network {min(unknown)}: {', '.join(NAMES)}")

@@ -14,7 +14,7 @@ class Recipe:
     Attributes:
         model: name of the network.
         setting: `published`, or the settings that differ.
-        overrides: overrides of `python -m zoo`.
+        overrides: overrides of `drivezoo train`.
         seeds: largest number of training seeds.
         in_table: False for recipes that only serve to compare offline metrics.
     """

@@ -1,9 +1,9 @@
 """Compare replays with drives: `python benchmarks/replay_validation.py RECORDING CKPT...`.
 
-RECORDING is of the embedded lake (`python -m simulator record track=lake laps=1 out=FOLDER`).
+RECORDING is of the embedded lake (`drivezoo simulator record track=lake laps=1 out=FOLDER`).
 First, recorded frames warped to a displaced or turned car are compared with frames rendered there.
 Then every checkpoint is replayed on the recording, and drives a lap of the lake twice: with the
-replay's speed and interventions at 1 m, and with the settings of `python -m zoo.evaluate CKPT`.
+replay's speed and interventions at 1 m, and with the settings of `drivezoo evaluate CKPT`.
 Rank correlations (Spearman) show whether replays order the checkpoints as drives do, and whether
 the mean squared error on the same rows does. Drives are kept in outputs/replay_validation.
 """

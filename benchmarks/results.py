@@ -25,10 +25,9 @@ from benchmarks.csv_table import write_table
 from benchmarks.recipes import Recipe, recipes
 from benchmarks.recoveries import FILE, MEASURED, measure_missing
 from benchmarks.result_tables import write_tables
-from datamodules.cores import usable_cores
-from datamodules.errors import InputError
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
+from zoo.base.cores import usable_cores
+from zoo.base.errors import InputError
 
 RUNS, CSV = Path("outputs/results"), Path("docs/results.csv")
 SCORE = (
@@ -127,7 +126,7 @@ def csv_row(recipe: Recipe, seed: int) -> dict:
             row[f"{track}_{key}"] = round(driven[key][0], 4) if driven else ""
     recoveries = json.loads((path.parent / FILE).read_text())
     row |= {f"recoveries_{key}": round(recoveries[key], 6) for key in MEASURED}
-    return row | {"command": shlex.join(["python", "-m", "zoo", *recipe.overrides, f"seed={seed}"])}
+    return row | {"command": shlex.join(["drivezoo", "train", *recipe.overrides, f"seed={seed}"])}
 
 
 def read_csv() -> list[dict]:
@@ -154,10 +153,7 @@ def main(arguments: list[str]) -> None:
     Raises:
         InputError: an option is wrong, or no run has figures.
     """
-    try:
-        options = read_options(ResultOptions, arguments)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    options = read_options(ResultOptions, arguments)
     if options.runs:
         make_runs(options)
     if options.table:

@@ -15,8 +15,8 @@ from driver import random_policy
 from rich.console import Console
 from timing import Row, median_ratio, medians, run_part, take_turns
 
-from datamodules.cores import usable_cores
 from simulator.world import Start
+from zoo.base.cores import usable_cores
 from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.drives.drive_record import Drive
 from zoo.evaluate.many_drives import Setup, drive_all, drive_once, drive_setup, open_setup

@@ -3,7 +3,7 @@
 Each sampler searches each checkpoint with the same budget; the figure is the number of distinct
 cells of the map in which a drive failed. Without a checkpoint, failures follow a fixed rule of the
 features and parameters instead of drives, which takes minutes. Further keys are those of
-`python -m zoo.search`, such as `speed=30 length=100`; `samplers=archive,random` compares only
+`drivezoo search`, such as `speed=30 length=100`; `samplers=archive,random` compares only
 these. A finished search below `out` is read, not repeated.
 """
 

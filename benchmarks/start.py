@@ -17,7 +17,7 @@ AIM = 1.25
 
 
 def measure(short: bool) -> list[Row]:
-    """Return the start-up time of `python -m zoo`, with cached views, relative to its imports.
+    """Return the start-up time of `drivezoo train`, with cached views, relative to its imports.
 
     The second row counts processor time, which other programs on the machine change less.
     """
@@ -32,7 +32,7 @@ def measure(short: bool) -> list[Row]:
     rows = []
     for index, (what, unit) in enumerate(
         (
-            ("python -m zoo to its first step, views cached", "s"),
+            ("drivezoo train to its first step, views cached", "s"),
             ("the same, processor time", "processor s"),
         )
     ):

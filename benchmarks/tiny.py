@@ -1,6 +1,6 @@
 """Measure the overhead of training with a network of 41 parameters: `python benchmarks/tiny.py`.
 
-It compares a whole fit of `python -m zoo`, with validation, checkpoints, logs and progress, with a
+It compares a whole fit of `drivezoo train`, with validation, checkpoints, logs and progress, with a
 bare loop of as many steps over the same batches in memory.
 """
 

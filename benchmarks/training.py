@@ -1,10 +1,10 @@
 """Measure training nvidia, whole runs and bare loops: `python benchmarks/training.py`.
 
-Five processes take turns: `python -m zoo`, epoch by epoch; a bare loop with the same network and
+Five processes take turns: `drivezoo train`, epoch by epoch; a bare loop with the same network and
 settings on tensors in memory; that loop with torch's defaults; and a loop fed by a DataLoader,
 whose four workers decode, resize and augment sample by sample; and the best matrix product in 32
 bits, which is the machine's own limit. Threads spin while they wait,
-torch's default; `python -m zoo` decides itself (`zoo.training.openmp_threads`).
+torch's default; `drivezoo train` decides itself (`zoo.training.openmp_threads`).
 """
 
 import itertools
@@ -34,9 +34,9 @@ LIMIT, SIDE = "product FLOP/s", 1024
 
 
 def measure(short: bool) -> list[Row]:
-    """Compare `python -m zoo` with DataLoader and bare loop, and the latter with torch's defaults.
+    """Compare `drivezoo train` with DataLoader and bare loop, and the latter with torch's defaults.
 
-    On processors with bf16 instructions `python -m zoo` is also measured in bf16.
+    On processors with bf16 instructions `drivezoo train` is also measured in bf16.
     """
     batches, rounds = (2, 1) if short else (16, 3)
     seconds = 0.1 if short else ROUND_S
@@ -80,7 +80,7 @@ def measure(short: bool) -> list[Row]:
 
 
 def zoo_targets(batches: int) -> dict[str, tuple]:
-    """Return the targets of `python -m zoo`, with bf16 if the processor has instructions for it."""
+    """Return the targets of `drivezoo train`, with bf16 if the processor has it."""
     targets = {"zoo/s": (run_zoo, batches)}
     if multiplies_bf16():
         targets[HALF] = run_zoo, batches, "trainer.precision=bf16-mixed"
@@ -113,7 +113,7 @@ def _limit_row(found: dict[str, list[float]], what: str) -> Row:
 
 
 def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
-    """Run `python -m zoo` with more overrides; a round is one or two epochs.
+    """Run `drivezoo train` with more overrides; a round is one or two epochs.
 
     Its output is discarded.
     """

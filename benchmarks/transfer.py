@@ -26,11 +26,10 @@ from rich.console import Console
 from benchmarks.csv_table import write_table
 from benchmarks.results import train_logged
 from benchmarks.transfer_page import CSV, SETTINGS, SHARES, TRACKS, read_csv, write_page
-from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
 from datamodules.split import Split, split_rows, write_split
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
 
 RUNS = Path("outputs/transfer")
 CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not one by one
@@ -103,7 +102,7 @@ class Training:
         return RUNS / length / name / str(self.seed)
 
     def words(self, options: TransferOptions) -> list[str]:
-        """Return the overrides of `python -m zoo`."""
+        """Return the overrides of `drivezoo train`."""
         return [
             *COMMON,
             "data=udacity_lake",
@@ -190,7 +189,7 @@ def csv_row(training: Training, options: TransferOptions) -> dict:
     row["laps"] = f"{options.laps:g}" if driven else ""
     for track, name in itertools.product(TRACKS, ("autonomy", "interventions", "cte_mean_m")):
         row[f"{track}_{name}"] = round(driven[track][name], 4) if track in driven else ""
-    return row | {"command": shlex.join(["python", "-m", "zoo", *training.words(options)])}
+    return row | {"command": shlex.join(["drivezoo", "train", *training.words(options)])}
 
 
 def merge(rows: list[dict]) -> list[dict]:
@@ -238,8 +237,8 @@ def drive_and_keep(path: Path, track: str, laps: float) -> None:
     """Drive the best checkpoint beside `path`, and write the figures there."""
     import torch
 
+    from zoo.base.whole_file import json_text, write_whole
     from zoo.evaluate.many_drives import Setup, drive_once
-    from zoo.runs.whole_file import json_text, write_whole
 
     torch.set_num_threads(1)  # one frame is too little work for two threads
     checkpoint = path.parent / "checkpoints" / "best.ckpt"
@@ -254,10 +253,7 @@ def main(arguments: list[str]) -> None:
     Raises:
         InputError: an option is wrong, or a training failed.
     """
-    try:
-        options = read_options(TransferOptions, arguments)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    options = read_options(TransferOptions, arguments)
     if not set(options.shares) <= set(SHARES):
         raise InputError(f"shares={list(options.shares)}: name shares of {list(SHARES)}")
     if options.samples < EPOCHS * BATCH:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.samples import Samples
+from zoo.base.errors import InputError
 
 
 @dataclass(frozen=True)

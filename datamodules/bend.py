@@ -12,10 +12,10 @@ import albumentations
 import cv2
 import numpy as np
 
+from datamodules.driving_log import MAX_STEERING_DEG
 from datamodules.ground import (
     CAMERA_AHEAD_M,
     FOCAL_PX,
-    MAX_STEERING_DEG,
     REAR_AXLE_M,
     WHEELBASE_M,
     depth_of,

@@ -7,18 +7,15 @@ import argparse
 import io
 import os
 import re
-import shlex
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from rich.console import Console
 from rich.progress import Progress
 
-from datamodules.early_interrupt import raise_again
-from datamodules.errors import InputError
 from datamodules.findings import find_oddities
 from datamodules.image import (
     FRAME_HEIGHT,
@@ -33,23 +30,35 @@ from datamodules.image import (
 )
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
-from datamodules.regular_file import read_regular
-from datamodules.terminal import error_line, printable
+from zoo.base.early_interrupt import raise_again
+from zoo.base.errors import InputError
+from zoo.base.regular_file import read_regular
+from zoo.base.standard_output import forgiving_output
+from zoo.base.terminal import command_line, error_line, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
-KEYS = {"data.root": "", "data.images": "--images="}  # a training's keys that check takes, too
-SHOWN = 20  # bad images that are listed; the others are counted
+# A training's keys that check takes, too.
+KEYS = {
+    "data.root": "",
+    "data.images": "--images=",
+    "data.on_bad_row": "--on-bad-row=",
+    "on_bad_row": "--on-bad-row=",
+}
+SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
-def check(roots: list[str], images: str | None, console: Console) -> bool:
+def check(roots: list[str], images: str | None, console: Console, on_bad_row: str = "fail") -> bool:
     """Print the recordings' figures, bad images and oddities; return whether all images are whole.
 
     Raises:
         InputError: a folder, a log or a row cannot be read, or there is no image.
     """
-    recording = read_recordings(roots, images, on_bad_image="skip")
-    for line in report_lines(replace(recording, bad_images=())):
+    recording = read_recordings(roots, images, on_bad_image="skip", on_bad_row=on_bad_row)
+    for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
+    if recording.bad_rows:
+        _print(console, f"skipped {len(recording.bad_rows):,} bad rows:")
+        _print_first(console, recording.bad_rows)
     sizes: Counter[tuple[int, int]] = Counter()
     bad = list(recording.bad_images)
     for row, path, found in _look_at_images(recording, console):
@@ -61,10 +70,7 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
         usual = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT)
         note = "" if usual else f" (will be resized to {FRAME_WIDTH} x {FRAME_HEIGHT})"
         _print(console, f"{count:,} images of {width} x {height}{note}")
-    for line in bad[:SHOWN]:
-        _print(console, line)
-    if len(bad) > SHOWN:
-        _print(console, f"and {len(bad) - SHOWN:,} more")
+    _print_first(console, bad)
     verdict = (
         f"{len(bad):,} bad images; copy or record them again, or train with data.on_bad_image=skip"
     )
@@ -74,7 +80,8 @@ def check(roots: list[str], images: str | None, console: Console) -> bool:
         _print(console, "before you train:")
     for oddity in oddities:
         _print(console, f"- {oddity.text}")
-    for line in _next_commands(roots, images, bool(bad)):
+    skipped = {"data.on_bad_image": bool(bad), "data.on_bad_row": bool(recording.bad_rows)}
+    for line in _next_commands(roots, images, [key for key in skipped if skipped[key]]):
         _print(console, line)
     return not bad
 
@@ -83,13 +90,20 @@ def _print(console: Console, line: str) -> None:
     console.out(printable(line), highlight=False)
 
 
-def _next_commands(roots: list[str], images: str | None, any_bad: bool) -> Iterator[str]:
+def _print_first(console: Console, lines: Sequence[str]) -> None:
+    for line in lines[:SHOWN]:
+        _print(console, line)
+    if len(lines) > SHOWN:
+        _print(console, f"and {len(lines) - SHOWN:,} more")
+
+
+def _next_commands(roots: list[str], images: str | None, skipped: list[str]) -> Iterator[str]:
     """Yield a line for each next command, quoted for a shell and for Hydra."""
     keys = [f"data.root={roots[0] if len(roots) == 1 else _hydra_list(roots)}"]
     keys += [f"data.images={images}"] if images else []
-    keys += ["data.on_bad_image=skip"] if any_bad else []
-    yield f"show the network's input: {shlex.join(['drivezoo', 'preview', *keys])}"
-    yield f"next: {shlex.join(['python', '-m', 'zoo', FIRST_TRY, *keys])}"
+    keys += [f"{key}=skip" for key in skipped]
+    yield f"show the network's input: {command_line(['drivezoo', 'preview', *keys])}"
+    yield f"next: {command_line(['drivezoo', 'train', FIRST_TRY, *keys])}"
 
 
 def _hydra_list(texts: list[str]) -> str:
@@ -156,12 +170,17 @@ def main(arguments: list[str]) -> int:
     )
     parser.add_argument("folders", nargs="+", metavar="FOLDER", help="folder of a driving_log.csv")
     parser.add_argument("--images", metavar="FOLDER", help="folder of the images, if not IMG")
-    options = parser.parse_args([_as_option(one) for one in arguments])
-    # A folder's name may not be valid UTF-8.
-    sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    parser.add_argument(
+        "--on-bad-row", choices=("fail", "skip"), default="fail", help="skip leaves bad rows out"
+    )
+    whole = True  # also where the reading program closed the pipe before the end
     try:
-        raise_again()
-        return 0 if check(options.folders, options.images, Console(soft_wrap=True)) else 1
+        with forgiving_output():
+            options = parser.parse_args([_as_option(one) for one in arguments])
+            raise_again()
+            console = Console(soft_wrap=True)
+            whole = check(options.folders, options.images, console, options.on_bad_row)
+        return 0 if whole else 1
     except InputError as error:
         print(error_line("check", error), file=sys.stderr)
         return 1

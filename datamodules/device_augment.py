@@ -16,9 +16,10 @@ from torch import Tensor
 from datamodules.augment import Brightness, Shadow, Shift
 from datamodules.bend import Bend
 from datamodules.device_pictures import darkened, from_rgb, lit, moved, to_rgb
-from datamodules.errors import InputError
-from datamodules.ground import MAX_STEERING_DEG, WHEELBASE_M
+from datamodules.driving_log import MAX_STEERING_DEG
+from datamodules.ground import WHEELBASE_M
 from datamodules.image import FRAME_WIDTH
+from zoo.base.errors import InputError
 
 Draw = Callable[[tuple[int, int, int, int], np.random.Generator], np.ndarray]
 

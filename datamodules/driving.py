@@ -20,7 +20,6 @@ from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
 from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
-from datamodules.errors import InputError
 from datamodules.features import FeatureBatches
 from datamodules.leak import Leak, measure_leak, thumbnail
 from datamodules.recording import Recording, read_recordings
@@ -30,6 +29,7 @@ from datamodules.samples import CENTER, make_samples
 from datamodules.split import PARTS, Split, split_rows
 from datamodules.view import View
 from datamodules.windows import Windows
+from zoo.base.errors import InputError
 
 AUGMENT_ON = ("auto", "cpu", "device")
 MOST_WINDOW = 256  # frames, rows or targets of a window
@@ -57,6 +57,7 @@ class DrivingData(lightning.LightningDataModule):
         augment_on: `cpu`, or `device`: the device that trains keeps the views, if they fit, and
             augments them; `auto` is `device` if that is no CPU and has all of `augment`.
         on_bad_image: `fail`, or `skip` the row.
+        on_bad_row: `fail`, or `skip` a row that cannot be read.
         cache: folder of decoded views; None keeps them in memory.
         workers: processes that prepare batches; 0 leaves the cores to the network.
         seed: random seed of order, draws, flips and augmentation.
@@ -91,6 +92,7 @@ class DrivingData(lightning.LightningDataModule):
         augment: dict | None = None,
         augment_on: str = "auto",
         on_bad_image: str = "fail",
+        on_bad_row: str = "fail",
         cache: str | None = "outputs/cache",
         workers: int = 0,
         seed: int = 1,
@@ -151,7 +153,8 @@ class DrivingData(lightning.LightningDataModule):
             _check(key, value, _is_in(value, 0), "a number, 0 or more")
         _check("augment_on", augment_on, augment_on in AUGMENT_ON, ", ".join(AUGMENT_ON))
         _check("cache", cache, cache is None or isinstance(cache, str), "a folder, or null")
-        _check("on_bad_image", on_bad_image, on_bad_image in ("fail", "skip"), "fail or skip")
+        for key, choice in (("on_bad_image", on_bad_image), ("on_bad_row", on_bad_row)):
+            _check(key, choice, choice in ("fail", "skip"), "fail or skip")
         self.root, self.images, self.view = root, images, view
         self.weights = None if weights is None else np.array(weights, float)
         self.cameras, self.offset, self.recover_s = list(cameras), offset, recover_s
@@ -175,7 +178,7 @@ class DrivingData(lightning.LightningDataModule):
                 transform.crop = view.crop
         self.augment = Augment(transforms, view.colour)
         self.augment_on = augment_on
-        self.on_bad_image = on_bad_image
+        self.on_bad_image, self.on_bad_row = on_bad_image, on_bad_row
         self.cache = Path(cache).expanduser() if cache else None
         self._batch_device: torch.device | None = None
         self.batches_per_step = 1
@@ -183,7 +186,7 @@ class DrivingData(lightning.LightningDataModule):
 
     def load(self, console: Console) -> None:
         """Read the recordings, decode images that are not cached, and split the rows."""
-        recording = read_recordings(self.root, self.images, self.on_bad_image)
+        recording = read_recordings(self.root, self.images, self.on_bad_image, self.on_bad_row)
         # Validation and test always use the centre camera.
         views, faults = load_row_views(
             recording, [*self.cameras, "center"], self.view, self.cache, console

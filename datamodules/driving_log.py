@@ -4,13 +4,13 @@ import csv
 import itertools
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from datamodules.errors import InputError
+from datamodules.bad_rows import BadRows
 from datamodules.log_text import (
     MOST_LOG_BYTES,
     find_delimiter,
@@ -18,7 +18,9 @@ from datamodules.log_text import (
     read_fields,
     replace_undecoded,
 )
-from datamodules.regular_file import open_text
+from zoo.base.errors import InputError
+from zoo.base.limits import check_most
+from zoo.base.regular_file import open_text
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
@@ -26,11 +28,14 @@ NUMBERS = COLUMNS[3:]
 # Ranges of the numbers. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
 RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0, 200)}
 
+MAX_STEERING_DEG = 25.0  # of the original's front wheels, at a steering of 1
+MANY_ROWS = "divide the recording"
 ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 
 # A number with a decimal comma as C# writes it: no needless zero at the start or end, and one digit
 # before the comma if there is an exponent.
 _NUMBER = re.compile(r"-?((0|[1-9]\d*)(,\d*[1-9])?|[1-9](,\d*[1-9])?E[-+]?\d+)$", re.IGNORECASE)
+_HEADING = re.compile(r"[A-Za-z_][\w /-]*")  # a column's name
 _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
 
 
@@ -61,7 +66,7 @@ class LogColumns:
         return len(self.line)
 
 
-def read_log_columns(log: Path) -> LogColumns:
+def read_log_columns(log: Path, bad: BadRows | None = None) -> LogColumns:
     """Read a log as columns: a log of the simulator five times as fast as `read_log`.
 
     Raises:
@@ -70,7 +75,7 @@ def read_log_columns(log: Path) -> LogColumns:
     columns = _read_plain_log(log)
     if columns is not None:
         return columns
-    rows = list(read_log(log))
+    rows = list(read_log(log, bad))
     return LogColumns(
         np.array([row.line for row in rows]),
         tuple([row.paths[camera] for row in rows] for camera in range(len(CAMERAS))),
@@ -108,6 +113,7 @@ def _read_plain_log(log: Path) -> LogColumns | None:
                     column += map(str.strip, cells.get(camera, [""] * len(rows)))
                     if "\0" in "".join(column[-len(rows) :]):
                         return None
+                check_most("rows", reader.line_num, log, MANY_ROWS)
                 if rows:
                     floats = [list(map(float, cells[name])) for name in NUMBERS]
                     numbers.append(np.array(floats))
@@ -123,41 +129,79 @@ def _read_plain_log(log: Path) -> LogColumns | None:
     return LogColumns(np.concatenate(lines), paths, values)
 
 
-def read_log(log: Path) -> Iterator[LogRow]:
+def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
     """Yield the rows of `driving_log.csv`, with or without header, in any locale's numbers.
 
     A decimal comma splits a number into two fields. They are joined so that each number is within
     its range. If several readings remain, those with throttle and brake at once are dropped (the
     simulator cannot write them); of the others, the speed nearest to the previous row's counts.
 
+    Args:
+        log: path of the log.
+        bad: collector of rows that cannot be used, which refuses the log after its last row, or
+            leaves them out; None refuses it.
+
     Raises:
         InputError: a row has the wrong number of columns, a quote that is not closed in its
             row, an image name that is not UTF-8, or a value that is no number or out of range; the
-            header names a column twice or lacks one; the log is UTF-16; or there is no row.
+            header names a column twice or lacks one; the log is UTF-16, has too many rows, or none.
     """
-    previous_speed = 0.0
-    order = None
-    any_row = False
-    rows = read_fields(log)
-    for line, fields in rows:
+    bad = bad or BadRows()
+    previous_speed, largest = 0.0, 0.0
+    order: list[str] | None = None
+    line = good = 0
+    fields: list[str] = []
+    for line, fields in read_fields(log, bad):
         if order is None:
             order = _column_order(log, fields)
             if _is_header(fields):
                 continue
-        if any_row and len(fields) < len(order) and next(rows, None) is None:
-            raise InputError(
-                f"{log}, row {line}: {len(fields)} columns, expected {len(order)}; the log "
-                "ends within this row: delete the row"
-            )
-        paths, values = _arrange(log, line, fields, order)
-        numbers = _parse_numbers(log, line, values, previous_speed)
+        check_most("rows", line, log, MANY_ROWS)
+        try:
+            paths, values = _arrange(fields, order)
+            numbers = _parse_numbers(values, previous_speed)
+            if not (text := "".join(paths)).isascii() or "\0" in text:
+                paths = tuple(map(printable_path, paths))
+        except InputError as error:
+            bad.faults.append(f"{log}, row {line}: {error}")
+            continue
         previous_speed = numbers[3]
-        any_row = True
-        if not (text := "".join(paths)).isascii() or "\0" in text:
-            paths = tuple(printable_path(log, line, path) for path in paths)
+        if fault := range_fault(numbers):
+            bad.faults.append(f"{log}, row {line}: {fault}")
+            largest = max(largest, abs(numbers[0]))
+            continue
+        good += 1
         yield LogRow(line, paths, numbers)
-    if not any_row:
+    if good and len(fields) < len(order or ()):
+        bad.faults[-1] += "; the log ends within this row"
+    if not good and not bad.faults:
         raise InputError(f"{log}: the log has no rows; record some driving first")
+    bad.finish(good, degrees_hint(largest))
+
+
+def range_fault(numbers: Sequence[float]) -> str:
+    """Return what is wrong with the range of a row's numbers, '' if nothing is."""
+    for name, value in zip(NUMBERS, numbers, strict=True):
+        low, high = RANGES[name]
+        if not low <= value <= high:
+            return f"{name} is {value:g}, beyond {low}..{high}"
+    return ""
+
+
+def degrees_hint(largest: float) -> str:
+    """Return what to divide a steering by that is in degrees, '' for one in -1..1.
+
+    Args:
+        largest: largest absolute steering.
+    """
+    if largest <= RANGES["steering"][1]:
+        return ""
+    if largest <= MAX_STEERING_DEG:
+        return f"degrees at the front wheels? divide the column by {MAX_STEERING_DEG:g}"
+    return (
+        f"degrees at the steering wheel? divide the column by {MAX_STEERING_DEG:g} times the ratio "
+        "of steering wheel and front wheels, which is about 15 in a car"
+    )
 
 
 def _is_header(fields: list[str]) -> bool:
@@ -166,6 +210,12 @@ def _is_header(fields: list[str]) -> bool:
 
 def _column_order(log: Path, fields: list[str]) -> list[str]:
     """Return the columns' names, from the header or from the number of images in a row."""
+    if len(fields) > 1 and all(map(_HEADING.fullmatch, fields)) and not _is_header(fields):
+        raise InputError(
+            f"{log}, row 1: the header {','.join(fields):.200} is of another format; name its "
+            f"columns {','.join(COLUMNS)} (left and right may be missing), with the steering in "
+            "-1..1, right positive"
+        )
     if _is_header(fields):
         names = [replace_undecoded(field).lower() for field in fields]
         names = ["center" if name == "centre" else name for name in names]
@@ -188,9 +238,7 @@ def _column_order(log: Path, fields: list[str]) -> list[str]:
     return list(COLUMNS)
 
 
-def _arrange(
-    log: Path, line: int, fields: list[str], order: list[str]
-) -> tuple[tuple[str, ...], list[str]]:
+def _arrange(fields: list[str], order: list[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return a row's three paths and its numbers' fields, over 4 if they have decimal commas."""
     if len(fields) == len(order):
         cells = dict(zip(order, fields, strict=True))
@@ -203,41 +251,27 @@ def _arrange(
     if usual and 0 < extra <= len(NUMBERS):
         cells = dict(zip(cameras, fields, strict=False))
         return tuple(cells.get(camera, "") for camera in CAMERAS), fields[len(cameras) :]
-    raise InputError(
-        f"{log}, row {line}: {len(fields)} columns, expected {len(order)} ({','.join(order)}); "
-        "correct or delete the row"
-    )
+    raise InputError(f"{len(fields)} columns, expected {len(order)} ({','.join(order):.200})")
 
 
-def _parse_numbers(
-    log: Path, line: int, values: list[str], previous_speed: float
-) -> tuple[float, ...]:
+def _parse_numbers(values: list[str], previous_speed: float) -> tuple[float, ...]:
     if len(values) == len(NUMBERS):
-        numbers = tuple(_number(log, line, *pair) for pair in zip(NUMBERS, values, strict=True))
-    else:
-        readings = list(_decimal_comma_readings(values))
-        if not readings:
-            raise InputError(
-                f"{log}, row {line}: {','.join(values)!r} are not the four numbers "
-                f"{','.join(NUMBERS)}; correct or delete the row"
-            )
-        numbers = min(readings, key=lambda one: (one[1] * one[2] > 0, abs(one[3] - previous_speed)))
-    return numbers
+        return tuple(map(_number, NUMBERS, values))
+    readings = list(_decimal_comma_readings(values))
+    if not readings:
+        numbers = ",".join(values)
+        raise InputError(f"{numbers!r:.200} are not the four numbers {','.join(NUMBERS)}")
+    return min(readings, key=lambda one: (one[1] * one[2] > 0, abs(one[3] - previous_speed)))
 
 
-def _number(log: Path, line: int, name: str, text: str) -> float:
+def _number(name: str, text: str) -> float:
     try:
         value = float(text.replace(",", "."))
     except ValueError:
         value = math.nan
-    low, high = RANGES[name]
-    if low <= value <= high:
+    if math.isfinite(value):
         return value
-    found = f"{log}, row {line}: {name} is "
-    if not math.isfinite(value):
-        raise InputError(f"{found}{text!r}, not a finite number; correct or delete the row")
-    hint = " (degrees? divide by 25)" if name == "steering" else ""
-    raise InputError(f"{found}{value:g}, beyond {low}..{high}{hint}; correct or delete the row")
+    raise InputError(f"{name} is {text!r:.80}, not a finite number")
 
 
 def _decimal_comma_readings(pieces: list[str]) -> Iterator[tuple[float, ...]]:

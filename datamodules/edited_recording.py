@@ -16,12 +16,13 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
-from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.image_files import find_file_fault, link_or_copy
-from datamodules.new_folder import new_folder
 from datamodules.recording import LOG_NAME, Recording, file_name
 from datamodules.recording_edits import Edits, edit_options
+from datamodules.source_format import read_source, write_source
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, whole_folder
 
 IMAGE_FOLDER, EDITS_NAME = "IMG", "edits.json"
 MIRRORED_QUALITY = 95  # of a JPEG
@@ -69,7 +70,7 @@ def write_edited(
         raise InputError("all rows are dropped; restore some before you write")
     total = sum(len(rows) for rows, _ in parts)
     counts, left_out, done = [], [], 0
-    with new_folder(out) as part:
+    with whole_folder(out, RECORDINGS) as part:
         places = [part] if len(parts) == 1 else [part / str(one + 1) for one in range(len(parts))]
         for place, (rows, mirrored) in zip(places, parts, strict=True):
             before = done
@@ -79,6 +80,8 @@ def write_edited(
 
             writer = _PartWriter(recording, place)
             writer.write(rows, mirrored, report)
+            if source := read_source(recording.names):
+                write_source(place, source)
             counts.append(writer.rows)
             left_out += writer.left_out
             done += len(rows)

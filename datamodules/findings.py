@@ -17,9 +17,11 @@ DISTINCT_SHARE = 0.8
 RECOVERIES_PER_ROW = 1 / 1000
 # A tenth of fewer rows (validation or test) is less than one block of ten seconds: one place.
 FEW_ROWS = 1000
+STRAIGHT_CAP, NEARLY_STRAIGHT = 0.5, 0.1  # of conf/data/recording.yaml
 SPEED_WINDOW_MPH, SPEEDS_APART_MPH = 3, 6
 SPEEDS_SHARE, SECOND_SPEED_SHARE = 0.8, 0.2
 SIDE_SHARE = 0.75
+FEW_TURNS = 50  # rows with a steering, below which their side is chance
 STANDSTILL_MPH = 1.0
 IDENTICAL_SHARE = 0.01
 
@@ -60,8 +62,21 @@ def _keyboard(recording: Recording) -> str | None:
         return None
     return (
         f"{share:.0%} of steering is exactly 0 and the other {len(turned):,} rows share {values:,} "
-        "values, as from a keyboard: a network learns to drive straight and to jerk; keep "
-        "data.straight_cap=0.5, or steer by mouse or gamepad (drivezoo simulator drive)"
+        f"values, as from a keyboard: a network learns to drive straight and to jerk; "
+        f"{_cap(recording)}steer by mouse or gamepad (drivezoo simulator drive)"
+    )
+
+
+def _cap(recording: Recording) -> str:
+    """Return what the usual limit of nearly straight samples does for a recording."""
+    cameras = np.count_nonzero(recording.images.astype(bool)) / len(recording)
+    # The samples of side cameras are not straight, as their steering is corrected.
+    straight = np.mean(np.abs(recording.steering) < NEARLY_STRAIGHT) / max(cameras, 1)
+    if straight > STRAIGHT_CAP:
+        return f"keep data.straight_cap={STRAIGHT_CAP:g}, or "
+    return (
+        f"data.straight_cap={STRAIGHT_CAP:g} does not act on this recording, because samples of "
+        "side cameras are not straight: "
     )
 
 
@@ -93,6 +108,16 @@ def _centre_only(recording: Recording) -> str | None:
     )
 
 
+def _no_speed(recording: Recording) -> str | None:
+    if not recording.without_speed:
+        return None
+    return (
+        f"the speed is 0 mph in each row of {', '.join(recording.without_speed)}: "
+        "data.recover_s and networks that take or predict a speed cannot use it; replay it with "
+        "the speed that the car drove: drivezoo replay CKPT FOLDER speed=9"
+    )
+
+
 def _two_speeds(recording: Recording) -> str | None:
     speed = recording.speed_mph
     first = _usual_speed(speed)
@@ -119,7 +144,7 @@ def _usual_speed(speed: np.ndarray) -> float:
 
 def _one_direction(recording: Recording) -> str | None:
     total = np.abs(recording.steering).sum()
-    if not total:
+    if np.count_nonzero(recording.steering) < FEW_TURNS:
         return None
     left = -recording.steering[recording.steering < 0].sum() / total
     if max(left, 1 - left) < SIDE_SHARE:
@@ -174,6 +199,7 @@ _LOOKS: dict[str, Callable[[Recording], str | None]] = {
     "keyboard": _keyboard,
     "no_recoveries": _no_recoveries,
     "centre_only": _centre_only,
+    "no_speed": _no_speed,
     "two_speeds": _two_speeds,
     "one_direction": _one_direction,
     "duplicates": _duplicates,

@@ -12,7 +12,6 @@ CAMERA_HEIGHT_M, CAMERA_AHEAD_M = 1.2, 1.0  # ahead of the car's origin
 PITCH_DOWN_DEG = 9.5
 FOCAL_PX = FRAME_HEIGHT / 2 / np.tan(np.radians(30.0))
 WHEELBASE_M, REAR_AXLE_M = 2.87, 1.60  # the rear axle is behind the origin
-MAX_STEERING_DEG = 25.0
 FARTHEST_M = 60.0
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
-from datamodules.regular_file import read_regular
+from zoo.base.regular_file import read_regular
 
 FRAME_HEIGHT, FRAME_WIDTH = 160, 320  # what the original simulator records and sends
 

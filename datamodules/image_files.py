@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 from datamodules.image import HEAD, MOST_IMAGE_BYTES, TAIL, find_fault
-from datamodules.regular_file import open_regular, read_regular
+from zoo.base.regular_file import open_regular, read_regular
 
 # Errors after which a link is replaced by a copy: another file system, or one without links; a
 # file of another user; too many links.

@@ -7,18 +7,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
-from datamodules.errors import InputError
-from datamodules.regular_file import open_text
+from datamodules.bad_rows import BadRows
+from zoo.base.errors import InputError
+from zoo.base.regular_file import MOST_LINE, open_text
 
-MOST_LOG_BYTES = 2_000_000_000  # some ten million rows
+MOST_LOG_BYTES = 500_000_000  # of a million rows, as many as are read
 
 # Bytes that are not UTF-8, as `surrogateescape` decodes them, and NUL, in a path's last part.
 _NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
-def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield each row's line and stripped fields, without empty rows."""
+def read_fields(log: Path, bad: BadRows) -> Iterator[tuple[int, list[str]]]:
+    """Yield each row's line and stripped fields, without empty rows; other rows go to `bad`."""
     _refuse_utf_16(log)
     # A folder's name may be in an old code page: images are found by their file names.
     with open_text(log, MOST_LOG_BYTES, errors="surrogateescape") as file:
@@ -28,16 +29,14 @@ def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
             try:
                 fields = next(reader, None)
             except csv.Error as error:
-                raise InputError(
-                    f"{log}, row {line}: not a CSV row ({error}); delete a stray quote or the row"
-                ) from None
+                bad.faults.append(f"{log}, row {line}: not a CSV row ({error})")
+                continue
             if fields is None:
                 return
             if reader.line_num > line:
-                raise InputError(
-                    f"{log}, row {line}: a quote opens here and closes in row {reader.line_num}; "
-                    "delete the quote or the row"
-                )
+                closes = f"a quote opens here and closes in row {reader.line_num}"
+                bad.faults.append(f"{log}, row {line}: {closes}")
+                continue
             fields = [field.strip() for field in fields]
             if any(fields):
                 yield line, fields
@@ -45,7 +44,7 @@ def read_fields(log: Path) -> Iterator[tuple[int, list[str]]]:
 
 def find_delimiter(file: TextIO) -> str:
     """Return the delimiter of the first line, whose numbers may have decimal commas."""
-    line = file.readline()
+    line = file.readline(MOST_LINE)
     file.seek(0)
     return ";" if line.count(";") >= max(3, line.count(",")) else ","
 
@@ -62,14 +61,11 @@ def _refuse_utf_16(log: Path) -> None:
         )
 
 
-def printable_path(log: Path, line: int, path: str) -> str:
+def printable_path(path: str) -> str:
     """Return a path that can be printed; raise InputError if its file name is not UTF-8."""
     if found := _NO_TEXT.search(path):
         name = replace_undecoded(found.group())
-        raise InputError(
-            f"{log}, row {line}: the image name {name} is not UTF-8; save the log as UTF-8, or "
-            "delete the row"
-        )
+        raise InputError(f"the image name {name:.200} is not UTF-8 (save the log as UTF-8)")
     return replace_undecoded(path)
 
 

@@ -19,9 +19,9 @@ from datamodules.image import (
     jpeg_size,
 )
 from datamodules.recording import Recording
-from datamodules.regular_file import read_regular
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
+from zoo.base.regular_file import read_regular
 
 MOST_ROWS = 40  # rows of each kind
 APART_S = 2.0  # least time between two rows of a kind

@@ -4,15 +4,17 @@ import difflib
 import hashlib
 import os
 import re
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from datamodules.bad_rows import BadRows
 from datamodules.driving_log import CAMERAS, LogColumns, read_log_columns
-from datamodules.errors import InputError
+from datamodules.source_format import LOG_NAME, NAMES, known_format
+from zoo.base.errors import InputError
 
-LOG_NAME = "driving_log.csv"
 SUGGESTED = 3  # folders with a log that the error about a folder without one names
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
 
@@ -32,6 +34,7 @@ class Recording:
         speed_mph: recorded speed, float64 [N].
         time_s: seconds since 1970 from the file name, float64 [N]; NaN without a time.
         bad_images: a line on each row that `on_bad_image=skip` left out.
+        bad_rows: a line on each row that `on_bad_row=skip` left out.
     """
 
     names: tuple[str, ...]
@@ -44,15 +47,23 @@ class Recording:
     speed_mph: np.ndarray
     time_s: np.ndarray
     bad_images: tuple[str, ...] = ()
+    bad_rows: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.steering)
+
+    @property
+    def without_speed(self) -> list[str]:
+        """Return the names of the recordings whose speed is 0 in each row."""
+        moving = set(self.recording[self.speed_mph != 0].tolist())
+        return [name for number, name in enumerate(self.names) if number not in moving]
 
     def keep(self, mask: np.ndarray, bad_images: tuple[str, ...] = ()) -> "Recording":
         """Return the rows of `mask` (bool [N]); add `bad_images` to the skipped ones."""
         columns = ("recording", "line", "images", "steering", "throttle", "brake")
         kept = {name: getattr(self, name)[mask] for name in (*columns, "speed_mph", "time_s")}
-        return Recording(names=self.names, bad_images=self.bad_images + bad_images, **kept)
+        bad_images = self.bad_images + bad_images
+        return Recording(names=self.names, bad_images=bad_images, bad_rows=self.bad_rows, **kept)
 
     def place(self, row: int) -> str:
         """Return a row's place, for messages: `FOLDER/driving_log.csv, row 7`."""
@@ -70,7 +81,10 @@ class Recording:
 
 
 def read_recordings(
-    roots: str | list[str], images: str | None = None, on_bad_image: str = "fail"
+    roots: str | list[str],
+    images: str | None = None,
+    on_bad_image: str = "fail",
+    on_bad_row: str = "fail",
 ) -> Recording:
     """Read one folder, or several as one `Recording`.
 
@@ -78,6 +92,7 @@ def read_recordings(
         roots: folders of a `driving_log.csv` each, or paths of such files.
         images: folder of the images, if not `IMG` next to the log.
         on_bad_image: `fail`, or `skip` a row whose image is missing.
+        on_bad_row: `fail`, or `skip` a row that cannot be read.
 
     Raises:
         InputError: a folder, log, row or image is missing or wrong.
@@ -86,13 +101,14 @@ def read_recordings(
     if not roots:
         raise InputError("data.root is an empty list: name a folder with a driving_log.csv")
     parts = [
-        _read_one(number, Path(root).expanduser(), images, on_bad_image)
+        _read_one(number, Path(root).expanduser(), images, on_bad_image, BadRows(on_bad_row))
         for number, root in enumerate(roots)
     ]
-    columns = [name for name in vars(parts[0]) if name not in ("names", "bad_images")]
+    columns = [name for name in vars(parts[0]) if name not in ("names", "bad_images", "bad_rows")]
     whole = Recording(
         names=tuple(part.names[0] for part in parts),
         bad_images=tuple(line for part in parts for line in part.bad_images),
+        bad_rows=tuple(line for part in parts for line in part.bad_rows),
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in columns},
     )
     if not len(whole):
@@ -103,9 +119,11 @@ def read_recordings(
     return whole
 
 
-def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) -> Recording:
+def _read_one(
+    number: int, root: Path, images: str | None, on_bad_image: str, bad_rows: BadRows
+) -> Recording:
     try:
-        return _read_log(number, root, images, on_bad_image)
+        return _read_log(number, root, images, on_bad_image, bad_rows)
     except OSError as error:
         raise InputError(
             f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "
@@ -113,14 +131,16 @@ def _read_one(number: int, root: Path, images: str | None, on_bad_image: str) ->
         ) from None
 
 
-def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) -> Recording:
+def _read_log(
+    number: int, root: Path, images: str | None, on_bad_image: str, bad_rows: BadRows
+) -> Recording:
     log = root if root.suffix == ".csv" else root / LOG_NAME
     if not root.exists():
         raise InputError(f"{root}: no such folder; {_suggest_near(root)}")
     if not log.exists():
         raise InputError(f"{root}: holds no {LOG_NAME}; {_suggest(root)}")
     finder = ImageFinder(log, images)
-    rows = read_log_columns(log)
+    rows = read_log_columns(log, bad_rows)
     paths = np.empty((len(rows), len(CAMERAS)), dtype=object)
     missing = []
     for camera, written in enumerate(rows.paths):
@@ -144,6 +164,7 @@ def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) ->
         brake=numbers[:, 2],
         speed_mph=numbers[:, 3],
         time_s=times_from_names(rows.paths[0]),
+        bad_rows=tuple(bad_rows.faults),
     )
     good = np.ones(len(rows), dtype=bool)
     good[list(bad)] = False
@@ -152,6 +173,8 @@ def _read_log(number: int, root: Path, images: str | None, on_bad_image: str) ->
 
 def _suggest(root: Path) -> str:
     """Return what to name instead of a folder without a log: the nearest folders with one."""
+    if other := known_format(root):
+        return f"it is a {NAMES[other]}: {shlex.join(['drivezoo', 'convert', str(root)])}"
     found = [str(path.parent) for path in sorted(root.glob(f"*/{LOG_NAME}"))]
     if not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
         found = [str(root.parent)]
@@ -180,7 +203,7 @@ def _refuse_or_note(
     for camera, indices in enumerate(missing):
         for index in indices:
             written = rows.paths[camera][index]
-            bad[index] = f"{log}, row {rows.line[index]}: no image {file_name(written)}"
+            bad[index] = f"{log}, row {rows.line[index]}: no image {file_name(written):.200}"
     no_center = [index for index, path in enumerate(rows.paths[0]) if not path]
     bad |= {index: f"{log}, row {rows.line[index]}: names no centre image" for index in no_center}
     if bad and on_bad_image == "fail":
@@ -244,8 +267,9 @@ class ImageFinder:
         parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
         tails = [self.root.joinpath(*parts[start:]) for start in range(len(parts))]
         img = [path for path in self.root.iterdir() if path.name.lower() == "img"]
-        as_written = [Path(written)] if written.startswith("/") else []
-        return [*img, *tails, self.root, *as_written]
+        # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
+        is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
+        return [*img, *tails, self.root, *([Path(written)] if is_own else [])]
 
     def _listing(self, folder: Path) -> dict[str, str]:
         if folder not in self._listings:

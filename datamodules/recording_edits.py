@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 
 Stretch = tuple[int, int]  # first row, and the row after the last one
 

@@ -55,7 +55,7 @@ def report_recording(recording: Recording, mask: np.ndarray, name: str) -> Recor
 
 
 def report_lines(recording: Recording) -> list[str]:
-    """Return the reports as lines, one per recording, and a line for skipped images."""
+    """Return the reports as lines, one per recording, and a line for skipped rows."""
     lines = []
     for report in report_recordings(recording):
         timing = "no times in the file names"
@@ -71,7 +71,14 @@ def report_lines(recording: Recording) -> list[str]:
             f"{report.name}: {report.rows:,} rows, {sides}, {timing}, "
             f"{report.zero_share:.0%} of steering exactly 0, mean {report.mean_speed_mph:.1f} mph"
         )
-    if recording.bad_images:
-        count = len(recording.bad_images)
-        lines.append(f"skipped {count} rows with a bad image, the first: {recording.bad_images[0]}")
-    return lines
+    return lines + skipped_lines(recording)
+
+
+def skipped_lines(recording: Recording) -> list[str]:
+    """Return a line for skipped rows, and one for rows with a skipped image."""
+    kinds = {"bad rows": recording.bad_rows, "rows with a bad image": recording.bad_images}
+    return [
+        f"skipped {len(skipped):,} {kind}, the first: {skipped[0]}"
+        for kind, skipped in kinds.items()
+        if skipped
+    ]

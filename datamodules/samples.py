@@ -4,18 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS
-from datamodules.errors import InputError
+from datamodules.driving_log import CAMERAS, MAX_STEERING_DEG
 from datamodules.recording import Recording
 from datamodules.split import rows_per_second
 from datamodules.windows import SINGLE_FRAMES, Windows
+from zoo.base.errors import InputError
 
 CENTER, LEFT, RIGHT = range(3)
 
 # Measured on the original simulator: cameras' metres from the centreline, wheelbase, steering lock.
 CAMERA_OFFSET_M = {LEFT: -0.806, RIGHT: 0.825}
 WHEELBASE_M = 2.87
-MAX_STEERING_DEG = 25.0
 MPS_PER_MPH = 0.44704
 MIN_RECOVERY_M = 4.0
 

@@ -1,6 +1,7 @@
 """The split of rows into train, validation and test."""
 
 import csv
+import io
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.recording import LOG_NAME, Recording, file_name
-from datamodules.regular_file import open_text
+from zoo.base.errors import InputError
+from zoo.base.regular_file import open_text
+from zoo.base.whole_file import write_whole
 
 MOST_SPLIT_BYTES = 500_000_000
 PARTS = ("train", "val", "test")
@@ -94,13 +96,14 @@ def rows_per_second(recording: Recording) -> float:
 
 def write_split(path: Path, recording: Recording, split: Split) -> None:
     """Write `image,part` rows that `data.split=FILE` reads back."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["image", "part"])
-        for name in PARTS:
-            writer.writerows(
-                [file_name(recording.images[row, 0]), name] for row in getattr(split, name)
-            )
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(["image", "part"])
+    for name in PARTS:
+        writer.writerows(
+            [file_name(recording.images[row, 0]), name] for row in getattr(split, name)
+        )
+    write_whole(path, text.getvalue().encode(errors="surrogateescape"))
 
 
 def _deal(sizes: np.ndarray, shares: np.ndarray, rng: np.random.Generator) -> np.ndarray:

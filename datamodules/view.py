@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.base.errors import InputError
 
 FRAME_SHAPE = (FRAME_HEIGHT, FRAME_WIDTH, 3)
 # OpenCV's codes of colours with three channels: from RGB, and back.

@@ -22,13 +22,17 @@ import cv2
 import numpy as np
 from filelock import FileLock, Timeout
 
-from datamodules.cores import usable_cores
-from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.view import View
+from zoo.base.cores import usable_cores
+from zoo.base.errors import InputError
+from zoo.base.whole_file import whole_path, write_whole
+from zoo.base.written_files import mark_folder, note_files
 
 # Raise it when the output of `decode_image` or `View` changes: old files are then not read again.
 VERSION = 2
+CACHE = "cache"  # kind of folder
+_seeking = threading.Lock()  # where a file has one position for all threads
 CHUNK = 32  # images that a thread decodes, and writes, at a time
 SYNC_EVERY_S = 0.02  # time between two syncs of a file that is being written
 
@@ -109,6 +113,7 @@ def load_file(
     if not is_stored(target):
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
+            mark_folder(target.parent, CACHE)
             with _lock(target, on_wait):
                 if not is_stored(target):
                     _build(target, shape, np.dtype(dtype), fill)
@@ -116,7 +121,7 @@ def load_file(
             size = int(np.prod(shape)) * np.dtype(dtype).itemsize
             raise _cache_error(error, target.parent, size, what) from error
     views = np.load(target, mmap_mode="r")
-    notes = json.loads(_faults_path(target).read_text())
+    notes = json.loads(_faults_path(target).read_text(encoding="utf-8"))
     faults = {int(position): fault for position, fault in notes.items()}
     return ViewFile(views, faults)
 
@@ -204,9 +209,10 @@ def _build(
     dtype: np.dtype,
     fill: Callable[[Keep], dict[int, str]],
 ) -> None:
-    """Write `target` as a `.part` file, then rename it: it is never incomplete."""
-    part = target.with_suffix(".part")  # a killed process's file is overwritten: we hold the lock
-    try:
+    """Write `target` in one step: it is never incomplete."""
+    for left in target.parent.glob(f".{target.name}.*.part"):
+        left.unlink(missing_ok=True)  # of a killed process: we hold the lock
+    with whole_path(target) as part:
         # Not mapped: on a full disk a write raises an error, but a mapped page kills the process.
         with part.open("wb") as file:
             header = {"descr": dtype.str, "fortran_order": False, "shape": shape}
@@ -220,19 +226,24 @@ def _build(
             with _synced_early(file.fileno()):
                 faults = fill(keep)
             os.fsync(file.fileno())
-        _faults_path(target).write_text(json.dumps(faults))
-        part.replace(target)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+        write_whole(_faults_path(target), json.dumps(faults))
 
 
 def _write_at(descriptor: int, chunk: np.ndarray, offset: int) -> None:
     """Write a whole chunk: on a nearly full disk the system may write only a part at first."""
     left = chunk.data.cast("B")
     while left:
-        written = os.pwrite(descriptor, left, offset)
+        written = _write_part(descriptor, left, offset)
         left, offset = left[written:], offset + written
+
+
+def _write_part(descriptor: int, data: memoryview, offset: int) -> int:
+    """Write data at an offset as far as the system takes it; return the number of bytes."""
+    if hasattr(os, "pwrite"):
+        return os.pwrite(descriptor, data, offset)
+    with _seeking:  # Windows
+        os.lseek(descriptor, offset, os.SEEK_SET)
+        return os.write(descriptor, data)
 
 
 @contextmanager
@@ -260,7 +271,9 @@ def _synced_early(descriptor: int) -> Iterator[None]:
 @contextmanager
 def _lock(target: Path, on_wait: Callable[[], None] | None) -> Iterator[None]:
     """Hold the lock of a file; the system releases it when the process dies."""
-    lock = FileLock(target.with_suffix(".lock"))
+    path = target.with_suffix(".lock")
+    note_files(path)
+    lock = FileLock(path)
     try:
         lock.acquire(timeout=0)
     except Timeout:

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.recording import Recording
 from datamodules.split import PARTS, Split
 from datamodules.stretches import find_breaks
+from zoo.base.errors import InputError
 
 # A longer time to the next row, in usual steps of the recording, breaks a window. In a recording of
 # the original simulator 2 of 2,699 steps are longer.

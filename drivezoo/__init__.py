@@ -1,9 +1,10 @@
 """The commands as functions, for notebooks and scripts: `import drivezoo as zoo`.
 
-Importing is cheap: each function imports torch and the simulator when it is called.
+Importing is cheap: each function imports torch and the simulator's renderer when it is called. It
+registers the Gymnasium environments, such as `Lake-v0`.
 """
 
-from datamodules.errors import InputError, UsageError
+import simulator  # noqa: F401 - registers the environments
 from drivezoo.functions import (
     benchmark,
     compare,
@@ -17,6 +18,7 @@ from drivezoo.functions import (
 from drivezoo.policies import load_policy, policy
 from drivezoo.saved_results import read_benchmark, read_run, write_table
 from zoo import __version__
+from zoo.base.errors import InputError, UsageError
 from zoo.cli.stop_errors import StoppedError
 
 __all__ = [

@@ -28,23 +28,23 @@ Driver: TypeAlias = "str | Path | Training | Callable[..., Any]"
 
 @one_line_errors
 def train(**keys: Any) -> Training:
-    """Train a network, test it, and score it by driving, as `python -m zoo` does.
+    """Train a network, test it, and score it by driving, as `drivezoo train` does.
 
     >>> run = train(model="lenet", data={"root": "FOLDER"})  # doctest: +SKIP
 
     Args:
         **keys: overrides of the config; a dict has the keys after a dot. `resume=FOLDER` resumes a
-            run.
+            run. `parts=` names files of the user's own networks, losses, ...
 
     Raises:
         UsageError: a key or value is wrong, or asks for several processes or runs.
         InputError: the recording or another file cannot be used.
         StoppedError: an interrupt, such as Ctrl-C; names how to resume.
     """
-    from datamodules.errors import UsageError
     from drivezoo.training import Training
     from zoo.__main__ import is_sweep
     from zoo.__main__ import train as train_run
+    from zoo.base.errors import UsageError
     from zoo.cli.run_command import check_arguments
 
     if "resume" in keys:
@@ -52,7 +52,7 @@ def train(**keys: Any) -> Training:
     arguments = overrides(keys)
     check_arguments(arguments)
     if is_sweep(arguments):
-        raise UsageError("hydra.mode=MULTIRUN: call train for each run, or type python -m zoo -m")
+        raise UsageError("hydra.mode=MULTIRUN: call train for each run, or type drivezoo train -m")
     return Training.read(train_run(arguments, several=False))
 
 
@@ -73,7 +73,7 @@ def evaluate(driver: Driver, **keys: Any) -> Evaluation:
         InputError: the checkpoint cannot be used; or the network steered NaN, after all files are
             written.
     """
-    from datamodules.errors import InputError, UsageError
+    from zoo.base.errors import InputError, UsageError
     from zoo.cli.command_config import read_options
     from zoo.evaluate.__main__ import evaluate as evaluate_driver
     from zoo.evaluate.evaluate_options import EvaluateOptions
@@ -83,7 +83,7 @@ def evaluate(driver: Driver, **keys: Any) -> Evaluation:
         raise UsageError("replay: call drivezoo.replay(driver, recording)")
     settings = read_options("evaluate", EvaluateOptions, options("evaluate", keys))
     result = evaluate_driver(checkpoint_of(driver), settings, _console())
-    write_asked(result, settings.table, settings.plot)
+    write_asked(result, settings.table, settings.plot, settings.columns)
     if result.problem:
         raise InputError(result.problem)
     return result
@@ -103,7 +103,7 @@ def replay(driver: Driver, recording: str | Path, **keys: Any) -> Replay:
         InputError: the checkpoint or the recording cannot be used; or the network steered NaN,
             after all files are written.
     """
-    from datamodules.errors import InputError
+    from zoo.base.errors import InputError
     from zoo.cli.command_config import read_options
     from zoo.evaluate.replay_score import ReplayOptions, replay_recording
 
@@ -129,7 +129,7 @@ def benchmark(*drivers: str | Path | Training, **keys: Any) -> Benchmarked:
         InputError: a checkpoint or the suite cannot be used; or, after all files are written, the
             network steered NaN or a mark of the suite is missed.
     """
-    from datamodules.errors import InputError, UsageError
+    from zoo.base.errors import InputError, UsageError
     from zoo.benchmark.__main__ import BenchmarkOptions
     from zoo.benchmark.__main__ import benchmark as drive_suite
     from zoo.cli.command_config import read_options
@@ -235,7 +235,7 @@ def drive(driver: str | Path | Training, **keys: Any) -> ServedDrive | None:
 def _console() -> Console:
     from rich.console import Console
 
-    from datamodules.terminal import guard_rich
+    from zoo.base.terminal import guard_rich
 
     guard_rich()
     return Console(emoji=False)

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
 from zoo.cli.conf_files import command_keys
 
 
 def overrides(keywords: Mapping[str, object]) -> list[str]:
-    """Return keywords as overrides of `python -m zoo`; the keys of a dict are joined by dots.
+    """Return keywords as overrides of `drivezoo train`; the keys of a dict are joined by dots.
 
     >>> overrides({"model": "lenet", "data": {"root": "lake", "val_share": 0.2}, "quick": True})
     ['model=lenet', 'data.root=lake', 'data.val_share=0.2', 'quick=true']

@@ -1,6 +1,7 @@
 """Errors of a function in one line, as its command prints them."""
 
 import os
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -23,6 +24,8 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
     @wraps(function)
     def call(*args: Given.args, **kwargs: Given.kwargs) -> Returned:
         os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+        # A notebook needs no ipywidgets: drivezoo shows no bar of tqdm's, which Lightning imports.
+        warnings.filterwarnings("ignore", message="IProgress not found")
         parts: Any = kwargs.pop("parts", None) or []
         names = [parts] if isinstance(parts, str | Path) else parts
         try:

@@ -9,7 +9,7 @@ from pathlib import Path
 from zoo.drives.drive_file import read_summary_file
 from zoo.drives.drive_log import SUMMARY_NAME
 from zoo.drives.metrics import METRICS
-from zoo.runs.result_table import Result, ResultTable
+from zoo.runs.result_table import Result, ResultTable, table_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,8 +39,7 @@ class ServedDrive(Result):
 
     def result_table(self) -> ResultTable:
         """Return one row with all figures."""
-        row = {key: one for key, one in self.figures.items() if key in METRICS}
-        return ResultTable([row], list(row), [[str(one) for one in row.values()]])
+        return table_of([{key: one for key, one in self.figures.items() if key in METRICS}])
 
 
 @contextmanager

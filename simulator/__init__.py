@@ -1,6 +1,6 @@
 """The embedded simulator: tracks, a car, its cameras, an expert, a recorder; no display needed."""
 
-from simulator.early_interrupt import stop_quietly
+from zoo.base.early_interrupt import stop_quietly
 
 stop_quietly("simulator")
 

@@ -8,7 +8,7 @@ from dataclasses import is_dataclass
 from types import ModuleType
 
 from simulator.command_line import options_help, run_command
-from simulator.errors import UsageError
+from zoo.base.errors import UsageError
 
 # Modules are imported only when needed: --help and typos answer without the slow imports.
 COMMANDS = {

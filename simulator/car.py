@@ -54,10 +54,12 @@ class Car:
 
     Args:
         delay_s: seconds from a command to its effect.
+        reverses: whether a throttle below 0 reverses below 5 mph, as in the original; otherwise it
+            brakes until the car stands.
     """
 
-    def __init__(self, delay_s: float = 0.0) -> None:
-        self.delay_steps = round(delay_s / PHYSICS_STEP_S)
+    def __init__(self, delay_s: float = 0.0, reverses: bool = True) -> None:
+        self.delay_steps, self.reverses = round(delay_s / PHYSICS_STEP_S), reverses
         self.place(0.0, 0.0, 0.0)
 
     def place(self, x: float, y: float, heading: float, speed_mph: float = 0.0) -> None:
@@ -77,8 +79,7 @@ class Car:
 
         Args:
             steering: steering command, clamped to -1..1, right positive.
-            throttle: throttle command, clamped to -1..1; below 0 it brakes, and reverses below
-                5 mph.
+            throttle: throttle command, clamped to -1..1; below 0 it brakes or reverses.
             grade: rise of the road ahead, per metre.
             surface: surface under the wheels.
         """
@@ -106,7 +107,7 @@ class Car:
         resistance = surface.resistance_mps2
         if self.throttle >= 0:
             pull += self.throttle * min(DRIVE_N / MASS_KG, surface.grip * GRAVITY_MPS2)
-        elif self.ahead_mps < REVERSE_BELOW_MPH * MPS_PER_MPH:
+        elif self.reverses and self.ahead_mps < REVERSE_BELOW_MPH * MPS_PER_MPH:
             pull += self.throttle * REVERSE_N / MASS_KG
         else:
             resistance -= self.throttle * BRAKE_MPS2 * surface.grip

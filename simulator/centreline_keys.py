@@ -16,10 +16,10 @@ from simulator.centreline import (
     segment_points,
     survey_points,
 )
-from simulator.errors import SimulatorError
 from simulator.rig import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
 from simulator.survey_file import MOST_POINTS, read_survey
 from simulator.yaml_values import check_keys, read_number, read_rows
+from zoo.base.errors import InputError
 
 KINDS = ("points", "segments", "survey")
 CENTRELINE_KEYS = (*KINDS, "closed", "width", "widths")
@@ -43,12 +43,12 @@ def read_centreline(content: dict, closed: bool, folder: Path) -> dict:
         folder: folder of the track's file, in which a survey lies.
 
     Raises:
-        SimulatorError: a value is wrong, a loop does not close, a bend is too tight for the car,
+        InputError: a value is wrong, a loop does not close, a bend is too tight for the car,
             or two parts of the road are too near each other.
     """
     kinds = [kind for kind in KINDS if content.get(kind) is not None]
     if len(kinds) > 1:
-        raise SimulatorError(f"{kinds[1]}: {kinds[0]} is given, too; keep one of them")
+        raise InputError(f"{kinds[1]}: {kinds[0]} is given, too; keep one of them")
     kind = kinds[0] if kinds else "points"
     if kind == "segments":
         segments = _segments(content["segments"])
@@ -68,7 +68,7 @@ def read_centreline(content: dict, closed: bool, folder: Path) -> dict:
         points, fine = _points(content.get("points"), closed), 200
     centreline = make_centreline(points, closed, fine)
     if centreline["length"] > MOST_LENGTH_M:
-        raise SimulatorError(_too_long(kind, centreline["length"]))
+        raise InputError(_too_long(kind, centreline["length"]))
     _check_bends(kind, centreline)
     usual, widths = _widths(content, centreline, closed)
     bridge = _bridges(kind, centreline, widths / 2, closed)
@@ -78,18 +78,18 @@ def read_centreline(content: dict, closed: bool, folder: Path) -> dict:
 def _points(given: object, closed: bool) -> np.ndarray:
     points = read_rows("points", given, 3, "[x, y, z]")
     if closed and len(points) < 4:
-        raise SimulatorError(f"points: {len(points)} points; a closed loop needs 4 or more")
+        raise InputError(f"points: {len(points)} points; a closed loop needs 4 or more")
     if len(points) < 2:
-        raise SimulatorError(f"points: {len(points)} points; an open road needs 2 or more")
+        raise InputError(f"points: {len(points)} points; an open road needs 2 or more")
     if len(points) > MOST_POINTS:
-        raise SimulatorError(f"points: {len(points):,} points; use at most {MOST_POINTS:,}")
+        raise InputError(f"points: {len(points):,} points; use at most {MOST_POINTS:,}")
     _check_extent("points", points, closed)
     ends = points[:1] if closed else points[:0]
     steps = np.linalg.norm(np.diff(np.vstack([points, ends]), axis=0)[:, :2], axis=1)
     if steps.min() < 1:
         where = int(steps.argmin()) + 1
         advice = "; the loop closes by itself, so do not repeat the first one" if closed else ""
-        raise SimulatorError(
+        raise InputError(
             f"points: numbers {where} and {where % len(points) + 1} are less than 1 m apart{advice}"
         )
     return points
@@ -97,9 +97,9 @@ def _points(given: object, closed: bool) -> np.ndarray:
 
 def _segments(given: object) -> list[Segment]:
     if not isinstance(given, list) or not given:
-        raise SimulatorError("segments: must be a list such as [{straight: 80}, {left: 45, ...}]")
+        raise InputError("segments: must be a list such as [{straight: 80}, {left: 45, ...}]")
     if len(given) > MOST_POINTS:
-        raise SimulatorError(f"segments: {len(given):,} segments; use at most {MOST_POINTS:,}")
+        raise InputError(f"segments: {len(given):,} segments; use at most {MOST_POINTS:,}")
     return [_segment(f"segments, number {at}", one) for at, one in enumerate(given, start=1)]
 
 
@@ -108,7 +108,7 @@ def _segment(place: str, given: object) -> Segment:
         way for way in ("straight", "left", "right") if isinstance(given, dict) and way in given
     ]
     if len(ways) != 1:
-        raise SimulatorError(
+        raise InputError(
             f"{place}: {given}; must have one of straight (metres), left or right (degrees, with "
             "radius)"
         )
@@ -127,17 +127,17 @@ def _segment(place: str, given: object) -> Segment:
 
 
 def _check_closing(segments: list[Segment]) -> None:
-    """Raise SimulatorError for segments whose end is not their start."""
+    """Raise InputError for segments whose end is not their start."""
     gap = segment_points(segments)[-1]
     _check_gap("segments", gap[0], gap[1])
     turned = math.degrees(sum(one.turn for one in segments))
     if abs(turned / 360 - round(turned / 360)) * 360 > 2:
-        raise SimulatorError(
+        raise InputError(
             f"segments: the road turns {turned:.1f} degrees to the left; a closed loop turns a "
             "multiple of 360: change a bend, or set closed: false"
         )
     if abs(gap[2]) > CLOSING_M:
-        raise SimulatorError(
+        raise InputError(
             f"segments: the road ends {gap[2]:+.1f} m above its start; a closed loop needs a sum "
             f"of climbs of 0, within {CLOSING_M:g} m"
         )
@@ -146,26 +146,26 @@ def _check_closing(segments: list[Segment]) -> None:
 def _check_gap(kind: str, x: float, y: float) -> None:
     gap = math.hypot(x, y)
     if gap > CLOSING_M:
-        raise SimulatorError(
+        raise InputError(
             f"{kind}: the road ends {gap:.1f} m from its start (east {x:+.1f}, north {y:+.1f}); "
             f"a closed loop may leave {CLOSING_M:g} m: correct it, or set closed: false"
         )
 
 
 def _check_extent(kind: str, points: np.ndarray, closed: bool) -> None:
-    """Raise SimulatorError for points that would need gigabytes of memory."""
+    """Raise InputError for points that would need gigabytes of memory."""
     sides = np.ptp(points[:, :2], axis=0)
     if sides.max() > MOST_SIDE_M:
-        raise SimulatorError(
+        raise InputError(
             f"{kind}: extend over {sides.max():,.0f} m, more than {MOST_SIDE_M:,} m; give them in "
             "metres"
         )
     ends = points[:1] if closed else points[:0]
     length = np.linalg.norm(np.diff(np.vstack([points, ends]), axis=0), axis=1).sum()
     if length > MOST_LENGTH_M:
-        raise SimulatorError(_too_long(kind, length))
+        raise InputError(_too_long(kind, length))
     if not closed and length < SHORTEST_M:
-        raise SimulatorError(f"{kind}: the road is {length:.0f} m long; needs {SHORTEST_M:.0f} m")
+        raise InputError(f"{kind}: the road is {length:.0f} m long; needs {SHORTEST_M:.0f} m")
 
 
 def _too_long(kind: str, length: float) -> str:
@@ -176,7 +176,7 @@ def _check_bends(kind: str, centreline: dict) -> None:
     tightest = int(np.abs(centreline["curvature"]).argmax())
     radius = 1 / max(abs(centreline["curvature"][tightest]), 1e-9)
     if radius < TIGHTEST_RADIUS_M:
-        raise SimulatorError(
+        raise InputError(
             f"{kind}: the bend at {centreline['distance'][tightest]:.0f} m has a radius of "
             f"{radius:.1f} m; the car needs {TIGHTEST_RADIUS_M:.1f} m: make the bend wider"
         )
@@ -191,13 +191,13 @@ def _widths(content: dict, centreline: dict, closed: bool) -> tuple[float, np.nd
         return usual, np.full(len(distance), usual)
     table = read_rows("widths", given, 2, "[station, width]")
     if not 1 <= len(table) <= MOST_POINTS:
-        raise SimulatorError(f"widths: {len(table):,} rows; must have 1..{MOST_POINTS:,}")
+        raise InputError(f"widths: {len(table):,} rows; must have 1..{MOST_POINTS:,}")
     for at, (station, width) in enumerate(table.tolist(), start=1):
         read_number(f"widths, number {at}: station", station, 0, length)
         read_number(f"widths, number {at}: width", width, *WIDTHS)
     late = np.flatnonzero(np.diff(table[:, 0]) <= 0)
     if len(late):
-        raise SimulatorError(f"widths, number {late[0] + 2}: stations must increase")
+        raise InputError(f"widths, number {late[0] + 2}: stations must increase")
     period = length if closed else None
     widths = np.interp(distance, table[:, 0], table[:, 1], period=period)
     usual = content.get("width")
@@ -207,11 +207,11 @@ def _widths(content: dict, centreline: dict, closed: bool) -> tuple[float, np.nd
 
 
 def _bridges(kind: str, centreline: dict, half_widths: np.ndarray, closed: bool) -> np.ndarray:
-    """Return which samples stand on a bridge; raise SimulatorError for parts that collide."""
+    """Return which samples stand on a bridge; raise InputError for parts that collide."""
     try:
         pairs, room = near_parts(centreline, half_widths, closed)
     except ValueError as error:
-        raise SimulatorError(f"{kind}: {error}; shorten it") from None
+        raise InputError(f"{kind}: {error}; shorten it") from None
     first, second = pairs.T
     xyz, distance = centreline["xyz"], centreline["distance"]
     above = xyz[first, 2] - xyz[second, 2]
@@ -219,7 +219,7 @@ def _bridges(kind: str, centreline: dict, half_widths: np.ndarray, closed: bool)
     if collide.any():
         apart = np.linalg.norm(xyz[first, :2] - xyz[second, :2], axis=1)
         worst = int(np.where(collide, room - apart, -1).argmax())
-        raise SimulatorError(
+        raise InputError(
             f"{kind}: the road crosses itself, or nearly: {distance[first[worst]]:.0f} m and "
             f"{distance[second[worst]]:.0f} m along it are {apart[worst]:.1f} m apart and need "
             f"{room[worst]:.1f} m, or {CLEARANCE_M:g} m of height for a bridge, not "

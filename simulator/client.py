@@ -23,7 +23,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     """Connect and drive, reconnect after each lost connection, and print a summary.
 
     Raises:
-        SimulatorError: an option is wrong, no renderer opens, or the film cannot be written.
+        InputError: an option is wrong, no renderer opens, or the film cannot be written.
     """
     check_options(options)
     world = open_world(renderer=options.renderer, **options.place)

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from simulator.errors import SimulatorError
 from simulator.legacy_socket import websocket_address
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -53,21 +53,21 @@ class ClientOptions(WorldSettings):
 
 
 def check_options(options: ClientOptions) -> None:
-    """Raise SimulatorError for an option whose value is not allowed."""
+    """Raise InputError for an option whose value is not allowed."""
     choices = {"protocol": ("legacy", "modern"), "clock": ("lockstep", "realtime")}
     options.check()
     for key, known in choices.items():
         if getattr(options, key) not in known:
-            raise SimulatorError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")
+            raise InputError(f"{key}={getattr(options, key)}: must be {' or '.join(known)}")
     websocket_address(options.url)
     if options.renderer == "none":
-        raise SimulatorError("renderer=none: a driver needs camera frames; use renderer=auto")
+        raise InputError("renderer=none: a driver needs camera frames; use renderer=auto")
     if options.put_back and not options.truth:
-        raise SimulatorError("put_back=true: needs the car's position in telemetry; add truth=true")
+        raise InputError("put_back=true: needs the car's position in telemetry; add truth=true")
     if options.laps < 0 or options.seconds < 0:
-        raise SimulatorError("laps and seconds must be 0 or more")
+        raise InputError("laps and seconds must be 0 or more")
     if not all(_is_span(pair) for pair in options.manual):
-        raise SimulatorError("manual: must be pairs of seconds such as [[5,7],[20,21]]")
+        raise InputError("manual: must be pairs of seconds such as [[5,7],[20,21]]")
 
 
 def _is_span(pair: object) -> bool:

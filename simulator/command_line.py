@@ -2,7 +2,6 @@
 
 import difflib
 import inspect
-import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -12,9 +11,10 @@ from typing import TypeVar
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from simulator.early_interrupt import raise_again
-from simulator.errors import SimulatorError, UsageError
-from simulator.plain_yaml import check_yaml
+from zoo.base.bounded_files import check_yaml
+from zoo.base.early_interrupt import raise_again
+from zoo.base.errors import InputError, UsageError
+from zoo.base.standard_output import forgiving_output
 
 Options = TypeVar("Options")
 
@@ -86,13 +86,11 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
 
     The status is 0 on success, 1 after an error, 2 after wrong use, and 130 after Ctrl-C.
     """
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a terminal's encoding may lack some characters
     try:
-        raise_again()
-        command(arguments)
-    except SimulatorError as error:
+        with forgiving_output():
+            raise_again()
+            command(arguments)
+    except InputError as error:
         _print_error(error)
         return 2 if isinstance(error, UsageError) else 1
     except MemoryError:
@@ -101,8 +99,6 @@ def run_command(command: Callable[[Sequence[str]], None], arguments: Sequence[st
     except KeyboardInterrupt:
         print("simulator: stopped", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         if error.strerror is None:
             raise

@@ -13,20 +13,23 @@ from simulator.command_line import read_options
 from simulator.drive_loop import Drive
 from simulator.drive_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
-from simulator.errors import SimulatorError
-from simulator.record_report import print_report, print_written, train_command
+from simulator.record_report import next_command, print_report, print_written
 from simulator.recorder import LOG_NAME, Recorder, check_free
 from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
+from zoo.base.errors import InputError
 
 
-def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
-    """Let a person drive in a window; return the recording's folder, or None without rows.
+def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, int] | None:
+    """Let a person drive in a window.
+
+    Returns:
+        The recording's folder and its number of rows off the road; None without rows.
 
     Raises:
-        SimulatorError: an option is wrong, no window opens, or the recording cannot be written.
+        InputError: an option is wrong, no window opens, or the recording cannot be written.
     """
     console = console or Console(soft_wrap=True)
     world = _open(options)
@@ -46,27 +49,28 @@ def drive(options: DriveOptions, console: Console | None = None) -> Path | None:
         return None
     took = time.perf_counter() - began
     print_report(console, run.recorder, [run.driven], took, world.pictures.name)
-    return run.recorder.folder
+    return run.recorder.folder, run.driven.off_road
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run the command with `key=value` arguments; see `DriveOptions`."""
-    folder = drive(read_options(DriveOptions, arguments))
-    if folder is None:
+    recorded = drive(read_options(DriveOptions, arguments))
+    if recorded is None:
         return
+    folder, off_road = recorded
     here = Path.cwd()
     root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    print_written(folder / LOG_NAME, train_command(root))
+    print_written(folder / LOG_NAME, next_command(root, off_road))
 
 
 def _open(options: DriveOptions) -> World:
     options.check()
     if options.renderer == "none":
-        raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
+        raise InputError("renderer=none: a recording needs images; use renderer=auto")
     if not 320 <= options.width <= 7680:
-        raise SimulatorError(f"width={options.width}: must be in 320..7680 pixels")
+        raise InputError(f"width={options.width}: must be in 320..7680 pixels")
     if not 0 <= options.seconds < float("inf"):
-        raise SimulatorError(f"seconds={options.seconds:g}: must be 0 or more")
+        raise InputError(f"seconds={options.seconds:g}: must be 0 or more")
     check_free(_folder(options.out))
     place = options.place | {"frame_rate": 1 / PHYSICS_STEP_S}
     world = open_world(renderer=options.renderer, **place)

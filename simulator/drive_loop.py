@@ -50,7 +50,7 @@ class Drive:
             seconds: seconds of simulated time until the end; 0 for no end.
 
         Raises:
-            SimulatorError: the recording's folder cannot be written, or the disk is full.
+            InputError: the recording's folder cannot be written, or the disk is full.
         """
         begin, owed_s = time.perf_counter(), 0.0
         while not seconds or self.world.time < seconds:
@@ -96,6 +96,7 @@ class Drive:
             self.recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
             self.driven.cte.append(world.cte)
             self.driven.steering.append(steering)
+            self.driven.off_road += world.off_road
 
     def _draw(self, part: float) -> bool:
         """Draw the world at a fraction between its last two steps, for smooth motion."""

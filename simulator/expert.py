@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from simulator.car import DRAG_PER_S, DRIVE_N, GRAVITY_MPS2, REVERSE_BELOW_MPH
-from simulator.errors import SimulatorError
 from simulator.rig import (
     MASS_KG,
     MAX_STEERING_DEG,
@@ -15,6 +14,7 @@ from simulator.rig import (
 )
 from simulator.track import Track
 from simulator.world import World
+from zoo.base.errors import InputError
 
 SLOWEST_MPS = 3.0
 THROTTLE_PER_MPS = 0.4  # throttle per m/s below the wanted speed
@@ -60,7 +60,7 @@ class ExpertSettings:
         for key, (low, high) in ranges.items():
             if not low <= getattr(self, key) <= high:
                 value = getattr(self, key)
-                raise SimulatorError(f"expert: {key}={value}: must be in {low:g}..{high:g}")
+                raise InputError(f"expert: {key}={value}: must be in {low:g}..{high:g}")
 
 
 class Expert:
@@ -79,7 +79,7 @@ class Expert:
         self.track, self.settings = track, settings or ExpertSettings()
         room = track.widths.min() / 2 - 1
         if abs(self.settings.offset_m) > room:
-            raise SimulatorError(
+            raise InputError(
                 f"expert: offset_m={self.settings.offset_m:g}: must be in "
                 f"{-room:.1f}..{room:.1f} on this road"
             )

@@ -11,7 +11,9 @@ from types import TracebackType
 import imageio_ffmpeg
 import numpy as np
 
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
+from zoo.base.whole_file import whole_path
+from zoo.base.written_files import check_output, note_output
 
 DISK_FULL = "No space left on device"
 LINES = 20  # last lines of ffmpeg's output, searched for the reason of a failure
@@ -20,30 +22,32 @@ LINES = 20  # last lines of ffmpeg's output, searched for the reason of a failur
 class Film:
     """A film that is being written; a context manager.
 
-    The file appears under its name when the film is complete.
+    The file appears under its name when the film is complete. An existing file is replaced only if
+    drivezoo wrote it.
 
     Args:
-        path: path of the .mp4; an existing file is replaced.
+        path: path of the .mp4.
         fps: frames per second.
 
     Raises:
-        SimulatorError: the path cannot be written to, or the disk is full.
+        InputError: the path cannot be written to, the disk is full, or see `check_output`.
     """
 
     def __init__(self, path: Path | str, fps: float) -> None:
         self.path, self.fps = Path(path), fps
         if self.path.suffix != ".mp4":
-            raise SimulatorError(f"{self.path}: the name of a film must end in .mp4")
+            raise InputError(f"{self.path}: the name of a film must end in .mp4")
         if fps <= 0:
-            raise SimulatorError(f"fps={fps:g}: must be above 0")
-        self._unfinished = self.path.with_name(f".{self.path.name}.part.mp4")
+            raise InputError(f"fps={fps:g}: must be above 0")
+        self._whole = whole_path(self.path)
         self._ffmpeg: subprocess.Popen | None = None
         self._lines: deque[str] = deque(maxlen=LINES)
         self._size = (0, 0)
+        check_output(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise SimulatorError(f"{self.path}: cannot be written: {error.strerror}") from None
+            raise self._unwritable(error) from None
 
     def __enter__(self) -> "Film":
         return self
@@ -54,7 +58,7 @@ class Film:
         H.264 in yuv420p needs an even height and width: an odd last row or column is cut off.
 
         Raises:
-            SimulatorError: the frame's size differs from the first one's, or the disk is full.
+            InputError: the frame's size differs from the first one's, or the disk is full.
         """
         frame = frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2]
         height, width = frame.shape[:2]
@@ -62,7 +66,7 @@ class Film:
             self._size = width, height
             self._start(width, height)
         if self._size != (width, height):  # ffmpeg reads bytes without a shape
-            raise SimulatorError(
+            raise InputError(
                 f"{self.path}: a frame is {width} x {height}, the film is "
                 f"{self._size[0]} x {self._size[1]}"
             )
@@ -87,24 +91,29 @@ class Film:
         complete = self._ffmpeg.wait() == 0 and kind is None
         try:
             if complete:
-                self._unfinished.replace(self.path)
+                self._whole.__exit__(None, None, None)
+                note_output(self.path)
+            else:  # removes the hidden file
+                self._whole.__exit__(RuntimeError, RuntimeError(), None)
         except OSError as failure:
             self._lines.append(failure.strerror)
             complete = False
-        if not complete:
-            self._unfinished.unlink(missing_ok=True)
         if kind is None and not complete:
             raise self._failed()
         self._reader.join()
 
     def _start(self, width: int, height: int) -> None:
+        try:
+            unfinished = self._whole.__enter__().absolute()
+        except OSError as error:
+            raise self._unwritable(error) from None
         command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error"]
         command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
         command += ["-r", f"{self.fps:.6g}", "-i", "-", "-an"]
         command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", "27"]
         command += ["-pix_fmt", "yuv420p"]  # the format that every browser plays
         # The index comes first, so that a browser plays before it has the whole file.
-        command += ["-movflags", "+faststart", str(self._unfinished.absolute())]
+        command += ["-movflags", "+faststart", "-f", "mp4", str(unfinished)]
         # In its own session, because Ctrl-C must end the drive only; the film is then completed.
         self._ffmpeg = subprocess.Popen(
             command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
@@ -116,7 +125,10 @@ class Film:
         with self._ffmpeg.stderr as stderr:
             self._lines.extend(line.decode(errors="replace").strip() for line in stderr)
 
-    def _failed(self) -> SimulatorError:
+    def _unwritable(self, error: OSError) -> InputError:
+        return InputError(f"{self.path}: cannot be written: {error.strerror}")
+
+    def _failed(self) -> InputError:
         """Return the error that names the film, the reason and the remedy."""
         self._reader.join()
         status = self._ffmpeg.returncode
@@ -127,4 +139,4 @@ class Film:
             reason = self._lines[-1].rpartition("] ")[2]
         if any(DISK_FULL in line for line in self._lines):
             reason = f"the disk is full ({DISK_FULL}); free some space there"
-        return SimulatorError(f"{self.path}: the film cannot be written: {reason}")
+        return InputError(f"{self.path}: the film cannot be written: {reason}")

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import websocket
 
 from simulator.bounded_socket import HANDSHAKE_S, BoundedWebSocket
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
 
 FRAGMENT_BYTES = 1016
 PING_EVERY_S = 25.0
@@ -30,7 +30,7 @@ def websocket_address(url: str) -> str:
     """Return the address that the original connects to for a driver's `http://127.0.0.1:4567`.
 
     Raises:
-        SimulatorError: the URL has no host, a wrong port or another scheme.
+        InputError: the URL has no host, a wrong port or another scheme.
     """
     parts = urlsplit(url)
     try:
@@ -38,7 +38,7 @@ def websocket_address(url: str) -> str:
     except ValueError:
         complete = False
     if parts.scheme not in ("http", "https", "ws", "wss") or not complete:
-        raise SimulatorError(f"url={url}: must be like http://127.0.0.1:4567")
+        raise InputError(f"url={url}: must be like http://127.0.0.1:4567")
     scheme = "wss" if parts.scheme in ("https", "wss") else "ws"
     return f"{scheme}://{parts.netloc}/socket.io/?EIO=4&transport=websocket"
 
@@ -50,7 +50,7 @@ class LegacySocket:
         url: address of the driver, such as `http://127.0.0.1:4567`.
 
     Raises:
-        SimulatorError: the URL is not an address of a driver.
+        InputError: the URL is not an address of a driver.
         OSError: no server listens there, or it refuses or does not answer the handshake.
     """
 

@@ -16,7 +16,7 @@ class ModernSocket:
         url: address of the driver, such as `http://127.0.0.1:4567`.
 
     Raises:
-        SimulatorError: the URL is not an address of a driver.
+        InputError: the URL is not an address of a driver.
         OSError: no server listens there, or it refuses or does not answer.
     """
 

@@ -6,24 +6,20 @@ processes draw the rows, and this process writes them in their order. The files 
 byte as those of one process.
 """
 
-import multiprocessing
-import signal
-from collections import deque
-from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from types import TracebackType
 
 import numpy as np
 
-from simulator.errors import SimulatorError
 from simulator.pictures import Pictures, open_buffer, open_pictures
 from simulator.recorder import Recorder, encode
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
-from simulator.spawned_processes import hidden_script
 from simulator.track_file import read_track
 from simulator.weather import Weather
+from zoo.base.errors import InputError
+from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
 
 BATCH = 50  # rows that a process draws at a time
 AHEAD = 3  # batches for each process that may wait
@@ -79,6 +75,17 @@ def renderer_name(renderer: str) -> str:
     return name
 
 
+@dataclass
+class _Batch:
+    """Rows that a process draws: their requests and numbers, metres, and the job's number."""
+
+    requests: list[dict[str, Request]] = field(default_factory=list)
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+    metres: float = 0.0
+    show: Callable[[float], None] = lambda metres: None
+    job: int = -1
+
+
 class ParallelRecorder:
     """A recorder of requests: `jobs` processes draw them, and `recorder` writes the rows.
 
@@ -95,13 +102,15 @@ class ParallelRecorder:
     def __init__(self, recorder: Recorder, jobs: int, whole_passes: bool) -> None:
         self.rows, self.folder = 0, recorder.folder
         self._recorder, self._jobs, self._whole_passes = recorder, jobs, whole_passes
-        # Spawned, because Panda3D's threads do not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(jobs, context, _begin_process)
-        self._batch: list[tuple[dict[str, Request], tuple[float, ...]]] = []
-        self._waiting: deque[tuple[Future, list[tuple[float, ...]]] | None] = deque()
+        self._pool = ProcessPool(jobs, "jobs")
+        self._batch = _Batch()
+        self._waiting: deque[_Batch | None] = deque()  # None between two passes
+        self._drawn: dict[int, list[dict[str, bytes]]] = {}  # by number of the job
+        self._driven: Counter[Callable[[float], None]] = Counter()  # metres of each pass
+        self._written: Counter[Callable[[float], None]] = Counter()  # metres of its written rows
 
     def __enter__(self) -> "ParallelRecorder":
+        self._pool.__enter__()
         return self
 
     def __exit__(
@@ -111,11 +120,11 @@ class ParallelRecorder:
         trace: TracebackType | None,
     ) -> None:
         try:
-            if kind is None or issubclass(kind, SimulatorError):
+            if kind is None or issubclass(kind, InputError):
                 self._submit()
                 self._write(0)
         finally:
-            self._pool.shutdown(cancel_futures=True)
+            self._pool.end()
 
     def begin_pass(self) -> None:
         """See `Recorder.begin_pass`."""
@@ -132,38 +141,60 @@ class ParallelRecorder:
         time: float,
     ) -> None:
         """Add a row; see `Recorder.add`."""
-        self._batch.append((frames, (steering, throttle, brake, speed_mph, time)))
+        self._batch.requests.append(frames)
+        self._batch.rows.append((steering, throttle, brake, speed_mph, time))
         self.rows += 1
-        if len(self._batch) == BATCH and not self._whole_passes:
+        if len(self._batch.rows) == BATCH and not self._whole_passes:
             self._submit()
+        self._take(0)
+
+    def show_drawn(self, show: Callable[[float], None], metres: float) -> None:
+        """Call `show` with the metres of a pass whose rows are drawn, which takes longer.
+
+        Args:
+            show: function of the metres, one for each pass.
+            metres: metres of the pass that are driven.
+        """
+        self._batch.show = show
+        self._batch.metres += metres - self._driven[show]
+        self._driven[show] = metres
 
     def _submit(self) -> None:
-        if self._batch:
-            requests = [frames for frames, _ in self._batch]
-            with hidden_script():
-                future = self._pool.submit(draw, requests)
-            self._waiting.append((future, [numbers for _, numbers in self._batch]))
-            self._batch = []
+        if self._batch.rows:
+            self._batch.job = self._pool.submit(draw, self._batch.requests)
+            self._waiting.append(self._batch)
+        self._batch = _Batch()
         self._write(AHEAD * self._jobs)
 
     def _write(self, left: int) -> None:
         """Write the first batches until at most `left` wait."""
         while len(self._waiting) > left:
-            first = self._waiting.popleft()
+            first = self._waiting[0]
             if first is None:
                 self._recorder.begin_pass()
+            elif first.job in self._drawn:
+                for images, numbers in zip(self._drawn.pop(first.job), first.rows, strict=True):
+                    self._recorder.add_encoded(images, *numbers)
+                self._written[first.show] += first.metres
+            else:
+                self._take(LOOK_S)
                 continue
-            future, rows = first
-            try:
-                drawn = future.result()
-            except BrokenProcessPool:
-                raise SimulatorError(
-                    f"jobs={self._jobs}: a process was killed, perhaps because memory ran out, "
-                    f"after {self._recorder.rows} rows, which are kept in {self.folder}; try a "
-                    "lower jobs="
-                ) from None
-            for images, numbers in zip(drawn, rows, strict=True):
-                self._recorder.add_encoded(images, *numbers)
+            self._waiting.popleft()
+
+    def _take(self, wait_s: float) -> None:
+        """Take what the processes have drawn, and show how far they are."""
+        try:
+            self._drawn.update(self._pool.finished(wait_s))
+        except KilledProcessError as error:
+            raise InputError(
+                f"{error}; the first {self._recorder.rows} rows are kept in {self.folder}"
+            ) from None
+        metres = self._written.copy()
+        for one in filter(None, self._waiting):
+            share = 1.0 if one.job in self._drawn else self._pool.shares.get(one.job, 0.0)
+            metres[one.show] += share * one.metres
+        for show, drawn in metres.items():
+            show(drawn)
 
 
 class Drawing:
@@ -191,11 +222,12 @@ class Drawing:
 _drawing = Drawing()
 
 
-def draw(rows: Sequence[dict[str, Request]]) -> list[dict[str, bytes]]:
+def draw(
+    rows: Sequence[dict[str, Request]], report: Callable[[float], None]
+) -> list[dict[str, bytes]]:
     """Return the images of rows as JPEG, by camera; runs in a process of the pool."""
-    return [{camera: encode(_drawing.frame(one)) for camera, one in row.items()} for row in rows]
-
-
-def _begin_process() -> None:
-    """End without a traceback on Ctrl-C; the recording process prints a line."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    drawn = []
+    for row in rows:
+        drawn.append({camera: encode(_drawing.frame(one)) for camera, one in row.items()})
+        report(len(drawn) / len(rows))
+    return drawn

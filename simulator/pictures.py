@@ -11,7 +11,6 @@ from itertools import zip_longest
 import numpy as np
 from panda3d import core
 
-from simulator.errors import SimulatorError
 from simulator.rig import (
     CAMERA_POSITIONS,
     FRAME_HEIGHT,
@@ -32,6 +31,7 @@ from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
 
 RENDERERS = ("auto", "software", "opengl", "none")
 FAR_M = 1500.0
@@ -56,7 +56,7 @@ class Pictures:
         quality: full, or simple (fewer plants, no shadows, faster).
 
     Raises:
-        SimulatorError: the renderer does not open on this machine.
+        InputError: the renderer does not open on this machine.
     """
 
     def __init__(self, track: Track, renderer: str = "auto", quality: str = "full") -> None:
@@ -170,10 +170,10 @@ def open_buffer(
     open.
 
     Raises:
-        SimulatorError: the renderer is unknown or does not open on this machine.
+        InputError: the renderer is unknown or does not open on this machine.
     """
     if renderer not in RENDERERS or renderer == "none":
-        raise SimulatorError(f"renderer={renderer}: must be auto, software or opengl")
+        raise InputError(f"renderer={renderer}: must be auto, software or opengl")
     core.loadPrcFileData("", "audio-library-name null\nnotify-level fatal\ntextures-power-2 down")
     tried = ("software", "opengl") if renderer == "auto" else (renderer,)
     for name in tried:
@@ -189,7 +189,7 @@ def open_buffer(
         buffer = engine.makeOutput(pipe, "pictures", 0, wanted, size, flags)
         if buffer is not None:
             return engine, buffer, name
-    raise SimulatorError(
+    raise InputError(
         f"renderer={renderer}: does not open on this machine; the software renderer needs libX11 "
         "(Debian and Ubuntu: apt install libx11-6), OpenGL needs a driver with EGL"
     )
@@ -204,7 +204,7 @@ def _make_pipe(name: str) -> core.GraphicsPipe | None:
 
 
 def open_pictures(track: Track, renderer: str = "auto", quality: str = "full") -> Pictures:
-    """Open the renderer of a track; raise SimulatorError for a wrong renderer or quality."""
+    """Open the renderer of a track; raise InputError for a wrong renderer or quality."""
     WorldSettings(quality=quality).check()
     return Pictures(track, renderer, quality)
 

@@ -4,24 +4,25 @@ import difflib
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests, Scene, renderer_name
 from simulator.record_options import RecordOptions
-from simulator.record_report import Driven, print_report, print_written, train_command
+from simulator.record_report import Driven, next_command, print_report, print_written
 from simulator.recorder import LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.track_file import read_track
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
 
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
 MOST_JOBS = 64
@@ -47,7 +48,7 @@ def record(
         row_s: simulated seconds between rows; every frame is a row where this is less.
 
     Raises:
-        SimulatorError: the driver left the road or got stuck, or the disk is full.
+        InputError: the driver left the road or got stuck, or the disk is full.
     """
     driven = Driven(world.track.length)
     begin_m, begin_s, lap, lap_began_s = world.travelled, world.time, world.lap, world.time
@@ -69,7 +70,7 @@ def record(
         if driven.metres > farthest + 1:
             farthest, farthest_s = driven.metres, world.time
         if world.off_road or world.time - farthest_s > STUCK_S:
-            raise SimulatorError(_failure(world, recorder))
+            raise InputError(_failure(world, recorder))
         if world.lap > lap:
             lap = world.lap
             driven.lap_s.append(world.time - lap_began_s)
@@ -89,7 +90,7 @@ def record_laps(
     >>> folder = record_laps([clean, replace(clean, noise=0.6, seed=1)])  # doctest: +SKIP
 
     Raises:
-        SimulatorError: an option is wrong, the folder cannot be written, or the driver failed.
+        InputError: an option is wrong, the folder cannot be written, or the driver failed.
     """
     console = console or Console()
     given = [passes] if isinstance(passes, RecordOptions) else list(passes)
@@ -97,13 +98,12 @@ def record_laps(
     began = time.perf_counter()
     first = given[0]
     if not 1 <= first.jobs <= MOST_JOBS:
-        raise SimulatorError(f"jobs={first.jobs}: must be in 1..{MOST_JOBS}")
+        raise InputError(f"jobs={first.jobs}: must be in 1..{MOST_JOBS}")
     # Opened before the folder is created, so that a wrong option leaves no folder.
     world, driver = _open(*runs[0], first.jobs)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[metres]}"))
     with (
         Recorder(first.out, first.header, first.relative) as recorder,
-        _parallel(recorder, first.jobs, len(runs)) as rows,
         Progress(
             *columns,
             TimeRemainingColumn(),
@@ -111,6 +111,7 @@ def record_laps(
             transient=True,
             disable=not console.is_terminal,
         ) as progress,
+        _parallel(recorder, first.jobs, len(runs)) as rows,  # at its end it waits for images
     ):
         all_driven = []
         for number, (options, way) in enumerate(runs):
@@ -125,6 +126,8 @@ def record_laps(
                 progress.update(task, completed=metres, metres=text)
 
             row_s = 1 / options.frame_rate
+            if isinstance(rows, ParallelRecorder):
+                show = partial(rows.show_drawn, show)
             all_driven.append(record(world, driver, rows, options.laps, show, row_s))
             world.pictures.close()
     print_report(console, recorder, all_driven, time.perf_counter() - began, world.pictures.name)
@@ -135,14 +138,14 @@ def main(arguments: Sequence[str]) -> None:
     """Run the command with `key=value` arguments; see `RecordOptions`."""
     options = read_options(RecordOptions, arguments)
     folder = record_laps(options)
-    print_written(folder / LOG_NAME, train_command(options.out))
+    print_written(folder / LOG_NAME, next_command(options.out))
 
 
 def _directions(options: RecordOptions) -> tuple[int, ...]:
     if options.direction == "both":
         return (1, -1)
     if options.direction not in (1, -1):
-        raise SimulatorError(f"direction={options.direction}: must be forward, backward or both")
+        raise InputError(f"direction={options.direction}: must be forward, backward or both")
     return (options.direction,)
 
 
@@ -160,12 +163,12 @@ def _open(options: RecordOptions, direction: int, jobs: int) -> tuple[World, Exp
     if options.control not in CONTROLS:
         near = difflib.get_close_matches(options.control, CONTROLS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"must be {', '.join(CONTROLS)}"
-        raise SimulatorError(f"control={options.control}: unknown control; {hint}")
+        raise InputError(f"control={options.control}: unknown control; {hint}")
     WorldSettings(**options.place | {"direction": direction}, weather=options.weather).check()
     if not 0 < options.laps <= 1000:
-        raise SimulatorError(f"laps={options.laps:g}: must be above 0, up to 1000")
+        raise InputError(f"laps={options.laps:g}: must be above 0, up to 1000")
     if options.renderer == "none":
-        raise SimulatorError("renderer=none: a recording needs images; use renderer=auto")
+        raise InputError("renderer=none: a recording needs images; use renderer=auto")
     is_person = options.control in REACTION_S
     settings = ExpertSettings(
         speed_mph=options.speed,

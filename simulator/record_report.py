@@ -1,6 +1,5 @@
 """The report printed at the end of a recording."""
 
-import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,8 +8,9 @@ from rich.console import Console
 from rich.table import Table
 
 from simulator.recorder import Recorder
+from zoo.base.terminal import command_line
 
-FIRST_TRY = ("python", "-m", "zoo", "experiment=first_try")  # benchmarks/first_try.py
+FIRST_TRY = ("drivezoo", "train", "experiment=first_try")  # benchmarks/first_try.py
 BARS = " ▁▂▃▄▅▆▇█"
 BINS = 41
 
@@ -27,6 +27,7 @@ class Driven:
         lap_s: simulated seconds of each whole lap.
         cte: cross-track error of each recorded row in metres.
         steering: steering of each recorded row, -1..1.
+        off_road: number of recorded rows in which the car was off the road.
     """
 
     length: float
@@ -36,6 +37,7 @@ class Driven:
     lap_s: list[float] = field(default_factory=list)
     cte: list[float] = field(default_factory=list)
     steering: list[float] = field(default_factory=list)
+    off_road: int = 0
 
 
 def print_report(
@@ -60,6 +62,8 @@ def print_report(
     table.add_row("took", f"{wall_s:.1f} s, {seconds / wall_s:.1f} times real time")
     table.add_row("drawn by", f"the {renderer} renderer")
     table.add_row("off centre", f"{cte.mean():.2f} m on average, {cte.max():.2f} m at most")
+    if off_road := sum(one.off_road for one in all_driven):
+        table.add_row("off the road", f"{off_road:,} rows, from which a network learns to leave it")
     table.add_row("steering", f"-1 {histogram(steering)} 1")
     console.print(table)
 
@@ -70,9 +74,16 @@ def print_written(path: Path, following: str) -> None:
         Console(soft_wrap=True).print(line, highlight=False, markup=False, emoji=False)
 
 
-def train_command(folder: str | Path) -> str:
-    """Return the shell command of a first training on a recording."""
-    return shlex.join([*FIRST_TRY, f"data.root={folder}"])
+def next_command(folder: str | Path, off_road: int = 0) -> str:
+    """Return the shell command to type after a recording.
+
+    Args:
+        folder: recording.
+        off_road: number of rows off the road; the editor deletes them before a first training.
+    """
+    if off_road:
+        return command_line(["drivezoo", "edit", str(folder)])
+    return command_line([*FIRST_TRY, f"data.root={folder}"])
 
 
 def histogram(steering: np.ndarray) -> str:

@@ -4,14 +4,18 @@ import csv
 import datetime
 import io
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
 import cv2
 import numpy as np
 
-from simulator.errors import SimulatorError
 from simulator.rig import CAMERAS
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, written_folder
+from zoo.base.whole_file import write_new
+from zoo.base.written_files import marked_folder, note_files
 
 LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
 COLUMNS = (*CAMERAS, "steering", "throttle", "brake", "speed")
@@ -35,23 +39,27 @@ class Recorder:
             as in the sample data; otherwise they are absolute, as the original's.
 
     Raises:
-        SimulatorError: the folder contains a recording, is a file, or cannot be written.
+        InputError: the folder contains a recording, is a file, or cannot be written.
     """
 
     def __init__(self, folder: Path | str, header: bool = False, relative: bool = False) -> None:
         self.folder, self.relative = Path(folder).expanduser().absolute(), relative
         self.log = self.folder / LOG_NAME
         self.images = self.folder / IMAGE_FOLDER
-        self.rows = 0
+        self.rows, self._held = 0, ExitStack()
         self._pass_begin_s, self._last_s = 0.0, -np.inf
         try:
             check_free(self.folder)
+            if marked_folder(self.log) is None:  # the folder is no part of a command's
+                self._held.enter_context(written_folder(self.folder, RECORDINGS))
             self.images.mkdir(parents=True, exist_ok=True)
             self._file = self.log.open("xb", buffering=0)
+            note_files(self.log)
             if header:
                 self._append(",".join(COLUMNS) + "\n")
         except OSError as error:
-            raise SimulatorError(f"{self.folder}: cannot record there: {error.strerror}") from None
+            self._held.close()
+            raise InputError(f"{self.folder}: cannot record there: {error.strerror}") from None
 
     def __enter__(self) -> "Recorder":
         return self
@@ -63,10 +71,11 @@ class Recorder:
         trace: TracebackType | None,
     ) -> None:
         self._file.close()
-        if not self.rows:
-            self.log.unlink()
-            if not any(self.images.iterdir()):
-                self.images.rmdir()
+        with self._held:
+            if not self.rows:
+                self.log.unlink()
+                if not any(self.images.iterdir()):
+                    self.images.rmdir()
 
     def begin_pass(self) -> None:
         """Restart `time` at 0 for the next rows, `PAUSE_S` after the last row."""
@@ -93,7 +102,7 @@ class Recorder:
             time: simulated seconds since the pass began, later than the last row's.
 
         Raises:
-            SimulatorError: the disk is full, or the folder was deleted.
+            InputError: the disk is full, or the folder was deleted.
         """
         images = {camera: encode(frames[camera]) for camera in CAMERAS}
         self.add_encoded(images, steering, throttle, brake, speed_mph, time)
@@ -114,14 +123,16 @@ class Recorder:
         moment = FIRST_MOMENT + datetime.timedelta(seconds=seconds)
         stamp = moment.strftime("%Y_%m_%d_%H_%M_%S_") + f"{moment.microsecond // 1000:03d}"
         paths = [self.images / f"{camera}_{stamp}.jpg" for camera in CAMERAS]
+        written: list[Path] = []
         try:
             for camera, path in zip(CAMERAS, paths, strict=True):
-                path.write_bytes(images[camera])
+                write_new(path, images[camera])
+                written.append(path)
             self._append(self._line(paths, (steering, throttle, brake, speed_mph)))
         except OSError as error:
-            for path in paths:
+            for path in written:
                 path.unlink(missing_ok=True)
-            raise SimulatorError(
+            raise InputError(
                 f"{self.folder}: {error.strerror} after {self.rows} rows, which are kept; "
                 "free some space, or give another folder with out="
             ) from None
@@ -139,7 +150,7 @@ class Recorder:
 
     def _append(self, line: str) -> None:
         """Write a whole line, or nothing if that fails."""
-        size, text = os.fstat(self._file.fileno()).st_size, line.encode()
+        size, text = os.fstat(self._file.fileno()).st_size, line.encode(errors="surrogateescape")
         try:
             written = 0
             while written < len(text):  # a nearly full disk may write only the beginning
@@ -150,10 +161,10 @@ class Recorder:
 
 
 def check_free(folder: Path | str) -> None:
-    """Raise SimulatorError if a folder contains a recording; create nothing."""
+    """Raise InputError if a folder contains a recording; create nothing."""
     folder = Path(folder).expanduser().absolute()
     if (folder / LOG_NAME).exists():
-        raise SimulatorError(
+        raise InputError(
             f"{folder}: has a {LOG_NAME} already; give another folder with out=, or delete it"
         )
 

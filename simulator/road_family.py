@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 
 from simulator.closing import closing_segments
-from simulator.errors import SimulatorError
-from simulator.plain_yaml import read_yaml
+from simulator.survey_file import MOST_POINTS
 from simulator.track import Track
 from simulator.track_content import VERGES, make_track
 from simulator.track_names import DRAWN, road_folder
 from simulator.yaml_values import check_choice, check_keys, read_number
+from zoo.base.bounded_files import read_yaml
+from zoo.base.errors import InputError
 
 VERSION = 1  # of the drawing; another version would draw other roads from the same seeds
 MOST_DRAWS = 300
+# Limits of all draws of a road, in metres and in segments; the included families stay below them.
+MOST_DRAWN_M, MOST_DRAWN_SEGMENTS = 600_000, 100_000
 MOST_SEED = 2**31 - 1
 GROUNDS = ("sand", "grass", "forest")
 # Smallest and largest value of each range; a road's own file has the same limits.
@@ -96,12 +99,12 @@ def find_family(name: str) -> RoadFamily:
     """Read a family by its name or by the path of its YAML file.
 
     Raises:
-        SimulatorError: there is no such family, the file cannot be read, or a key or value is
+        InputError: there is no such family, the file cannot be read, or a key or value is
             wrong.
     """
     path = Path(name) if name.endswith((".yaml", ".yml")) else road_folder() / f"{name}.yaml"
     if "\0" in name or not path.is_file():
-        raise SimulatorError(
+        raise InputError(
             f"there is no family of roads {name!a}; available: {', '.join(family_names())}, or a "
             ".yaml file"
         )
@@ -117,9 +120,12 @@ def _read_family(path: Path) -> RoadFamily:
         verges = content.get("verges")
         check_keys("verges: ", verges, VERGES)
         if not any(verges.values()):
-            raise SimulatorError("verges: give one kind or more a weight above 0")
+            raise InputError("verges: give one kind or more a weight above 0")
         grounds = surroundings.get("ground", ["sand"])
-        for ground in grounds if isinstance(grounds, list) else [grounds]:
+        if not isinstance(grounds, list) or not grounds:
+            kinds = ", ".join(GROUNDS)
+            raise InputError(f"surroundings: ground: {grounds!s:.200}; must be a list of {kinds}")
+        for ground in grounds:
             check_choice("surroundings: ground", ground, GROUNDS)
         return RoadFamily(
             path,
@@ -133,15 +139,15 @@ def _read_family(path: Path) -> RoadFamily:
             },
             tuple(grounds),
         )
-    except SimulatorError as error:
-        raise SimulatorError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def draw_road(family: RoadFamily, seed: int) -> Track:
     """Return the road of a seed.
 
     Raises:
-        SimulatorError: the seed is not allowed, or the family's ranges give no road that the car
+        InputError: the seed is not allowed, or the family's ranges give no road that the car
             can take.
     """
     return draw_content(family, seed)[1]
@@ -150,21 +156,25 @@ def draw_road(family: RoadFamily, seed: int) -> Track:
 def draw_content(family: RoadFamily, seed: int) -> tuple[dict[str, Any], Track]:
     """Return the content of a file for the road of a seed, and the road; see `draw_road`."""
     if not 0 <= seed <= MOST_SEED:
-        raise SimulatorError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
+        raise InputError(f"track={family.name}:{seed}: the number must be in 0..{MOST_SEED}")
     rng = np.random.default_rng((VERSION, seed))
     closed = bool(rng.random() < family.shares["closed"])
-    reason = ""
-    for _ in range(MOST_DRAWS):
+    reason, metres, segments, draws = "", 0.0, 0, 0
+    while draws < MOST_DRAWS and metres < MOST_DRAWN_M and segments < MOST_DRAWN_SEGMENTS:
+        draws += 1
         content = _draw(family, rng, closed)
         if content is None:
+            metres += family.ranges["loop"][0]
             continue
+        metres += sum(map(_length, content["segments"]))
+        segments += len(content["segments"])
         try:
             return content, make_track(f"{family.name}:{seed}", content)
-        except SimulatorError as error:
+        except InputError as error:
             reason = f" (the last one: {error})"
-    raise SimulatorError(
-        f"track={family.name}:{seed}: the car could take none of {MOST_DRAWS} drawn roads{reason}; "
-        "widen the ranges of radius, degrees or straight"
+    raise InputError(
+        f"track={family.name}:{seed}: the car could take none of {draws} drawn roads{reason}; "
+        "widen the ranges of radius, degrees or straight, or shorten length and loop"
     )
 
 
@@ -226,7 +236,7 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
     wanted = rng.uniform(*family.ranges["loop" if closed else "length"])
     turned, segments = 0.0, [_straight(family, rng)]
     along = _length(segments[0])
-    while along < wanted:
+    while along < wanted and len(segments) <= MOST_POINTS:
         # A loop turns left steadily, an open road to both sides.
         aim = 300.0 * along / wanted if closed else 0.0
         left = rng.random() < 1 / (1 + math.exp((turned - aim) / TURN_BACK_DEG * 2))
@@ -236,9 +246,10 @@ def _segments(family: RoadFamily, rng: np.random.Generator, closed: bool) -> lis
         one = {"left" if left else "right": round(degrees, 1), "radius": radius}
         turned += one["left"] if left else -one["right"]
         segments.append(one)
+        along += _length(one)
         if rng.random() < family.shares["straights"]:
             segments.append(_straight(family, rng))
-        along = sum(_length(segment) for segment in segments)
+            along += _length(segments[-1])
     if not closed:
         segments = _cut(segments, wanted)
     low, high = family.ranges["grade"]
@@ -309,8 +320,8 @@ def _surroundings(family: RoadFamily, rng: np.random.Generator) -> dict:
 
 def _range(key: str, value: object, low: float, high: float) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
-        raise SimulatorError(f"{key}: {value}; must be [smallest, largest]")
+        raise InputError(f"{key}: {value!s:.200}; must be [smallest, largest]")
     first, last = (read_number(key, one, low, high) for one in value)
     if first > last:
-        raise SimulatorError(f"{key}: {value}; the smallest value must come first")
+        raise InputError(f"{key}: {value}; the smallest value must come first")
     return first, last

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from simulator.errors import SimulatorError
-from simulator.plain_yaml import read_bounded
 from simulator.yaml_values import is_finite
+from zoo.base.bounded_files import MOST_YAML_BYTES, read_text
+from zoo.base.errors import InputError
 
 COLUMNS = ("station_m", "heading_deg", "height_m")
 MOST_POINTS = 10_000  # rows of a survey, and points or segments of a track
@@ -20,33 +20,30 @@ def read_survey(given: object, folder: Path) -> np.ndarray:
         folder: folder of the track's file; the survey must lie in or below it.
 
     Raises:
-        SimulatorError: the file cannot be read, or a row is wrong.
+        InputError: the file cannot be read, or a row is wrong.
     """
     place = f"survey: {given}"
     if not isinstance(given, str) or "\0" in given or Path(given).is_absolute():
-        raise SimulatorError(f"{place}; must be a .csv file in the folder of this file")
+        raise InputError(f"{place}; must be a .csv file in the folder of this file")
     path = folder / given
     try:
         is_inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError) as error:  # such as a loop of links
-        raise SimulatorError(f"{place}: {error}") from None
+        raise InputError(f"{place}: {error}") from None
     if not is_inside:
-        raise SimulatorError(f"{place}: lies outside of the folder of this file; copy it there")
-    try:
-        lines = read_bounded(path, "a survey").splitlines()
-    except ValueError:
-        raise SimulatorError(f"{place}: not text; must be a .csv file") from None
+        raise InputError(f"{place}: lies outside of the folder of this file; copy it there")
+    lines = read_text(path, MOST_YAML_BYTES).splitlines()
     numbered = [(at, line) for at, line in enumerate(lines, start=1) if line.strip()]
     numbered = [(at, line) for at, line in numbered if not line.startswith("#")]
     if not numbered or tuple(numbered[0][1].replace(" ", "").split(",")) != COLUMNS:
-        raise SimulatorError(f"{place}: the first row must be {','.join(COLUMNS)}")
+        raise InputError(f"{place}: the first row must be {','.join(COLUMNS)}")
     survey = np.array([_row(place, at, line) for at, line in numbered[1:]]).reshape(-1, 3)
     if not 4 <= len(survey) <= MOST_POINTS:
-        raise SimulatorError(f"{place}: {len(survey):,} rows; must have 4..{MOST_POINTS:,}")
+        raise InputError(f"{place}: {len(survey):,} rows; must have 4..{MOST_POINTS:,}")
     steps = np.diff(survey[:, 0])
     if steps.min() < 1:
         at = numbered[1 + int(steps.argmin()) + 1][0]
-        raise SimulatorError(f"{place}: line {at}: each station must be 1 m or more after the last")
+        raise InputError(f"{place}: line {at}: each station must be 1 m or more after the last")
     return survey
 
 
@@ -56,5 +53,5 @@ def _row(place: str, at: int, line: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) != len(COLUMNS) or not all(is_finite(value) for value in values):
-        raise SimulatorError(f"{place}: line {at}: {line[:80]!r}; must be three numbers")
+        raise InputError(f"{place}: line {at}: {line[:80]!r}; must be three numbers")
     return values

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from simulator.centreline_keys import CENTRELINE_KEYS, read_centreline
-from simulator.errors import SimulatorError
 from simulator.track import Stretch, Surroundings, Track, Verge
 from simulator.yaml_values import (
     check_choice,
@@ -15,6 +14,7 @@ from simulator.yaml_values import (
     read_rows,
     value_or,
 )
+from zoo.base.errors import InputError
 
 PAVINGS = ("asphalt", "cobbles")
 VERGES = ("paved", "kerb", "stripes", "dirt", "wall", "rock", "drop")
@@ -33,18 +33,18 @@ def make_track(name: str, content: dict, folder: Path = Path()) -> Track:
         folder: folder of the file, in which a survey lies.
 
     Raises:
-        SimulatorError: a key or value is wrong, a bend is too tight for the car, or the road
+        InputError: a key or value is wrong, a bend is too tight for the car, or the road
             crosses itself at one height.
     """
     if not isinstance(content, dict):
-        raise SimulatorError("has no keys; see conf/track/zoo_lake.yaml for an example")
+        raise InputError("has no keys; see conf/track/zoo_lake.yaml for an example")
     check_keys("", content, KEYS)
     closed = read_boolean("closed", content.get("closed", True))
     centreline = read_centreline(content, closed, folder)
     verge = _verge("verge", value_or(content, "verge", {}), Verge())
     listed = value_or(content, "stretches", [])
     if not isinstance(listed, list):
-        raise SimulatorError("stretches: must be a list of {from: and to: in metres}")
+        raise InputError("stretches: must be a list of {from: and to: in metres}")
     stretches = tuple(
         _stretch(at, one, verge, centreline["length"]) for at, one in enumerate(listed, start=1)
     )
@@ -62,7 +62,7 @@ def make_track(name: str, content: dict, folder: Path = Path()) -> Track:
 def _stretch(number: int, given: dict, usual: Verge, length: float) -> Stretch:
     place = f"stretches, number {number}"
     if not isinstance(given, dict):
-        raise SimulatorError(f"{place}: must have from: and to: in metres")
+        raise InputError(f"{place}: must have from: and to: in metres")
     check_keys(f"{place}: ", given, ("from", "to", "paving", "left", "right"))
     start = read_number(f"{place}: from", given.get("from"), 0, length)
     end = read_number(f"{place}: to", given.get("to"), start, length)
@@ -95,7 +95,7 @@ def _surroundings(given: dict) -> Surroundings:
             number = read_number(f"surroundings: {key}", value, LEAST.get(key, 0), 1e4)
             kind = type(names[key].default)
             if kind(number) != number:
-                raise SimulatorError(f"surroundings: {key}: {value}; must be a whole number")
+                raise InputError(f"surroundings: {key}: {value}; must be a whole number")
             values[key] = kind(number)
     return Surroundings(**values)
 
@@ -106,13 +106,13 @@ def _circles(key: str, value: object, columns: int, what: str) -> tuple[tuple[fl
     rows = read_rows(place, value, columns, what)
     radius = rows[:, 2]
     if len(rows) > MOST_CIRCLES or radius.max(initial=0) > MOST_RADIUS_M:
-        raise SimulatorError(
+        raise InputError(
             f"{place}: {len(rows):,} with radii up to {radius.max():,.0f} m; use at most "
             f"{MOST_CIRCLES}, with radii up to {MOST_RADIUS_M:,} m"
         )
     if (radius <= 0).any():
         number = int(np.argmax(radius <= 0))
-        raise SimulatorError(
+        raise InputError(
             f"{place}, number {number + 1}: the radius is {radius[number]:g}; must be above 0"
         )
     return tuple(map(tuple, rows.tolist()))

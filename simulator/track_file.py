@@ -3,12 +3,12 @@
 import difflib
 from pathlib import Path
 
-from simulator.errors import SimulatorError
-from simulator.plain_yaml import read_yaml
 from simulator.road_family import draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_content import make_track
 from simulator.track_names import ALIASES, DRAWN, recorded_name, track_folder, track_names
+from zoo.base.bounded_files import read_yaml
+from zoo.base.errors import InputError
 
 MOST_PATH = 4096  # characters of the path of a track's file
 
@@ -17,7 +17,7 @@ def read_track(name: str) -> Track:
     """Read a track by its name, by the path of its YAML file, or as `FAMILY:SEED`.
 
     Raises:
-        SimulatorError: there is no such track, file or family, a key or value is wrong, a bend is
+        InputError: there is no such track, file or family, a key or value is wrong, a bend is
             too tight for the car, or the road crosses itself at one height.
     """
     path = track_folder() / f"{ALIASES.get(name, name)}.yaml"
@@ -31,7 +31,7 @@ def read_track(name: str) -> Track:
         names = sorted(map(recorded_name, track_names()))
         near = difflib.get_close_matches(name, names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        raise SimulatorError(
+        raise InputError(
             f"there is no track {name}; {hint}available: {', '.join(names)}, a .yaml file, or a "
             f"road of a family and a number, such as {family_names()[0]}:17 "
             f"({', '.join(family_names())})"
@@ -41,5 +41,5 @@ def read_track(name: str) -> Track:
     try:
         own_name = recorded_name(path.stem) if is_included else path.stem
         return make_track(own_name, content, path.parent)
-    except SimulatorError as error:
-        raise SimulatorError(f"{path}: {error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

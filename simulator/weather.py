@@ -1,15 +1,15 @@
 """Light and weather: conditions that change frames but not the road."""
 
 import difflib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
-from simulator.errors import SimulatorError
-from simulator.plain_yaml import parse_yaml
 from simulator.rig import CameraOffset
+from zoo.base.bounded_files import parse_yaml
+from zoo.base.errors import InputError
 
 if TYPE_CHECKING:
     from simulator.track import Surroundings  # slow import: SciPy
@@ -62,7 +62,7 @@ class Weather:
         for key, (low, high) in RANGES.items():
             value = getattr(self, key)
             if not low <= value <= high:
-                raise SimulatorError(f"weather: {key}={value}: must be in {low:g}..{high:g}")
+                raise InputError(f"weather: {key}={value}: must be in {low:g}..{high:g}")
 
 
 CLEAR = Weather()
@@ -109,29 +109,34 @@ def random_weather(rng: np.random.Generator) -> Weather:
     )
 
 
-def read_weather(text: str) -> Weather | str:
+def read_weather(weather: str | Mapping[str, Any] | Weather) -> Weather | str:
     """Parse a user's weather: `clear`, `random`, or settings that differ from a clear day.
 
-    `random` is returned unchanged.
+    Settings are text or a dict. `random` and a `Weather` are returned unchanged.
 
     >>> read_weather("{fog: 0.4, wet: 1, camera: {pitch_deg: 2}}").camera.pitch_deg
     2
+    >>> read_weather({"fog": 0.4}).fog
+    0.4
 
     Raises:
-        SimulatorError: the text is none of these, or a setting or its value is wrong.
+        InputError: the weather is none of these, or a setting or its value is wrong.
     """
-    if text == "random":
-        return text
-    if text == "clear":
+    if weather == "random" or isinstance(weather, Weather):
+        return weather
+    if weather == "clear":
         return CLEAR
-    try:
-        given = parse_yaml(text)
-    except (yaml.YAMLError, ValueError):
-        given = None
-    if not isinstance(given, dict):
-        raise SimulatorError(
-            f"weather={text}: must be clear, random or settings such as {{fog: 0.4}}"
+    given: object = weather
+    if isinstance(weather, str):
+        try:
+            given = parse_yaml(weather)
+        except ValueError:
+            given = None
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"weather={weather}: must be clear, random or settings such as {{fog: 0.4}}"
         )
+    given = dict(given)
     _check_names("weather", given, Weather)
     if camera := given.pop("camera", None):
         _check_names("weather: camera", camera, CameraOffset)
@@ -140,14 +145,14 @@ def read_weather(text: str) -> Weather | str:
 
 
 def _check_names(place: str, given: dict, kind: type) -> None:
-    """Raise SimulatorError unless each key is a field of `kind` with a number or bool."""
+    """Raise InputError unless each key is a field of `kind` with a number or bool."""
     if not isinstance(given, dict):
-        raise SimulatorError(f"{place}: must be settings, such as {{pitch_deg: 2}}")
+        raise InputError(f"{place}: must be settings, such as {{pitch_deg: 2}}")
     known = [one.name for one in fields(kind)]
     for key, value in given.items():
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
-            raise SimulatorError(f"{place}: there is no {key}; {hint}")
+            raise InputError(f"{place}: there is no {key}; {hint}")
         if key != "camera" and not isinstance(value, int | float):
-            raise SimulatorError(f"{place}: {key}={value}: must be a number")
+            raise InputError(f"{place}: {key}={value}: must be a number")

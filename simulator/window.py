@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 from panda3d import core
 
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
 
 PIPES = {"pandagl": "OpenGL", "p3tinydisplay": "software"}
 KEY, UP = "key-", "-up"  # prefix and suffix of event names
@@ -31,7 +31,7 @@ class Window:
         held: names of the keys that are down.
 
     Raises:
-        SimulatorError: no window can be opened here.
+        InputError: no window can be opened here.
     """
 
     def __init__(self, title: str, size: tuple[int, int] = (1280, 640)) -> None:
@@ -155,7 +155,7 @@ class Viewer:
 
 
 def open_viewer(title: str, size: tuple[int, int] = (960, 480)) -> Viewer:
-    """Open a window for frames; raise SimulatorError where that is impossible."""
+    """Open a window for frames; raise InputError where that is impossible."""
     return Viewer(title, size)
 
 
@@ -164,7 +164,7 @@ def _open(
 ) -> tuple[core.GraphicsPipe, core.GraphicsEngine, core.GraphicsWindow, str]:
     linux = sys.platform.startswith("linux")
     if linux and not os.environ.get("DISPLAY"):
-        raise SimulatorError(
+        raise InputError(
             "no window can be opened: DISPLAY is not set; run this on a desktop (Wayland needs "
             "Xwayland), with ssh -X, or under xvfb-run"
         )
@@ -188,7 +188,7 @@ def _open(
                 if not window.isClosed():
                     return pipe, engine, window, name
     where = f"on DISPLAY={os.environ['DISPLAY']}" if linux else "here"
-    raise SimulatorError(f"no window can be opened {where}; run this on a desktop")
+    raise InputError(f"no window can be opened {where}; run this on a desktop")
 
 
 @contextmanager

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulator.car import OFF_ROAD, ROAD, Car
-from simulator.errors import SimulatorError
 from simulator.rig import PHYSICS_STEP_S, WHEEL_TRACK_M
 from simulator.track import Place, Track
 from simulator.track_file import read_track
 from simulator.weather import CLEAR, Weather, random_weather
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
 
 if TYPE_CHECKING:
     from simulator.pictures import Pictures
@@ -52,7 +52,8 @@ class World:
         pictures: renderer of the track; None for a world without frames.
         frame_rate: frames per second of simulated time, up to 50.
         delay_s: seconds from a command to the wheels, 0..2.
-        direction: 1 (forward, as in the file) or -1 (backward).
+        direction: forward (or 1), as in the file, or backward (or -1).
+        reverses: see `simulator.car.Car`.
     """
 
     def __init__(
@@ -61,19 +62,21 @@ class World:
         pictures: "Pictures | None" = None,
         frame_rate: float = 15.0,
         delay_s: float = 0.0,
-        direction: int = 1,
+        direction: int | str = 1,
+        reverses: bool = True,
     ) -> None:
-        WorldSettings(frame_rate=frame_rate, delay_s=delay_s, direction=direction).check()
-        self.track, self.pictures, self.direction = track, pictures, direction
+        settings = WorldSettings(frame_rate=frame_rate, delay_s=delay_s, direction=direction)
+        settings.check()
+        self.track, self.pictures, self.direction = track, pictures, int(settings.direction)
         self.frame_s = 1 / frame_rate
-        self.car = Car(delay_s)
+        self.car = Car(delay_s, reverses)
         self.weather = CLEAR
         self.reset(0)
 
     def reset(self, seed: int, start: Start | None = None, weather: Weather | str = CLEAR) -> None:
         """Begin a drive; draw the weather from the seed if it is "random"."""
         if seed < 0:
-            raise SimulatorError(f"seed={seed}: must be 0 or more")
+            raise InputError(f"seed={seed}: must be 0 or more")
         rng = np.random.default_rng(seed)
         self.weather = random_weather(rng) if weather == "random" else weather
         if self.pictures is not None:
@@ -83,7 +86,7 @@ class World:
         self.travelled = 0.0
         self.put_back(start)
         if self.at_end:
-            raise SimulatorError(
+            raise InputError(
                 f"start={start.distance:g}: the open road {self.track.name} ends there in this "
                 f"direction; start nearer to {self.track.begin(self.direction):.0f} m"
             )
@@ -92,7 +95,7 @@ class World:
         """Put the car at a place during a drive."""
         for value in vars(start).values():
             if value is not None and not np.isfinite(value):
-                raise SimulatorError(f"start={value}: must be a finite number")
+                raise InputError(f"start={value}: must be a finite number")
         begin = self.track.begin(self.direction)
         distance = begin if start.distance is None else self.track.wrap(start.distance)
         heading = float(self.track.heading_at(distance))
@@ -177,7 +180,7 @@ class World:
     def frame(self, camera: str = "center") -> np.ndarray:
         """Return a camera's frame: uint8 [160, 320, 3], RGB."""
         if self.pictures is None:
-            raise SimulatorError("this world has no renderer; open it with renderer=auto")
+            raise InputError("this world has no renderer; open it with renderer=auto")
         return self.pictures.frame(self.pose(), camera, self.frames)
 
     def pose(self) -> tuple[float, float, float, float, float]:
@@ -217,19 +220,20 @@ def open_world(
     quality: str = "full",
     frame_rate: float = 15.0,
     delay_s: float = 0.0,
-    direction: int = 1,
+    direction: int | str = 1,
     seed: int = 0,
+    reverses: bool = True,
 ) -> World:
     """Open a world by its track's name or file; `renderer="none"` gives a world without frames.
 
     Raises:
-        SimulatorError: there is no such track or renderer, or a value is not allowed.
+        InputError: there is no such track or renderer, or a value is not allowed.
     """
     course, pictures = read_track(track), None
     if renderer != "none":
         from simulator.pictures import open_pictures  # slow import: a training only checks worlds
 
         pictures = open_pictures(course, renderer, quality)
-    world = World(course, pictures, frame_rate, delay_s, direction)
+    world = World(course, pictures, frame_rate, delay_s, direction, reverses)
     world.reset(seed)
     return world

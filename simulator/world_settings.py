@@ -3,14 +3,15 @@
 from dataclasses import dataclass, fields
 from typing import Any
 
-from simulator.errors import SimulatorError
 from simulator.rig import PHYSICS_STEP_S
 from simulator.track_names import recorded_name
 from simulator.weather import read_weather
+from zoo.base.errors import InputError
 
 QUALITIES = ("full", "simple")
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
 LONGEST_DELAY_S = 2.0
+LEAST_FRAME_RATE = 0.1  # a lower one drives for hours of simulated time between two frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +22,7 @@ class WorldSettings:
         track: name or YAML file of a track.
         direction: forward, or backward (against the order of the track's points).
         weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
-        frame_rate: frames per second of simulated time, above 0 up to 50.
+        frame_rate: frames per second of simulated time, 0.1..50.
         delay_s: seconds from a command to the wheels, 0..2.
         quality: full, or simple images, which are faster.
     """
@@ -47,14 +48,14 @@ class WorldSettings:
         return {name: getattr(self, name) for name in names if name != "weather"}
 
     def check(self) -> None:
-        """Raise SimulatorError for a value that is not allowed."""
-        if not 0 < self.frame_rate <= 1 / PHYSICS_STEP_S:
-            raise SimulatorError(f"frame_rate={self.frame_rate:g}: must be above 0, up to 50")
+        """Raise InputError for a value that is not allowed."""
+        if not LEAST_FRAME_RATE <= self.frame_rate <= 1 / PHYSICS_STEP_S:
+            raise InputError(f"frame_rate={self.frame_rate:g}: must be in 0.1..50")
         if not 0 <= self.delay_s <= LONGEST_DELAY_S:
-            raise SimulatorError(f"delay_s={self.delay_s:g}: must be in 0..2 seconds")
+            raise InputError(f"delay_s={self.delay_s:g}: must be in 0..2 seconds")
         if self.direction not in (1, -1):
-            raise SimulatorError(f"direction={self.direction}: must be forward or backward")
+            raise InputError(f"direction={self.direction}: must be forward or backward")
         if self.quality not in QUALITIES:
-            raise SimulatorError(f"quality={self.quality}: must be {' or '.join(QUALITIES)}")
+            raise InputError(f"quality={self.quality}: must be {' or '.join(QUALITIES)}")
         if isinstance(self.weather, str):
             read_weather(self.weather)

@@ -4,7 +4,7 @@ import difflib
 
 import numpy as np
 
-from simulator.errors import SimulatorError
+from zoo.base.errors import InputError
 
 
 def value_or(content: dict, key: str, usual: dict | list) -> object:
@@ -19,8 +19,8 @@ def read_rows(place: str, value: object, columns: int, what: str) -> np.ndarray:
     for number, row in enumerate(listed, start=1):
         numbers = row if isinstance(row, list) and len(row) == columns else [None]
         if not all(is_finite(one) for one in numbers):
-            raise SimulatorError(
-                f"{place}: each must be {what} in metres, not {row} (number {number})"
+            raise InputError(
+                f"{place}: each must be {what} in metres, not {row!s:.200} (number {number})"
             )
     return np.array(listed, float).reshape(-1, columns)
 
@@ -32,31 +32,31 @@ def is_finite(value: object) -> bool:
 
 
 def read_boolean(place: str, value: object) -> bool:
-    """Return true or false; raise SimulatorError for any other value."""
+    """Return true or false; raise InputError for any other value."""
     if not isinstance(value, bool):
-        raise SimulatorError(f"{place}: {value!r}; must be true or false, without quotes")
+        raise InputError(f"{place}: {value!r:.200}; must be true or false, without quotes")
     return value
 
 
 def check_keys(place: str, content: object, known: tuple[str, ...]) -> None:
-    """Raise SimulatorError unless the content is a mapping with known keys."""
+    """Raise InputError unless the content is a mapping with known keys."""
     if not isinstance(content, dict):
-        raise SimulatorError(f"{place}{content}; must be keys and values ({', '.join(known)})")
+        raise InputError(f"{place}{content!s:.200}; must be keys and values ({', '.join(known)})")
     for key in content:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
-            raise SimulatorError(f"{place}unknown key {key}; {hint}")
+            raise InputError(f"{place}unknown key {key!s:.80}; {hint}")
 
 
 def check_choice(place: str, value: object, known: tuple[str, ...]) -> None:
-    """Raise SimulatorError unless the value is a known one."""
+    """Raise InputError unless the value is a known one."""
     if value not in known:
-        raise SimulatorError(f"{place}: {value}; must be one of {', '.join(known)}")
+        raise InputError(f"{place}: {value!s:.200}; must be one of {', '.join(known)}")
 
 
 def read_number(place: str, value: object, low: float, high: float) -> float:
-    """Return a number in a range; raise SimulatorError for any other value."""
+    """Return a number in a range; raise InputError for any other value."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise SimulatorError(f"{place}: {value}; must be a number in {low:g}..{high:g}")
+        raise InputError(f"{place}: {value!s:.200}; must be a number in {low:g}..{high:g}")
     return float(value)

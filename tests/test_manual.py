@@ -28,6 +28,7 @@ from zoo.cli.compose import choices, conf_folder
 from zoo.cli.console_script import commands as drivezoo_commands
 
 ROOT = commands.ROOT
+PACKAGES = ("benchmarks", "datamodules", "drivezoo", "simulator", "zoo")
 DOCS = ROOT / "docs"
 PAGES = [
     ROOT / "README.md",
@@ -154,7 +155,7 @@ def run_here(module: str, arguments: list[str]) -> tuple[int, str]:
 
 
 def fault_of_config(arguments: list[str]) -> str | None:
-    """Return what is wrong with `python -m zoo ARGUMENTS`: a choice or a key that is not there."""
+    """Return what is wrong with `drivezoo train ARGUMENTS`: a choice or a key that is not there."""
     groups, keys = [], []
     for argument in arguments:
         key, equals, value = argument.partition("=")
@@ -217,6 +218,17 @@ def fault_of_make(words: list[str]) -> str | None:
     return None
 
 
+def test_every_page_that_the_code_cites_exists() -> None:
+    cited = {
+        (page, str(path.relative_to(ROOT)))
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        for page in re.findall(r"\bdocs/[\w/-]+\.md\b", path.read_text())
+    }
+    assert len(cited) > 5
+    assert [one for one in sorted(cited) if not (ROOT / one[0]).is_file()] == []
+
+
 def test_every_command_exists_with_its_keys() -> None:
     faults = {str(command): fault_of(list(command.words)) for command in COMMANDS}
     assert {command: fault for command, fault in faults.items() if fault} == {}
@@ -227,11 +239,11 @@ def test_every_command_exists_with_its_keys() -> None:
     ("command", "word"),
     [
         ("python -m zoo.evalute CKPT", "zoo.evalute"),
-        ("python -m zoo.evaluate CKPT trak=lake", "trak"),
-        ("python -m zoo model=lennet", "lennet"),
-        ("python -m zoo data.ofset=0.2", "data.ofset"),
-        ("python -m zoo.drive CKPT drive.speed.set_kmh=15", "set_kmh"),
-        ("python -m simulator record lapse=2", "lapse"),
+        ("drivezoo evaluate CKPT trak=lake", "trak"),
+        ("drivezoo train model=lennet", "lennet"),
+        ("drivezoo train data.ofset=0.2", "data.ofset"),
+        ("drivezoo drive CKPT drive.speed.set_kmh=15", "set_kmh"),
+        ("drivezoo simulator record lapse=2", "lapse"),
         ("drivezoo evalute CKPT", "evalute"),
         ("make dem", "dem"),
         ("python benchmarks/no_such.py", "no_such.py"),
@@ -258,11 +270,9 @@ def test_a_marked_command_runs(
         write_steering_h5(tmp_path / "model.h5", recording, view, SCALED)
     for name, place in places.items():
         words = [re.sub(rf"\b{name}\b", str(place), word) for word in words]
-    if words[0] == "drivezoo":
-        words = ["python", "-m", drivezoo_commands()[words[1]], *words[2:]]
-    assert words[:2] == ["python", "-m"], "only these can be run"
+    assert words[0] == "drivezoo", "only these can be run"
     monkeypatch.chdir(tmp_path)
-    status, printed = run_here(words[2], words[3:])
+    status, printed = run_here(drivezoo_commands()[words[1]], words[2:])
     assert status == 0, printed
 
 
@@ -318,6 +328,21 @@ def test_every_page_is_in_a_table_of_contents() -> None:
     assert entries == pages
 
 
+def test_no_page_has_the_name_of_a_page_that_sphinx_writes() -> None:
+    names = {path.stem for path in DOCS.glob("*.md")}
+    assert names.isdisjoint({"search", "genindex", "py-modindex"})
+
+
+def sidebar(site: Path) -> dict[str, str]:
+    """Return the page of each entry in the sidebar, by its address."""
+    tree = re.search(
+        r'<div class="sidebar-tree">(.*?)\n</div>', (site / "index.html").read_text(), re.S
+    )
+    assert tree
+    found = re.findall(r'<a class="reference internal" href="([^"#]+)">(.*?)</a>', tree[1])
+    return {address: re.sub("<.*?>", "", text) for address, text in found}
+
+
 def test_the_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text().splitlines()) <= MOST_LINES
 
@@ -334,4 +359,10 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "site" / "troubleshooting.html").is_file()
+    site = tmp_path / "site"
+    entries = sidebar(site)
+    assert len(entries) > 20
+    for address, entry in entries.items():
+        heading = re.search(r"<h1>(.*?)<a", (site / address).read_text(), re.S)
+        assert heading, address
+        assert re.sub("<.*?>", "", heading[1]).strip() == entry, address

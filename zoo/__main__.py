@@ -1,4 +1,4 @@
-"""`python -m zoo`: train, test and report one experiment, or with `-m` a sweep."""
+"""`drivezoo train`: train, test and report one experiment, or with `-m` a sweep."""
 
 import os
 import sys
@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
 from zoo.cli.command import is_help
 from zoo.cli.console_progress import loading
@@ -93,7 +93,7 @@ def train_once(arguments: list[str], is_started: Callable[[], None], several: bo
         try:
             if not several and needs_processes(config):
                 raise UsageError(
-                    f"trainer.devices={config.trainer.devices}: only the command python -m zoo "
+                    f"trainer.devices={config.trainer.devices}: only the command drivezoo train "
                     "starts several processes; set trainer.devices=1 trainer.strategy=auto"
                 )
             return run_experiment(config, folder)

@@ -1,32 +1,45 @@
-"""`drivezoo clean [FOLDER] [key=value ...]`: list what runs left in a folder, or remove it.
+"""`drivezoo clean [FOLDER] [key=value ...]`: list what drivezoo wrote in a folder, or remove it.
 
 Prints each kind with its size: the cache of decoded images, runs, sweeps, drives, and so on. With
-remove=true it removes the chosen kinds, but never a run that is training, and never what drivezoo
-did not write.
+remove=true it removes the chosen kinds. It knows its folders by the marks that commands leave, not
+by names. Files that drivezoo did not write stay, as does what a command is writing. A recording is
+removed only if it is named: what=outputs/recordings/lake.
 """
 
 import math
+import os
 import re
-import shlex
-import shutil
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
+from zoo.base.new_folder import RECORDINGS, hold_folder, is_held, is_locked, is_unfinished
+from zoo.base.terminal import command_line, printable
+from zoo.base.written_files import (
+    LOCK,
+    MARK,
+    OUTPUTS,
+    is_unchanged,
+    marked_folder,
+    read_register,
+    remove_files,
+    written_below,
+)
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import Command
 from zoo.cli.nearest import hint
 from zoo.cli.run_command import run_command
 
 COMMAND = Command(__doc__, {"[FOLDER]": "folder of runs; outputs without it"})
-CACHE, RUNS, RECORDINGS = "cache", "runs", "recordings"
+CACHE, FILES, UNFINISHED = "cache", "files", "unfinished"
+RECORDING_LOG = "driving_log.csv"
 DAY_S = 86_400
+SHOWN = 5  # names of a line
 _DATE = re.compile(r"\d{4}-\d\d-\d\d")
-_TIME = re.compile(r"\d\d-\d\d-\d\d.*")
-_CACHE_FILE = re.compile(r"[0-9a-f]{24}\.(npy|json|lock)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,21 +57,31 @@ class CleanOptions:
 
 @dataclass(frozen=True)
 class Item:
-    """A file or a folder that can be removed on its own.
+    """Files that can be removed on their own.
 
     Attributes:
         kind: what it is, such as `cache` or `runs`.
-        path: place of the file or folder.
-        size: size of all its files, bytes.
-        changed: time of the newest change of its files, s since 1970.
-        in_use: whether a process trains there.
+        path: folder, or the file itself.
+        files: files that drivezoo wrote.
+        others: files in the folder that it did not write, which stay.
+        in_use: whether a command is writing there.
     """
 
     kind: str
     path: Path
-    size: int
-    changed: float
+    files: list[Path]
+    others: list[Path]
     in_use: bool
+
+    @property
+    def size(self) -> int:
+        """Return the size of the files, bytes."""
+        return sum(one.lstat().st_size for one in self.files if os.path.lexists(one))
+
+    @property
+    def changed(self) -> float:
+        """Return the time of the newest change of the files, s since 1970."""
+        return max((one.lstat().st_mtime for one in self.files if os.path.lexists(one)), default=0)
 
 
 def clean(arguments: list[str]) -> None:
@@ -73,9 +96,7 @@ def clean(arguments: list[str]) -> None:
         raise UsageError(f"{paths[1]}: name one folder; usage: {COMMAND.usage}")
     folder = Path(paths[0] if paths else "outputs").expanduser()
     if not folder.is_dir():
-        kinds = (
-            f"; kinds are chosen with what={folder}" if str(folder) in (CACHE, RUNS, "all") else ""
-        )
+        kinds = f"; kinds are chosen with what={folder}" if str(folder) in (CACHE, "all") else ""
         raise InputError(f"{folder}: no such folder; name the folder of the runs{kinds}")
     items = sorted(find_items(folder), key=lambda one: (one.kind, one.path))
     kinds = sorted({one.kind for one in items})
@@ -91,91 +112,157 @@ def clean(arguments: list[str]) -> None:
         figures = (len(row), _megabytes(row), _megabytes(part), sum(one.in_use for one in row))
         table.add_row(kind, *map(str, figures))
     console.print(table)
+    for line in _lines(folder, items):
+        console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     total = f"{len(chosen)} of {len(items)} items, {_megabytes(chosen)} MB"
     if options.remove:
-        for one in chosen:
-            remove_item(one.path)
-        print(f"removed {total}")
+        removed = [one for one in chosen if remove_item(one)]
+        print(f"removed {len(removed)} of {len(items)} items, {total.rpartition(', ')[2]}")
         return
     print(f"chosen: {total}; nothing was removed")
     if chosen:
-        again = shlex.join(["drivezoo", "clean", *arguments, "remove=true"])
+        again = command_line(["drivezoo", "clean", *arguments, "remove=true"])
         print_next(again, "remove what is chosen")
 
 
 def choose(items: list[Item], kinds: list[str], options: CleanOptions) -> list[Item]:
-    """Return the items of the chosen kinds that are old enough and not in use.
+    """Return the items of the chosen kinds or paths that are old enough and not in use.
 
     Raises:
-        UsageError: `what` names a kind that drivezoo does not know.
+        UsageError: `what` names neither a kind nor an item, or all recordings at once.
     """
     wanted = {one.strip() for one in options.what.split(",")}
-    for name in sorted(wanted - {CACHE, "all", *kinds}):
-        raise UsageError(f"what={name}: {hint(name, [*kinds, 'all'], 'the table names all')}")
+    if RECORDINGS in wanted:
+        raise UsageError(
+            f"what={RECORDINGS}: a recording is removed only by its name: what=FOLDER; the list "
+            "without what= names all"
+        )
+    paths = {one.path for one in items if any(_is_named(one.path, name) for name in wanted)}
+    for name in sorted(wanted - {CACHE, UNFINISHED, "all", *kinds}):
+        if not any(_is_named(one, name) for one in paths):
+            raise UsageError(f"what={name}: {hint(name, [*kinds, 'all'], 'the table names all')}")
     before = time.time() - options.older_days * DAY_S
     return [
         one
         for one in items
-        if ("all" in wanted or one.kind in wanted) and one.changed <= before and not one.in_use
+        if (one.path in paths or (one.kind != RECORDINGS and wanted & {one.kind, "all"}))
+        and one.changed <= before
+        and not one.in_use
     ]
 
 
 def find_items(folder: Path) -> Iterator[Item]:
-    """Yield what drivezoo wrote in a folder of runs; other files and links are left alone."""
-    from zoo.runs.saved_config import RECIPE
+    """Yield what drivezoo marked below a folder; links are not followed."""
+    for place, folders, names in os.walk(folder.absolute()):
+        here = Path(place)
+        kind = read_register(here / MARK).kind if MARK in names else None
+        if kind is not None:
+            folders.clear()
+            yield from _cached(here) if kind == CACHE else _marked(here, kind)
+        elif OUTPUTS in names:
+            yield from (Item(FILES, one, [one], [], False) for one in _outputs(here))
 
-    for place in _folders(folder):
-        if place.name == CACHE:
-            files = [one for one in place.iterdir() if _CACHE_FILE.fullmatch(one.name)]
-            yield from (_item(CACHE, one) for one in files if one.is_file())
-        elif place.name == RECORDINGS:
-            recorded = [one for one in _folders(place) if (one / RECIPE).is_file()]
-            yield from (_item(RECORDINGS, one) for one in recorded)
-        elif _DATE.fullmatch(place.name):
-            yield from (_item(RUNS, one) for one in _folders(place) if _TIME.fullmatch(one.name))
+
+def _outputs(folder: Path) -> list[Path]:
+    """Return the files that users named, and that are as drivezoo wrote them."""
+    known = read_register(folder / OUTPUTS).files.items()
+    return [folder / name for name, sha256 in known if is_unchanged(folder / name, sha256)]
+
+
+def _cached(folder: Path) -> Iterator[Item]:
+    """Yield each view of a cache with the files that belong to it."""
+    by_view: dict[str, list[Path]] = {}
+    for one in written_below(folder)[0]:
+        if one.name not in (MARK, LOCK):
+            by_view.setdefault(one.name.lstrip(".").partition(".")[0], []).append(one)
+    for view, files in by_view.items():
+        yield Item(CACHE, folder / f"{view}.npy", files, [], is_locked(folder / f"{view}.lock"))
+
+
+def _marked(folder: Path, kind: str) -> Iterator[Item]:
+    """Yield a marked folder, and on their own the recordings and unfinished folders within it."""
+    written, others = written_below(folder)
+    places = {one.parent: UNFINISHED for one in written if is_unfinished(one.parent)}
+    for one in written:
+        if one.name == RECORDING_LOG and not places.keys() & set(one.parents):
+            places[one.parent] = RECORDINGS
+    places.setdefault(folder, kind)
+    for place, its_kind in places.items():
+        inner = {one for one in places if place in one.parents}
+
+        def own(files: list[Path], place: Path = place, inner: set[Path] = inner) -> list[Path]:
+            within = (one for one in files if place in one.parents)
+            return [one for one in within if not inner & set(one.parents)]
+
+        if its_kind == UNFINISHED:  # nothing else is written into it
+            its_files, its_others = own([*written, *others]), []
         else:
-            dates = [one for one in _folders(place) if _DATE.fullmatch(one.name)]
-            for date in dates:
-                times = [one for one in _folders(date) if _TIME.fullmatch(one.name)]
-                yield from (_item(place.name, one) for one in times)
+            its_files, its_others = own(written), own(others)
+        yield Item(its_kind, place, its_files, its_others, _is_in_use(folder, written))
 
 
-def remove_item(path: Path) -> None:
-    """Remove a file or a folder, and then its folder of one day if that is empty.
-
-    Raises:
-        InputError: it cannot be removed.
-    """
-    try:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-        if _DATE.fullmatch(path.parent.name) and not any(path.parent.iterdir()):
-            path.parent.rmdir()
-    except OSError as error:
-        raise InputError(
-            f"{error.filename or path}: cannot be removed ({error.strerror}); what comes before it "
-            "is removed"
-        ) from None
-
-
-def _folders(place: Path) -> list[Path]:
-    return sorted(one for one in place.iterdir() if one.is_dir() and not one.is_symlink())
-
-
-def _item(kind: str, path: Path) -> Item:
+def _is_in_use(folder: Path, written: list[Path]) -> bool:
+    """Return whether a command writes in a marked folder, or in one within it."""
     from zoo.runs.status import NAME, is_alive
 
-    found = [one.lstat() for one in [path, *(path.rglob("*") if path.is_dir() else [])]]
-    runs = {one.parent for one in path.rglob(NAME)} if path.is_dir() else set()
-    return Item(
-        kind,
-        path,
-        size=sum(one.st_size for one in found),
-        changed=max(one.st_mtime for one in found),
-        in_use=any(map(is_alive, runs)),
-    )
+    held = any(is_held(one.parent) for one in written if one.name == LOCK)
+    return held or any(is_alive(one.parent) for one in written if one.name == NAME)
+
+
+def remove_item(item: Item) -> bool:
+    """Remove the files of an item, and its folders that are then empty; return False if in use.
+
+    Raises:
+        InputError: a file cannot be removed.
+    """
+    place = item.path if item.path.is_dir() else item.path.parent
+    lock = [one for one in item.files if one.name == LOCK and one.parent == place]
+    try:
+        with ExitStack() as held:
+            if lock:  # no command begins there from now on
+                try:
+                    held.enter_context(hold_folder(place))
+                except InputError:
+                    return False
+            remove_files([one for one in item.files if one not in lock], place)
+        remove_files(lock, place)
+        if item.kind == FILES and not _outputs(place):
+            (place / OUTPUTS).unlink(missing_ok=True)
+        if _DATE.fullmatch(place.parent.name) and not any(place.parent.iterdir()):
+            place.parent.rmdir()
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or item.path}: cannot be removed ({error.strerror}); what comes "
+            "before it is removed"
+        ) from None
+    return True
+
+
+def _lines(folder: Path, items: list[Item]) -> Iterator[str]:
+    """Yield what is in use, what drivezoo did not write, and the names of recordings."""
+    recordings = [one.path for one in items if one.kind == RECORDINGS]
+    others = [path for one in items for path in one.others]
+    marked = [place for one in items for place in (one.path, *one.path.parents)]
+    inside = sorted(folder.absolute().iterdir()) if marked_folder(folder / MARK) is None else []
+    unmarked = [one for one in inside if one not in marked and one.is_dir()]
+    for text, paths in (
+        ("in use, stays: {}", [one.path for one in items if one.in_use]),
+        ("not written by drivezoo, stays: {}", others),
+        ("without a mark of drivezoo, stays: {}", unmarked),
+        ("recordings, removed only with what=FOLDER: {}", recordings),
+    ):
+        if paths:
+            names = [_shown(one) for one in paths[:SHOWN]]
+            more = f" and {len(paths) - SHOWN:,} more" if len(paths) > SHOWN else ""
+            yield text.format(", ".join(names)) + more
+
+
+def _shown(path: Path) -> str:
+    return str(path.relative_to(Path.cwd())) if Path.cwd() in path.parents else str(path)
+
+
+def _is_named(path: Path, name: str) -> bool:
+    return Path(os.path.normpath(Path(name).expanduser().absolute())) == path
 
 
 def _megabytes(items: list[Item]) -> str:

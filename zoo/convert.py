@@ -8,14 +8,14 @@ a dataset or a tub, and a dataset or a tub as a recording that every command tak
 """
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from datamodules.errors import UsageError
-from datamodules.terminal import printable
+from zoo.base.errors import UsageError
+from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
@@ -24,14 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from datamodules.exchange.converted import Converted
-    from datamodules.exchange.source_format import Format
+    from datamodules.source_format import Format
 
 COMMAND = Command(__doc__, {"SOURCE": "folder of a recording, a LeRobot dataset or a tub"})
-NAMES = {
-    "udacity": "recording",
-    "lerobot": "LeRobotDataset v3",
-    "donkeycar": "Donkeycar tub",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +43,7 @@ class ConvertOptions:
     camera: str | None
     speed_unit: Literal["mph", "mps", "kmh"]
     fit: Literal["keep", "pad"]
+    on_bad_row: Literal["fail", "skip"]
     quality: Annotated[int, Field(ge=1, le=100)]
 
 
@@ -61,8 +57,8 @@ def convert(arguments: list[str]) -> None:
     (named,), options = COMMAND.read(arguments, ConvertOptions)
     from rich.console import Console
 
-    from datamodules.exchange.source_format import find_format
-    from datamodules.new_folder import free_folder, refuse_existing
+    from datamodules.source_format import NAMES, find_format
+    from zoo.base.new_folder import free_folder, print_unfinished, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
     source = Path(named).expanduser()
@@ -73,6 +69,7 @@ def convert(arguments: list[str]) -> None:
     whole = folder.absolute()
     out = options.out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
+    print_unfinished(out)
     with progress_bar("converting", Console(stderr=True)) as report:
         result = run_conversion(source, out, found, to, options, report)
     drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"
@@ -93,6 +90,8 @@ def target_format(named: str, found: "Format", to: "Format | None") -> "Format":
         raise UsageError(
             f"{named}: is a recording; name its new format: to=lerobot or to=donkeycar"
         )
+    from datamodules.source_format import NAMES
+
     to = to or "udacity"
     if to == found:
         raise UsageError(f"to={to}: {named} is a {NAMES[found]} already; name another format")
@@ -125,36 +124,40 @@ def run_conversion(
             options.fit,
             options.quality,
             progress,
+            options.on_bad_row,
         )
     if found == "donkeycar":
         from datamodules.exchange.tub_import import import_tub
 
-        return import_tub(source, out, options.fit, options.quality, progress)
+        return import_tub(source, out, options.fit, options.quality, progress, options.on_bad_row)
     from datamodules.recording import read_recordings
+    from datamodules.recording_report import skipped_lines
 
-    recording = read_recordings(str(source), options.images, on_bad_image="skip")
+    recording = read_recordings(
+        str(source), options.images, on_bad_image="skip", on_bad_row=options.on_bad_row
+    )
     if to == "donkeycar":
         from datamodules.exchange.tub_export import export_tub
 
-        return export_tub(recording, out, progress)
-    from datamodules.exchange.lerobot_export import export_lerobot
+        result = export_tub(recording, out, progress)
+    else:
+        from datamodules.exchange.lerobot_export import export_lerobot
 
-    return export_lerobot(recording, out, options.fps, options.crf, options.task, progress)
+        result = export_lerobot(recording, out, options.fps, options.crf, options.task, progress)
+    return replace(result, notes=(*skipped_lines(recording), *result.notes))
 
 
 def print_following(result: "Converted", to: "Format") -> None:
     """Print the command that uses what was written."""
-    import shlex
-
     folder = str(result.folder)
     if to == "udacity":
-        print_next(shlex.join(["drivezoo", "check", folder]))
+        print_next(command_line(["drivezoo", "check", folder]))
     elif to == "donkeycar":
-        print_next(shlex.join(["donkey", "train", "--tub", folder]), "in your car's folder")
+        print_next(command_line(["donkey", "train", "--tub", folder]), "in your car's folder")
     else:
         name = f"local/{result.folder.name}"
         words = ["lerobot-dataset-viz", "--repo-id", name, "--root", folder, "--episode-index", "0"]
-        print_next(shlex.join(words), "where LeRobot is installed")
+        print_next(command_line(words), "where LeRobot is installed")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ on the socket, drives a lap and films it. Prints each command before it runs.
 """
 
 import datetime
-import shlex
 import subprocess
 import sys
 import time
@@ -14,9 +13,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError
+from zoo.base.child_process import child_environment
+from zoo.base.errors import InputError
+from zoo.base.module_start import module_command
+from zoo.base.terminal import command_line
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
+from zoo.cli.console_script import commands
 from zoo.cli.run_command import run_command
 
 SPEED_MPH = 20
@@ -36,29 +39,30 @@ def demo(arguments: list[str]) -> None:
     drive = run / "drive"
     stages = {
         "record (once), train, score by driving, report": [
-            "zoo",
+            "train",
             "model=nvidia",
             "quick=true",
             "quick_samples=3200",  # enough if an expert's laps include recoveries
             f"hydra.run.dir={run}",
         ],
         "drive a lap over the socket": [
-            "zoo.drive",
+            "drive",
             best,
-            "drive.sim=lake",
-            "drive.laps=1",
-            "drive.port=0",
-            f"drive.speed.set_mph={SPEED_MPH}",
-            f"drive.record={drive}",
+            "sim=lake",
+            "laps=1",
+            "port=0",
+            f"speed.set_mph={SPEED_MPH}",
+            f"record={drive}",
         ],
-        "film it": ["zoo.film", str(drive), f"out={run / 'lap.mp4'}", "fps=30"],
+        "film it": ["film", str(drive), f"out={run / 'lap.mp4'}", "fps=30"],
     }
-    table = Table("stage", "seconds")
+    table, modules = Table("stage", "seconds"), commands()
     for stage, words in stages.items():
-        typed = shlex.join(["python", "-m", *words]).replace("python -m zoo.", "drivezoo ", 1)
+        typed = command_line(["drivezoo", *words])
         console.print(f"\n> {typed}", highlight=False, markup=False)
         began = time.perf_counter()
-        if subprocess.run([sys.executable, "-m", *words], check=False).returncode:
+        command = module_command(modules[words[0]], *words[1:])
+        if subprocess.run(command, env=child_environment(), check=False).returncode:
             raise InputError(f"could not {stage}; see the error above")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)
@@ -72,7 +76,7 @@ def demo(arguments: list[str]) -> None:
     ]
     # With score=none there are no drives.
     found = [path for path in written if Path(path).exists()]
-    print_written(found, ["drive", best, "drive.sim=lake"], console)
+    print_written(found, ["drive", best, "sim=lake"], console)
 
 
 if __name__ == "__main__":

@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings, times_from_names
+from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
@@ -101,7 +101,6 @@ def make_film(
         InputError: `read_shots` fails, no image can be read, or the film cannot be written.
     """
     # Imported late: imageio-ffmpeg (30 MB) is needed only for films.
-    from simulator.errors import SimulatorError
     from simulator.film import Film
 
     folder = Path(folder).expanduser()
@@ -115,7 +114,7 @@ def make_film(
         with Film(out, rate) as film:
             for frame in _frames(shots, faults, console):
                 film.add(frame)
-    except SimulatorError as error:
+    except InputError as error:
         raise InputError(f"{error}; or name another file with out=") from None
     drawn = len(shots) - len(faults)
     if not drawn:
@@ -182,7 +181,7 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
             )
         )
     if not shots:
-        raise InputError(f"{folder}: the drive has no frames; drive with drive.record=FOLDER")
+        raise InputError(f"{folder}: the drive has no frames; drive with record=FOLDER")
     if len(shots) <= MOMENTS < len(drive) / 10:
         raise InputError(
             f"{folder}: has only frames of its worst moments; film a drive while it is scored: "

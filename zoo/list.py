@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from datamodules.errors import UsageError
-from datamodules.terminal import printable
+from zoo.base.errors import UsageError
+from zoo.base.terminal import printable
 from zoo.checkpoints.packaged_networks import packaged_names, read_facts
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import Command, help_row

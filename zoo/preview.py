@@ -2,18 +2,20 @@
 
 Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
 outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys of
-training, such as data.root=FOLDER and augment=[brightness,shadow]: see python -m zoo --help.
+training, such as data.root=FOLDER and augment=[brightness,shadow]: see drivezoo train --help.
 """
 
-import shlex
 import sys
 from pathlib import Path
 
+from zoo.base.terminal import command_line
+from zoo.base.written_files import check_output, note_output
 from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 COUNT = 32
+NAMES = ("fed_batch", "steering_histogram")
 COMMAND = Command(__doc__)
 
 
@@ -29,18 +31,17 @@ def preview(arguments: list[str]) -> None:
     from zoo.training.build import build_data, settle_config
 
     console = Console(soft_wrap=True)
+    written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]
+    for path in written:
+        check_output(path, key="")
     config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(arguments))))
     data = build_data(settle_config(config, console))
     data.load(console)
-    folder = Path("outputs/preview")
-    written = []
-    for name, figure in (
-        ("fed_batch", figure_of_fed_batch(data, COUNT)),
-        ("steering_histogram", figure_of_steering(data)),
-    ):
-        written.append(plots.save_figure(figure, folder / f"{name}.png"))
+    figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)
+    for path, figure in zip(written, figures, strict=True):
+        note_output(plots.save_figure(figure, path))
     print_written(written, console=console)
-    print_next(shlex.join(["python", "-m", "zoo", *arguments]), console=console)
+    print_next(command_line(["drivezoo", "train", *arguments]), console=console)
 
 
 if __name__ == "__main__":

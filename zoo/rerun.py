@@ -4,18 +4,20 @@ Trains a finished run again with the config in its folder, and compares every fi
 metrics.json to the digit.
 """
 
-import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.child_process import child_environment
+from zoo.base.errors import InputError
+from zoo.base.module_start import module_command
+from zoo.base.new_folder import command_folder, dated_folder
+from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
@@ -24,7 +26,6 @@ from zoo.cli.parts import typed_parts
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
-from zoo.runs.whole_file import refuse_links_out
 
 COMMAND = Command(__doc__, {"RUN": "run's folder, or latest: the newest below outputs"})
 # Keys of metrics.json that are compared; times differ by machine.
@@ -79,17 +80,14 @@ def rerun(arguments: list[str]) -> None:
 
     refuse_links_out(run)
     then = read_metrics_file(run)
-    stamp = datetime.now().strftime("%Y-%m-%d-%H-%M-%S")
-    out = Path(options.out or f"outputs/reruns/{stamp}").resolve()
-    if out.exists() and any(out.iterdir()):
-        raise InputError(f"out={out}: is not empty; name another folder")
     _, trusted = split_trust([f"{TRUST}={options.trust}"])
     config = absolute_places(_trained_config(run), place_of(run))
     check_saved_config(config, run, trusted)
-    _prepare(run, config, out)
-    _train(out, trusted, then.get("threads"))
-    now = read_metrics_file(out)
-    _report(then, now, out)
+    with command_folder(Path(options.out or dated_folder("reruns")).resolve(), "reruns") as out:
+        _prepare(run, config, out)
+        _train(out, trusted, then.get("threads"))
+        now = read_metrics_file(out)
+        _report(then, now, out)
 
 
 def differences(then: object, now: object, name: str = "") -> tuple[list[Difference], int]:
@@ -184,12 +182,10 @@ def _prepare(run: Path, config: DictConfig, out: Path) -> None:
 
 def _train(out: Path, trusted: Sequence[str], threads: int | None) -> None:
     """Train the run in `out` with the same number of threads, on which sums depend."""
-    root = str(Path(__file__).resolve().parents[1])
-    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    environment = child_environment()
     if threads:
         environment["OMP_NUM_THREADS"] = str(threads)
-    command = [sys.executable, "-m", "zoo", f"resume={out}", *typed_parts()]
+    command = module_command("zoo", f"resume={out}", *typed_parts())
     if trusted:
         command.append(f"{TRUST}={','.join(trusted)}")
     status = subprocess.run(command, env=environment, check=False).returncode

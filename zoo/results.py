@@ -7,30 +7,34 @@ two baselines: steering always zero, and always the mean.
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from datamodules.errors import InputError, UsageError
-from datamodules.terminal import printable
+from zoo.base.errors import InputError, UsageError
+from zoo.base.terminal import printable
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
-from zoo.runs.result_table import Cell, Result, ResultTable, check_table
+from zoo.runs.result_table import Cell, Result, ResultTable, TableColumn, check_table, table_of
 
 COMMAND = Command(__doc__, {"[RUN_FOLDER...]": "folders of finished runs"})
-HEADINGS = (
-    "experiment",
-    "split",
-    "parameters",
-    "samples/s",
-    "s/epoch",
-    "best of epochs",
-    "test MSE (zero, mean)",
-    "test MAE (zero, mean)",
-    "test balanced MAE (zero, mean)",
-)
+HEADINGS = {  # printed columns by name
+    "experiment": "experiment",
+    "split": "split",
+    "parameters": "parameters",
+    "samples_per_second": "samples/s",
+    "seconds_per_epoch": "s/epoch",
+    "best_epoch": "best of epochs",
+    "test_mse": "test MSE (zero, mean)",
+    "test_mae": "test MAE (zero, mean)",
+    "test_balanced_mae": "test balanced MAE (zero, mean)",
+}
+SHORT = ("experiment", "parameters", "test_mse", "test_mae")  # in TeX
 ERRORS = ("mse", "mae", "balanced_mae")
 DRIVING = ("autonomy", "interventions", "cte_mean_m")
+# Further figures of a printed column.
+PARTS = {f"test_{one}": (f"test_{one}_zero", f"test_{one}_mean") for one in ERRORS}
+PARTS["best_epoch"] = ("epochs",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +43,7 @@ class ResultsOptions:
 
     metrics: bool
     table: str | None
+    columns: str | None
 
 
 @dataclass(frozen=True, repr=False)
@@ -60,7 +65,18 @@ class FinishedRuns(Result):
 
     def result_table(self) -> ResultTable:
         """Return a row for each run."""
-        return ResultTable(self.figures, HEADINGS, self.cells)
+        texts = {name: [row[n] for row in self.cells] for n, name in enumerate(HEADINGS)}
+        table = table_of(self.figures)
+        parts = {part for names in PARTS.values() for part in names}
+        columns = []
+        for one in table.columns:
+            if one.name in texts:
+                names = (one.name, *PARTS.get(one.name, ()))
+                figures = {name: table.figures[name] for name in names}
+                one = TableColumn(one.name, HEADINGS[one.name], texts[one.name], figures)
+            if one.name not in parts:
+                columns.append(replace(one, short=one.name in SHORT))
+        return ResultTable(columns, "Errors of the steering; in brackets: always zero, the mean.")
 
 
 def print_results(arguments: list[str]) -> None:
@@ -77,14 +93,14 @@ def print_results(arguments: list[str]) -> None:
         return
     if not folders:
         raise UsageError(f"name the folders of finished runs; usage: {COMMAND.usage}")
-    check_table(options.table)
+    check_table(options.table, options.columns)
     runs = read_finished(folders)
     print(f"| {' | '.join(HEADINGS)} |")
     print("|---|---|" + "---:|" * (len(HEADINGS) - 2))
     for row in runs.cells:
         print(printable(f"| {' | '.join(row)} |"))
     if options.table:
-        print_written([runs.write_table(options.table)])
+        print_written([runs.write_table(options.table, options.columns)])
 
 
 def read_finished(folders: Sequence[str | Path]) -> FinishedRuns:

@@ -11,12 +11,13 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from datamodules.driving_log import RANGES, number_text
-from datamodules.errors import InputError
+from datamodules.bad_rows import BadRows
+from datamodules.driving_log import NUMBERS, RANGES, degrees_hint, number_text, range_fault
 from datamodules.image import MOST_IMAGE_BYTES, decode_pixels, find_fault
 from datamodules.image_files import link_or_copy
 from datamodules.recording import GAP_S, LOG_NAME
-from datamodules.regular_file import read_regular
+from zoo.base.regular_file import read_regular
+from zoo.base.whole_file import write_new
 
 IMAGE_FOLDER = "IMG"
 # Times of rows whose source has none: the log's names need a date.
@@ -56,28 +57,28 @@ class DrivenRows:
             places=[self.places[row] for row in rows],
         )
 
-    def check(self) -> None:
-        """Raise InputError for a value that no log may have."""
-        for name, column in (
-            ("steering", self.steering),
-            ("throttle", self.throttle),
-            ("brake", self.brake),
-            ("speed", self.speed_mph),
-        ):
-            low, high = RANGES[name]
-            bad = np.flatnonzero(~((column >= low) & (column <= high)))
-            if len(bad):
-                value = column[bad[0]]
-                raise InputError(
-                    f"{self.places[bad[0]]}: {name} is {value:g}, beyond {low}..{high}; correct or "
-                    "delete the row"
-                )
-        bad = np.flatnonzero(~((self.time_s >= 0) & (self.time_s < LAST_S)))
-        if len(bad):
-            raise InputError(
-                f"{self.places[bad[0]]}: the time {self.time_s[bad[0]]:g} s is not between 1970 "
-                "and 9999; correct or delete the row"
-            )
+    def good_rows(self, bad: BadRows) -> list[int]:
+        """Return the rows with values that a log may have; the others go to `bad`.
+
+        Raises:
+            InputError: `bad` refuses the rows.
+        """
+        numbers = np.stack([self.steering, self.throttle, self.brake, self.speed_mph], axis=1)
+        low, high = np.array([RANGES[name] for name in NUMBERS]).T
+        within = ((numbers >= low) & (numbers <= high)).all(1)
+        timed = (self.time_s >= 0) & (self.time_s < LAST_S)
+        for row in np.flatnonzero(~(within & timed)).tolist():
+            time = f"the time {self.time_s[row]:g} s is not between 1970 and 9999"
+            bad.faults.append(f"{self.places[row]}: {range_fault(numbers[row]) or time}")
+        largest = np.abs(self.steering).max(initial=0, where=np.isfinite(self.steering))
+        good: list[int] = np.flatnonzero(within & timed).tolist()
+        bad.finish(len(good), degrees_hint(largest))
+        return good
+
+    def drives(self) -> int:
+        """Return the number of drives without a gap, as `drivezoo check` counts gaps."""
+        steps = np.diff(self.time_s)
+        return 1 + int(((steps > GAP_S) | (steps < 0)).sum())
 
     def stems(self) -> list[str]:
         """Return a file name's part for each row, which ends in the time and is unique."""
@@ -125,15 +126,18 @@ def write_log(folder: Path, rows: DrivenRows, images: Sequence[Sequence[str]]) -
         file.write(text.getvalue())
 
 
-def write_frame(image: np.ndarray, target: Path, quality: int, fit: Fit = "keep") -> None:
-    """Write an image, uint8 [H, W, 3] RGB, as a JPEG of this quality, 1..100."""
+def write_frame(image: np.ndarray, target: Path, quality: int = 95, fit: Fit = "keep") -> None:
+    """Write an image, uint8 [H, W, 3] RGB, as a new JPEG of this quality, 1..100.
+
+    OpenCV's own writer ends the process for a path that is not UTF-8.
+    """
     image = pad_to_two_by_one(image) if fit == "pad" else image
     bgr = np.ascontiguousarray(image[:, :, ::-1])
     data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    target.write_bytes(data.tobytes())
+    write_new(target, data.tobytes())
 
 
-def copy_image(path: Path, target: Path, quality: int, fit: Fit) -> None:
+def copy_image(path: str, target: Path, quality: int, fit: Fit) -> None:
     """Link or copy an image file as it is, or write it padded.
 
     Raises:
@@ -141,7 +145,7 @@ def copy_image(path: Path, target: Path, quality: int, fit: Fit) -> None:
         OSError: it cannot be read, or the disk is full.
     """
     if fit == "keep":
-        link_or_copy(str(path), target)
+        link_or_copy(path, target)
     else:
         write_frame(decode_pixels(read_regular(path, MOST_IMAGE_BYTES)), target, quality, fit)
 

@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.errors import InputError
 from datamodules.exchange.continuous_drives import continuous_drives, mean_rate
 from datamodules.exchange.converted import Converted, left_out_note
 from datamodules.exchange.lerobot_layout import (
     ACTION,
     ACTIONS,
     EXACT,
-    INFO,
     MOST_S,
     STATE,
     STATS,
@@ -31,9 +29,11 @@ from datamodules.exchange.lerobot_tables import (
 )
 from datamodules.exchange.lerobot_videos import assign_video_files, write_videos
 from datamodules.image_files import find_file_fault
-from datamodules.new_folder import new_folder
 from datamodules.recording import Recording
 from datamodules.samples import MPS_PER_MPH
+from datamodules.source_format import INFO
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, whole_folder
 
 MOST_FPS = 1000
 
@@ -61,7 +61,7 @@ def export_lerobot(
     """
     pyarrow = load_pyarrow()
     rate = fps or min(max(round(mean_rate(recording)), 1), MOST_FPS)
-    with new_folder(out) as part:
+    with whole_folder(out, RECORDINGS) as part:
         kept, left_out = _whole_rows(recording)
         cameras, notes = _cameras(kept)
         episodes = continuous_drives(kept, most=MOST_S * rate)

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.errors import InputError
-from datamodules.exchange.bounded_json import number, parse, read_bounded
-from datamodules.exchange.converted import Converted
+from datamodules.bad_rows import BadRows
+from datamodules.exchange.converted import Converted, left_out_note
 from datamodules.exchange.driven_rows import (
     IMAGE_FOLDER,
     DrivenRows,
@@ -22,22 +21,26 @@ from datamodules.exchange.driven_rows import (
     write_frame,
     write_log,
 )
+from datamodules.exchange.json_fields import number, parse
 from datamodules.exchange.lerobot_features import Component, Meaning, find_meaning
 from datamodules.exchange.lerobot_layout import (
     DATA,
     DATA_PATH,
     EPISODES,
-    INFO,
     TIME,
     VERSION,
     VIDEO_PATH,
     load_pyarrow,
     video_file,
 )
-from datamodules.exchange.parquet_columns import MOST_ROWS, REMEDY, encoded_images, read_table
+from datamodules.exchange.parquet_columns import REMEDY, encoded_images, read_table
 from datamodules.exchange.video import read_frames
 from datamodules.image import image_size
-from datamodules.new_folder import new_folder
+from datamodules.source_format import INFO, write_source
+from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
+from zoo.base.errors import InputError
+from zoo.base.limits import MOST, check_most
+from zoo.base.new_folder import RECORDINGS, whole_folder
 
 MOST_EPISODES = 1_000_000
 MOST_NUMBER = 999_999  # of a chunk or a file
@@ -60,7 +63,7 @@ class _Dataset:
 class _Images:
     """A camera's images to write: their files by row, and how to write them."""
 
-    targets: list[Path]
+    targets: dict[int, Path]
     fit: Fit
     quality: int
     progress: Callable[[float], None]
@@ -75,6 +78,7 @@ def import_lerobot(
     fit: Fit = "keep",
     quality: int = 95,
     progress: Callable[[float], None] = lambda share: None,
+    on_bad_row: str = "fail",
 ) -> Converted:
     """Write a dataset's rows as a recording; each episode is a continuous drive.
 
@@ -90,6 +94,7 @@ def import_lerobot(
         fit: `keep` or `pad`, see `datamodules.exchange.driven_rows`.
         quality: quality of the written JPEGs, 1..100.
         progress: function called with the finished share, 0..1.
+        on_bad_row: `fail`, or `skip` a row with a value that no log may have.
 
     Raises:
         InputError: pyarrow is missing, a file is missing or damaged, a value is wrong, or `out`
@@ -97,10 +102,11 @@ def import_lerobot(
         UsageError: `steering` or `camera` does not exist.
     """
     pyarrow = load_pyarrow()
-    with new_folder(out) as part:
+    with whole_folder(out, RECORDINGS) as part:
         dataset = _read_dataset(folder, steering, camera, speed_unit, pyarrow)
-        rows = dataset.rows
-        rows.check()
+        bad = BadRows(on_bad_row)
+        good = dataset.rows.good_rows(bad)
+        rows = dataset.rows.keep(good)
         (part / IMAGE_FOLDER).mkdir()
         stems = rows.stems()
         columns: list[list[str]] = []
@@ -112,7 +118,8 @@ def import_lerobot(
                 continue
             suffix = ".jpg" if dataset.is_video[key] else _suffix(dataset, key, pyarrow)
             columns.append([f"{name}_{stem}{suffix}" for stem in stems])
-            targets = [part / IMAGE_FOLDER / one for one in columns[-1]]
+            names = columns[-1]
+            targets = {row: part / IMAGE_FOLDER / names[at] for at, row in enumerate(good)}
             first = cameras.index(key)
 
             def report(share: float, first: int = first) -> None:
@@ -123,8 +130,11 @@ def import_lerobot(
             found = write(folder, dataset, key, images, pyarrow)
             size = found if name == "center" else size
         write_log(part, rows, list(zip(*columns, strict=True)))
-    notes = _notes(dataset.meaning, speed_unit) + size_note(*size, fit)
-    return Converted(out, len(rows), len(np.unique(dataset.episode)), tuple(notes))
+        if dataset.meaning.steering.key != "steering":  # that of drivezoo's own datasets
+            write_source(part, "lerobot")
+    notes = left_out_note(bad.faults, "they cannot be read")
+    notes += _notes(dataset.meaning, speed_unit) + size_note(*size, fit)
+    return Converted(out, len(rows), rows.drives(), tuple(notes))
 
 
 def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
@@ -143,7 +153,7 @@ def _read_dataset(
     folder: Path, steering: str | None, camera: str | None, speed_unit: str, pyarrow: Any
 ) -> _Dataset:
     place = folder / INFO
-    info = parse(read_bounded(place), str(place), dict)
+    info = parse(read_text(place, MOST_JSON_BYTES), str(place), dict)
     if not str(info.get("codebase_version")).startswith("v3."):
         raise InputError(
             f"{place}: codebase_version is {info.get('codebase_version')!r:.20}, expected "
@@ -170,6 +180,7 @@ def _read_dataset(
         read_table(path, [*dict.fromkeys(names), *([TIME] if own_time else [])], pyarrow)
         for path in files
     ]
+    check_most("rows", sum(len(one["timestamp"]) for one in tables), folder, "divide the dataset")
     places = [
         f"{path}, row {row}"
         for path, table in zip(files, tables, strict=True)
@@ -211,6 +222,8 @@ def _write_video(
     for row, (episode, timestamp) in enumerate(
         zip(dataset.episode.tolist(), dataset.timestamp.tolist(), strict=True)
     ):
+        if row not in images.targets:
+            continue
         if episode not in starts:
             raise InputError(
                 f"{dataset.rows.places[row]}: episode {episode} is not in {folder / EPISODES}; "
@@ -218,7 +231,7 @@ def _write_video(
             )
         path, start = starts[episode]
         moment = (start + timestamp) * dataset.fps
-        if not -0.5 <= moment < MOST_ROWS:
+        if not -0.5 <= moment < MOST["rows"]:
             raise InputError(
                 f"{dataset.rows.places[row]}: timestamp is {timestamp:g} s; correct the row"
             )
@@ -257,7 +270,7 @@ def _video_starts(
         columns = [_component(table[name], 0).tolist() for name in ("episode_index", *about)]
         for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
             whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))
-            if not whole or not 0 <= start < MOST_ROWS:
+            if not whole or not 0 <= start < MOST["rows"]:
                 raise InputError(f"{path}, row {row}: no place of a video; {REMEDY}")
             starts[int(episode)] = folder / video_file(key, int(chunk), int(file)), start
     return starts
@@ -269,6 +282,8 @@ def _write_images(
     """Write a camera's images that the data holds; return their width and height."""
     size = (2, 1)
     for row, data in enumerate(encoded_images(dataset.files, key, pyarrow)):
+        if row not in images.targets:
+            continue
         try:
             write_encoded(data, images.targets[row], images.quality, images.fit)
             size = image_size(io.BytesIO(data))

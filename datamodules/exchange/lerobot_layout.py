@@ -5,10 +5,9 @@ Written after `lerobot/datasets/utils.py` and `lerobot_dataset.py` of version 0.
 
 from typing import Any
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 VERSION = "v3.0"
-INFO = "meta/info.json"
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
 EPISODES = "meta/episodes"

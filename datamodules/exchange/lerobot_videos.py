@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.errors import InputError
 from datamodules.exchange.lerobot_layout import CAMERA_PREFIX, video_file
 from datamodules.exchange.lerobot_stats import SAMPLED_FRAMES, FrameCounts
 from datamodules.exchange.video import VideoWriter
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
 from datamodules.recording import Recording
+from zoo.base.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.errors import InputError
-from datamodules.regular_file import open_regular
+from zoo.base.errors import InputError
+from zoo.base.limits import check_most, check_unpacked
+from zoo.base.regular_file import open_regular
 
-MOST_ROWS = 10_000_000
 MOST_PARQUET_BYTES = 8_000_000_000
-BATCH_ROWS = 1000  # rows with images that are read at a time
+MOST_NUMBERS = 20_000_000  # of all columns that are read
+BATCH_ROWS = 16  # rows with images that are read at a time
 REMEDY = "download the dataset again"
 
 
@@ -20,20 +21,25 @@ def open_parquet(path: Path, pyarrow: Any) -> Any:
     """Return an opened Parquet file.
 
     Raises:
-        InputError: it is missing, no regular file, damaged, or has too many rows.
+        InputError: it is missing, no regular file, damaged, has too many rows or columns, or a
+            column twice.
     """
     try:
         descriptor, _ = open_regular(path, MOST_PARQUET_BYTES)
         file = os.fdopen(descriptor, "rb")
         found = pyarrow.parquet.ParquetFile(file)
+        names = found.schema_arrow.names
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: a column's name is not UTF-8; rename the column") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or 'damaged'}; {REMEDY}") from None
     except pyarrow.ArrowException as error:
         raise _damaged(path, error) from None
-    if found.metadata.num_rows > MOST_ROWS:
-        raise InputError(
-            f"{path}: {found.metadata.num_rows:,} rows, more than {MOST_ROWS:,}; divide the dataset"
-        )
+    check_most("rows", found.metadata.num_rows, path, "divide the dataset")
+    check_most("columns", len(names), path)
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{path}: has the column {twice!r:.80} more than once; rename one of them")
     return found
 
 
@@ -50,13 +56,31 @@ def read_table(path: Path, names: list[str], pyarrow: Any) -> dict[str, np.ndarr
     """
     file = open_parquet(path, pyarrow)
     for name in names:
-        if name not in file.schema_arrow.names:
-            raise InputError(f"{path}: no column {name}; {REMEDY}")
+        _check_column(file, name, path)
+    # A few bytes can claim millions of equal numbers.
+    claimed = sum(_claimed_numbers(file, name) for name in names)
+    if claimed > MOST_NUMBERS:
+        raise InputError(
+            f"{path}: {', '.join(names)} have {claimed:,} numbers, more than the {MOST_NUMBERS:,} "
+            "that are read; divide the dataset"
+        )
     try:
         table = file.read(columns=names)
     except (OSError, pyarrow.ArrowException) as error:
         raise _damaged(path, error) from None
     return {name: _numbers(table.column(name), path, name, pyarrow) for name in names}
+
+
+def _check_column(file: Any, name: str, path: Path) -> None:
+    if name not in file.schema_arrow.names:
+        raise InputError(f"{path}: no column {name:.80}; {REMEDY}")
+
+
+def _claimed_numbers(file: Any, name: str) -> int:
+    """Return how many numbers a column claims to have, a list's numbers included."""
+    groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
+    chunks = [group.column(number) for group in groups for number in range(group.num_columns)]
+    return sum(one.num_values for one in chunks if one.path_in_schema.split(".")[0] == name)
 
 
 def _numbers(column: Any, path: Path, name: str, pyarrow: Any) -> np.ndarray:
@@ -81,10 +105,15 @@ def encoded_images(files: Sequence[Path], key: str, pyarrow: Any) -> Iterator[by
         InputError: a file is damaged.
     """
     for path in files:
-        file = open_parquet(path, pyarrow)
+        file, unpacked = open_parquet(path, pyarrow), 0
+        _check_column(file, key, path)
         try:
             for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[key]):
                 # A path next to the bytes is never opened.
-                yield from ((one or {}).get("bytes") or b"" for one in batch.column(0).to_pylist())
+                for one in batch.column(0).to_pylist():
+                    data = (one or {}).get("bytes") or b""
+                    unpacked += len(data)
+                    check_unpacked(unpacked, path.stat().st_size, path)
+                    yield data
         except (OSError, KeyError, AttributeError, pyarrow.ArrowException) as error:
             raise _damaged(path, error) from None

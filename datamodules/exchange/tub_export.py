@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.exchange.continuous_drives import continuous_drives
 from datamodules.exchange.converted import Converted, left_out_note
 from datamodules.exchange.driven_rows import times_of_drives
@@ -19,17 +18,18 @@ from datamodules.exchange.tub_import import (
     EXACT,
     IMAGE,
     IMAGES,
-    MANIFEST,
     MODE,
     REPORT_ROWS,
     SPEEDS_MPS,
     THROTTLE,
 )
 from datamodules.image_files import find_file_fault, link_or_copy
-from datamodules.new_folder import new_folder
 from datamodules.recording import Recording
 from datamodules.samples import MPS_PER_MPH
+from datamodules.source_format import MANIFEST
 from datamodules.split import rows_per_second
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, whole_folder
 
 CATALOG_ROWS = 1000  # records in a catalog, as Donkeycar writes them
 SPEED = SPEEDS_MPS[0]
@@ -59,7 +59,7 @@ def export_tub(
     Raises:
         InputError: no image is whole, `out` exists, or the disk is full.
     """
-    with new_folder(out) as part:
+    with whole_folder(out, RECORDINGS) as part:
         (part / IMAGES).mkdir()
         faults = [find_file_fault(path) for path in recording.images[:, 0]]
         left_out = [f"{recording.place(row)}: {one}" for row, one in enumerate(faults) if one]
@@ -115,7 +115,9 @@ def _write_catalogs(folder: Path, lines: list[str], sessions: list[str], created
         rows = lines[first : first + CATALOG_ROWS]
         stem = f"catalog_{len(names)}"
         names.append(f"{stem}.catalog")
-        (folder / names[-1]).write_text("".join(f"{one}\n" for one in rows), newline="\n")
+        (folder / names[-1]).write_text(
+            "".join(f"{one}\n" for one in rows), newline="\n", encoding="utf-8"
+        )
         about = folder / f"{stem}.catalog_manifest"
         lengths = [len(one) + 1 for one in rows]
         contents = {"created_at": created_s, "line_lengths": lengths, "path": about.name}

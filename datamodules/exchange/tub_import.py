@@ -4,16 +4,14 @@ Written after the format of `donkeycar/parts/tub_v2.py` and `datastore_v2.py` (v
 `datastore.py` of version 3.
 """
 
-import itertools
-import re
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from datamodules.errors import InputError
-from datamodules.exchange.bounded_json import number, parse, plain_name, read_bounded
+from datamodules.bad_rows import BadRows
 from datamodules.exchange.converted import Converted, left_out_note
 from datamodules.exchange.driven_rows import (
     IMAGE_FOLDER,
@@ -24,13 +22,17 @@ from datamodules.exchange.driven_rows import (
     times_of_drives,
     write_log,
 )
-from datamodules.image import image_size
+from datamodules.exchange.json_fields import number, parse, plain_name
+from datamodules.image import MOST_IMAGE_BYTES, image_size
 from datamodules.image_files import find_file_fault
-from datamodules.new_folder import new_folder
-from datamodules.regular_file import open_binary
 from datamodules.samples import MPS_PER_MPH
+from datamodules.source_format import MANIFEST, old_records, write_source
+from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
+from zoo.base.errors import InputError
+from zoo.base.limits import check_most
+from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.regular_file import open_binary, open_text
 
-MANIFEST = "manifest.json"
 IMAGES = "images"
 IMAGE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle", "user/mode"
 SPEEDS_MPS = ("enc/speed", "pos/speed")  # an odometer's, a simulator's
@@ -42,16 +44,13 @@ EXACT = {
 }
 LOOP_HZ = 20.0  # Donkeycar's loop, for records without a time
 MOST_CATALOG_BYTES = 500_000_000
-MOST_RECORDS = 10_000_000
 REPORT_ROWS = 50  # rows between two calls of `progress`
 
-_OLD_RECORD = re.compile(r"record_(\d{1,9})\.json")
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Record:
     place: str
-    image: Path
+    image: str
     steering: float
     throttle: float
     brake: float
@@ -66,11 +65,7 @@ class _Tub:
     deleted: int
     piloted: int
     has_speed: bool
-
-
-def is_tub(folder: Path) -> bool:
-    """Return whether a folder is a tub of either kind."""
-    return (folder / MANIFEST).exists() or any(True for _ in _old(folder))
+    is_own: bool  # drivezoo wrote it, from a recording of Udacity's rig
 
 
 def import_tub(
@@ -79,6 +74,7 @@ def import_tub(
     fit: Fit = "keep",
     quality: int = 95,
     progress: Callable[[float], None] = lambda share: None,
+    on_bad_row: str = "fail",
 ) -> Converted:
     """Write a tub's records as a recording.
 
@@ -91,27 +87,29 @@ def import_tub(
         fit: `keep` links the images as they are; `pad` writes them with black bars, 2 to 1.
         quality: quality of padded JPEGs, 1..100.
         progress: function called with the finished share, 0..1.
+        on_bad_row: `fail`, or `skip` a record that cannot be read.
 
     Raises:
         InputError: a file is missing or damaged, a value is wrong, nothing is left, or `out`
             exists.
     """
-    with new_folder(out) as part:
-        tub = _read_tub(folder)
+    with whole_folder(out, RECORDINGS) as part:
+        bad = BadRows(on_bad_row)
+        tub = _read_tub(folder, bad)
         (part / IMAGE_FOLDER).mkdir()
         whole, faults = [], []
         for row, record in enumerate(tub.records):
-            fault = find_file_fault(str(record.image))
+            fault = find_file_fault(record.image)
             if fault:
                 faults.append(f"{record.place}: {fault}")
             else:
                 whole.append(row)
-        if not whole:
+        if not whole and not bad.faults:
             reason = faults[0] if faults else "all records are deleted or driven by an autopilot"
             raise InputError(f"{folder}: no record is left: {reason}; name another tub")
-        rows = _rows(tub.records)
-        rows = rows.keep(whole)
-        rows.check()
+        rows = _rows(tub.records).keep(whole)
+        good = rows.good_rows(bad)
+        rows, whole = rows.keep(good), [whole[row] for row in good]
         names = []
         for count, (row, stem) in enumerate(zip(whole, rows.stems(), strict=True)):
             if count % REPORT_ROWS == 0:
@@ -126,7 +124,10 @@ def import_tub(
                     f"{rows.places[count]}: {source}: {error}; delete the record"
                 ) from None
         write_log(part, rows, [(name, "", "") for name in names])
-        notes = left_out_note(faults, "their image is damaged or missing")
+        if not tub.is_own:
+            write_source(part, "donkeycar")
+        notes = left_out_note(bad.faults, "they cannot be read")
+        notes += left_out_note(faults, "their image is damaged or missing")
         if tub.deleted:
             notes.append(f"{tub.deleted:,} records left out that the tub marks as deleted")
         if tub.piloted:
@@ -134,28 +135,33 @@ def import_tub(
         if not tub.has_speed:
             notes.append("the tub has no speed: the log has 0 mph in each row")
         notes += size_note(*_size(tub.records[whole[0]].image), fit)
-    sessions = [tub.records[row].session for row in whole]
-    changes = sum(one != other for one, other in itertools.pairwise(sessions))
-    return Converted(out, len(rows), 1 + changes, tuple(notes))
+    return Converted(out, len(rows), rows.drives(), tuple(notes))
 
 
-def _read_tub(folder: Path) -> _Tub:
-    pairs = _new_records(folder) if (folder / MANIFEST).exists() else _old_records(folder)
-    records, deleted, piloted, has_speed = [], 0, 0, False
-    for count, (place, found, images, is_deleted) in enumerate(pairs):
-        if count >= MOST_RECORDS:
-            raise InputError(f"{folder}: more than {MOST_RECORDS:,} records; divide the tub")
-        if is_deleted:
+def _read_tub(folder: Path, bad: BadRows) -> _Tub:
+    """Return the tub's records; records that cannot be read go to `bad`."""
+    texts = _new_records(folder) if (folder / MANIFEST).exists() else _old_records(folder)
+    records, deleted, piloted, has_speed, is_own = [], 0, 0, False, False
+    for count, (place, text, images) in enumerate(texts, 1):
+        check_most("rows", count, folder, "divide the tub")
+        if text is None:
             deleted += 1
-        elif found.get(MODE, "user") != "user":
-            piloted += 1
-        else:
+            continue
+        try:
+            found = parse(text, place, dict)
+            if found.get(MODE, "user") != "user":
+                piloted += 1
+                continue
             records.append(_record(place, found, images))
-            has_speed = has_speed or any(key in found for key in (*SPEEDS_MPS, EXACT["speed"]))
-    return _Tub(records, deleted, piloted, has_speed)
+        except InputError as error:
+            bad.faults.append(str(error).rpartition("; ")[0])  # `finish` has the remedy
+            continue
+        has_speed = has_speed or any(key in found for key in (*SPEEDS_MPS, EXACT["speed"]))
+        is_own = is_own or EXACT["speed"] in found
+    return _Tub(records, deleted, piloted, has_speed, is_own)
 
 
-def _record(place: str, found: dict, images: Path) -> _Record:
+def _record(place: str, found: dict, images: str) -> _Record:
     throttle = number(found, THROTTLE, place, 0.0)
     speed_key = next((key for key in SPEEDS_MPS if key in found), SPEEDS_MPS[0])
     speed_mph = abs(number(found, speed_key, place, 0.0)) / MPS_PER_MPH
@@ -166,7 +172,7 @@ def _record(place: str, found: dict, images: Path) -> _Record:
         time_s = number(found, "milliseconds", place) / 1000
     return _Record(
         place=place,
-        image=images / plain_name(found.get(IMAGE), place, IMAGE),
+        image=images + plain_name(found.get(IMAGE), place, IMAGE),
         steering=number(found, ANGLE, place),
         throttle=number(found, EXACT["throttle"], place, throttle),
         brake=number(found, EXACT["brake"], place, 0.0),
@@ -176,10 +182,10 @@ def _record(place: str, found: dict, images: Path) -> _Record:
     )
 
 
-def _new_records(folder: Path) -> Iterator[tuple[str, dict, Path, bool]]:
-    """Yield each record's place, contents, folder of images, and whether it is deleted."""
+def _new_records(folder: Path) -> Iterator[tuple[str, str | None, str]]:
+    """Yield each record's place, text (None if it is deleted), and folder of images."""
     path = folder / MANIFEST
-    lines = read_bounded(path, MOST_CATALOG_BYTES).splitlines()
+    lines = read_text(path, MOST_JSON_BYTES).splitlines()
     if len(lines) < 5:
         raise InputError(
             f"{path}, row {len(lines)}: the manifest has {len(lines)} of 5 rows; copy the tub again"
@@ -190,29 +196,30 @@ def _new_records(folder: Path) -> Iterator[tuple[str, dict, Path, bool]]:
     paths = catalogs.get("paths")
     if not isinstance(deleted, list) or not isinstance(paths, list):
         raise InputError(f"{place}: no lists paths and deleted_indexes; copy the tub again")
+    names = [plain_name(name, place, "a catalog") for name in paths]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"{place}: names the catalog {twice} more than once; name it once")
     gone = {one for one in deleted if isinstance(one, int)}
+    images = f"{folder / IMAGES}{os.sep}"
     index = 0
-    for name in paths:
-        catalog = folder / plain_name(name, place, "a catalog")
-        rows = read_bounded(catalog, MOST_CATALOG_BYTES).splitlines()
-        for line, text in enumerate(rows, 1):
-            if not text.strip():
-                continue
-            where = f"{catalog}, row {line}"
-            # As Donkeycar does: a deleted index counts the records, whatever their _index.
-            is_deleted = index in gone
-            yield where, {} if is_deleted else parse(text, where, dict), folder / IMAGES, is_deleted
-            index += 1
+    for name in names:
+        catalog = folder / name
+        # Bytes that are not UTF-8 make one record bad, not the catalog.
+        with open_text(catalog, MOST_CATALOG_BYTES, errors="surrogateescape") as file:
+            for line, text in enumerate(file, 1):
+                if not text.strip():
+                    continue
+                # As Donkeycar does: a deleted index counts the records, whatever their _index.
+                yield f"{catalog}, row {line}", None if index in gone else text, images
+                index += 1
 
 
-def _old(folder: Path) -> Iterator[tuple[int, Path]]:
-    found = ((_OLD_RECORD.fullmatch(path.name), path) for path in folder.glob("record_*.json"))
-    return ((int(match[1]), path) for match, path in found if match)
-
-
-def _old_records(folder: Path) -> Iterator[tuple[str, dict, Path, bool]]:
-    for _, path in sorted(_old(folder)):
-        yield str(path), parse(read_bounded(path), str(path), dict), folder, False
+def _old_records(folder: Path) -> Iterator[tuple[str, str, str]]:
+    images = f"{folder}{os.sep}"
+    for _, path in sorted(old_records(folder)):
+        with open_text(path, MOST_JSON_BYTES, errors="surrogateescape") as file:
+            yield str(path), file.read(), images
 
 
 def _rows(records: list[_Record]) -> DrivenRows:
@@ -234,13 +241,13 @@ def _rows(records: list[_Record]) -> DrivenRows:
     )
 
 
-def _is_png(path: Path) -> bool:
-    with open_binary(path, MOST_CATALOG_BYTES) as file:
+def _is_png(path: str) -> bool:
+    with open_binary(path, MOST_IMAGE_BYTES) as file:
         return file.read(4) == b"\x89PNG"
 
 
-def _size(path: Path) -> tuple[int, int]:
-    with open_binary(path, MOST_CATALOG_BYTES) as file:
+def _size(path: str) -> tuple[int, int]:
+    with open_binary(path, MOST_IMAGE_BYTES) as file:
         try:
             return image_size(file)
         except ValueError:

@@ -11,9 +11,9 @@ from types import TracebackType
 import imageio_ffmpeg
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.image import MOST_PIXELS
-from datamodules.regular_file import open_regular
+from zoo.base.errors import InputError
+from zoo.base.regular_file import open_regular
 
 MOST_VIDEO_BYTES = 64_000_000_000
 # As LeRobot's own writer: every second frame is a key frame, so that any frame is read quickly.

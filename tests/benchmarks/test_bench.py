@@ -1,13 +1,16 @@
 """`make bench` runs and writes its table; tests do not judge speed."""
 
 import json
+import signal
 import subprocess
+import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 from benchmarks.timing import Row, median_ratio
-from tests.zoo.commands import ROOT, run
+from tests.zoo.commands import ROOT, command, environment, run
 
 
 def bench(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
@@ -85,3 +88,18 @@ def test_the_part_that_needs_keras_says_what_to_install(
     assert "keras_training: set KERAS_PYTHON to a Python with Keras" in said
     assert "pip install tensorflow-cpu" in said
     assert "Traceback" not in said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_the_running_part_ends_with_the_benchmark(number: int, tmp_path: Path) -> None:
+    words = command(str(ROOT / "benchmarks" / "bench.py"), "short", "ONLY=training")
+    with subprocess.Popen(
+        words, cwd=tmp_path, env=environment(), stdout=subprocess.PIPE
+    ) as benchmark:
+        assert benchmark.stdout.readline() == b"training ...\n"
+        process = psutil.Process(benchmark.pid)
+        while not (parts := process.children()):
+            assert benchmark.poll() is None
+        benchmark.send_signal(number)
+    assert psutil.wait_procs(parts, timeout=60)[1] == []

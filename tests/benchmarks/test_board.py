@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import board, board_page
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
 
@@ -55,7 +55,12 @@ def write_entry(folder: Path, headline: float = 0.9, **changes: object) -> Path:
 
 @pytest.fixture
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder with copies of the board's pages, which is the current folder."""
+    """Return a folder with copies of the board's pages, which is the current folder.
+
+    The results of these tests have figures that are not those of their only drive.
+    """
+    for check in ("_check_sums", "_check_included_suite"):
+        monkeypatch.setattr(f"zoo.benchmark.checked_result.{check}", lambda *_: None)
     monkeypatch.chdir(tmp_path)
     Path("docs/_static").mkdir(parents=True)
     for page in (board_page.PAGE, board_page.README):
@@ -84,7 +89,7 @@ def test_a_wrong_option_is_named(word: str, named: str) -> None:
 
 
 def test_an_entry_stands_in_all_pages(pages: Path) -> None:
-    board.add_entry(write_entry(pages / "entry"), "lenet", "whole", "python -m zoo")
+    board.add_entry(write_entry(pages / "entry"), "lenet", "whole", "drivezoo train")
     board.main(["runs=false"])
     page = board_page.PAGE.read_text()
     assert "| `lenet` | whole | 137,741 | 1 | 90.0 % (80.0 to 100.0) | 90.0 % (85.0 to" in page

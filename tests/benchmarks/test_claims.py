@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import claims, claims_page
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 ROW = {

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from benchmarks.first_try import FirstTryOptions, Tried, main, try_one
-from datamodules.errors import InputError
 from tests.recordings import Written
+from zoo.base.errors import InputError
 
 
 def test_a_finished_run_is_not_repeated(tmp_path):

@@ -26,7 +26,7 @@ RUN = {
     "lake_cte_max_m": 1.0,
     "lake_latency_ms": 1.0,
     "mountain_interventions": 2.0,
-    "command": "python -m zoo experiment=linear15 seed=1",
+    "command": "drivezoo train experiment=linear15 seed=1",
 }
 
 
@@ -55,7 +55,7 @@ def test_the_full_table_has_means_and_the_worst() -> None:
 
 def test_a_networks_table_has_the_commands_of_its_recipes() -> None:
     groups = [one for one in table_groups(ROWS) if one.model == "linear"]
-    assert "# few\npython -m zoo experiment=linear15\n" in network_table(groups)
+    assert "# few\ndrivezoo train experiment=linear15\n" in network_table(groups)
 
 
 def test_the_tables_are_written_between_their_markers(

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks import transfer, transfer_page
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from datamodules.split import split_rows
 from tests.recordings import Written
+from zoo.base.errors import InputError
 
 ROW = {
     "setting": "scratch",

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datamodules.balance import BalancedBatches, epoch_batches
-from datamodules.errors import InputError
 from datamodules.samples import Samples, make_samples
 from tests.recordings import recording_in_memory
+from zoo.base.errors import InputError
 
 FREE = {"straight_cap": None}
 

@@ -6,6 +6,7 @@ import pytest
 from datamodules import ground
 from datamodules.augment import Augment
 from datamodules.bend import Bend
+from datamodules.driving_log import MAX_STEERING_DEG
 from simulator import rig
 
 BEGUN = -rig.REAR_AXLE_M
@@ -16,7 +17,7 @@ def test_the_camera_and_the_car_are_the_simulators() -> None:
     assert rig.CAMERA_POSITIONS["center"] == (0.0, ground.CAMERA_HEIGHT_M, ground.CAMERA_AHEAD_M)
     assert ground.PITCH_DOWN_DEG == rig.PITCH_DOWN_DEG
     assert (ground.WHEELBASE_M, ground.REAR_AXLE_M) == (rig.WHEELBASE_M, rig.REAR_AXLE_M)
-    assert ground.MAX_STEERING_DEG == rig.MAX_STEERING_DEG
+    assert MAX_STEERING_DEG == rig.MAX_STEERING_DEG
 
 
 @pytest.mark.parametrize("curvature", [0.02, -0.02])

@@ -1,4 +1,4 @@
-"""`python -m datamodules.check`, as a person runs it."""
+"""`drivezoo check`, as a person runs it."""
 
 import shlex
 import struct
@@ -132,9 +132,8 @@ def test_the_next_commands_close(tmp_path):
     keys = [f"data.root={folder}", f"data.images={images}"]
     assert shlex.split(see.partition(": ")[2]) == ["drivezoo", "preview", *keys]
     assert shlex.split(train.partition(": ")[2]) == [
-        "python",
-        "-m",
-        "zoo",
+        "drivezoo",
+        "train",
         "experiment=first_try",
         *keys,
     ]
@@ -143,7 +142,7 @@ def test_the_next_commands_close(tmp_path):
 def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
     folders = [str(write_recording(tmp_path / one, rows=2).folder) for one in ("a", "b's [2]")]
     command = shlex.split(run_check(*folders).stdout.splitlines()[-1].partition(": ")[2])
-    _, override = OverridesParser.create().parse_overrides(command[3:])
+    _, override = OverridesParser.create().parse_overrides(command[2:])
     assert (override.key_or_group, override.value()) == ("data.root", folders)
 
 
@@ -175,3 +174,28 @@ def test_header_that_is_damaged(tmp_path):
     image = tmp_path / "center.jpg"
     image.write_bytes(b"\xff\xd8\xff\xe0\x00\x10JFIF\x00\x01\xff\xd9")
     assert isinstance(look_at_image(str(image)), str)
+
+
+def test_bad_rows_are_refused_or_skipped_and_named(written):
+    lines = written.log.read_text().splitlines()
+    lines[3] = lines[3][:50]
+    written.log.write_text("\n".join(lines) + "\n")
+    refused = run_check(written.folder)
+    assert refused.returncode == 1
+    assert "row 4: 1 columns, expected 7" in refused.stderr
+    assert "on_bad_row=skip" in refused.stderr
+    for option in ("on_bad_row=skip", "data.on_bad_row=skip", "--on-bad-row=skip"):
+        skipped = run_check(written.folder, option)
+        assert skipped.returncode == 0
+        after = skipped.stdout.splitlines().index("skipped 1 bad rows:")
+        assert "row 4: 1 columns" in skipped.stdout.splitlines()[after + 1]
+        assert skipped.stdout.splitlines()[-1].endswith(" data.on_bad_row=skip")
+
+
+@pytest.mark.parametrize("file", ["meta/info.json", "manifest.json", "record_1.json"])
+def test_a_recording_of_another_format_is_answered_with_convert(tmp_path, file):
+    (tmp_path / "there" / file).parent.mkdir(parents=True)
+    (tmp_path / "there" / file).write_text("{}")
+    done = run_check(tmp_path / "there")
+    assert done.returncode == 1
+    assert f"drivezoo convert {tmp_path / 'there'}" in done.stderr

@@ -16,10 +16,10 @@ from datamodules.device_augment import EQUIVALENTS, DeviceAugment
 from datamodules.device_batches import DeviceBatches
 from datamodules.device_pictures import polygons
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import View, view_to_rgb
 from tests.recordings import write_recording
+from zoo.base.errors import InputError
 
 CPU = torch.device("cpu")
 VIEWS = {

@@ -10,11 +10,11 @@ from datamodules.balance import BatchKey
 from datamodules.batches import EVALUATION_BATCH
 from datamodules.check import look_at_image
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.samples import LEFT
 from datamodules.view import View
 from tests.recordings import write_recording
+from zoo.base.errors import InputError
 
 VIEW = View((60, 25), "yuv", (66, 200))
 

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from datamodules.bad_rows import BadRows
 from datamodules.driving_log import ROWS_AT_ONCE, LogRow, read_log, read_log_columns
-from datamodules.errors import InputError
 from tests.recordings import format_number
+from zoo.base.errors import InputError
 
 CENTER = r"C:\me\IMG\center_2018_07_16_17_11_43_382.jpg"
 LEFT, RIGHT = CENTER.replace("center", "left"), CENTER.replace("center", "right")
@@ -183,9 +184,10 @@ def test_wrong_number_of_columns_names_file_and_row(tmp_path, columns):
 def test_a_log_that_ends_within_a_row_says_which_row_to_delete(tmp_path):
     message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0")
     assert "row 2: 5 columns, expected 7" in message
-    assert message.endswith("ends within this row: delete the row")
+    assert "ends within this row; correct or delete the row" in message
     within = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0\n{PATHS},0,0,0,1\n")
-    assert within.endswith("correct or delete the row")
+    assert "ends within" not in within
+    assert "row 2: 5 columns, expected 7" in within
 
 
 def test_too_many_columns_name_file_and_row(tmp_path):
@@ -303,7 +305,7 @@ def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path
     message = refusal(tmp_path, inside)
     assert "row 8: a quote opens here" in message
     assert "row 20" in message
-    assert "delete the quote" in message
+    assert "delete the row" in message
 
 
 def test_a_quote_that_never_closes_is_refused_where_it_opens(tmp_path):
@@ -373,3 +375,37 @@ def outcome(log: Path, read: Callable[[Path], list[LogRow]]) -> list[LogRow] | s
         return read(log)
     except InputError as error:
         return str(error)
+
+
+def test_bad_rows_are_left_out_and_named(tmp_path):
+    log = tmp_path / "driving_log.csv"
+    bad_rows = [f"{PATHS},left,0,0,1", f"{PATHS},0,0", f'"{PATHS},0,0,0,1', f'"{PATHS},2,0,0,1']
+    log.write_text("".join(f"{PATHS},0.{row},0,0,1\n{one}\n" for row, one in enumerate(bad_rows)))
+    bad = BadRows("skip")
+    rows = list(read_log(log, bad))
+    assert [row.numbers[0] for row in rows] == [0.0, 0.1, 0.2]
+    assert [fault.partition(":")[0] for fault in bad.faults] == [
+        f"{log}, row {line}" for line in (2, 4, 6)
+    ]
+
+
+def test_a_log_of_bad_rows_alone_is_refused_even_if_they_are_skipped(tmp_path):
+    log = tmp_path / "driving_log.csv"
+    log.write_text(f"{PATHS},left,0,0,1\n" * 3)
+    with pytest.raises(InputError, match=r"row 1: steering is 'left'.*3 of 3 rows.*all rows"):
+        read_log_columns(log, BadRows("skip"))
+
+
+@pytest.mark.parametrize(
+    ("angle", "remedy"), [("12.5", "by 25$"), ("-90", "by 25 times the ratio")]
+)
+def test_a_steering_in_degrees_has_one_remedy_for_all_rows(tmp_path, angle, remedy):
+    text = f"{PATHS},0,0,0,1\n{PATHS},2,0,0,1\n{PATHS},{angle},0,0,1\n"
+    with pytest.raises(InputError, match=f"row 2.*2 of 3 rows.*divide the column {remedy}"):
+        read_text(tmp_path, text)
+
+
+def test_a_header_of_another_format_is_named_with_the_columns_that_are_needed(tmp_path):
+    message = refusal(tmp_path, "filename,steer_angle,velocity\n1.jpg,0.1,3\n")
+    assert "row 1: the header filename,steer_angle,velocity" in message
+    assert HEADER in message

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from datamodules.edited_recording import write_edited
-from datamodules.errors import InputError
 from datamodules.image import read_image
-from datamodules.new_folder import free_folder
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_edits import Edits, drop, mirror, split
 from datamodules.stretches import find_breaks
 from tests.recordings import Written, write_recording
+from zoo.base.errors import InputError
+from zoo.base.new_folder import free_folder
 
 ROWS = 40
 

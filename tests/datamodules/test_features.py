@@ -12,7 +12,6 @@ from rich.console import Console
 
 from datamodules import view_store
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.features import (
     MIRRORED,
     FeatureBatches,
@@ -23,6 +22,7 @@ from datamodules.features import (
 )
 from datamodules.view import View
 from tests.recordings import Written, write_recording
+from zoo.base.errors import InputError
 
 VIEW = View((60, 20), "rgb", (8, 20))
 
@@ -143,11 +143,12 @@ def test_a_disk_that_fills_leaves_no_half_file(recorded, tmp_path, console):
 def test_what_a_killed_build_left_is_written_over(recorded, tmp_path, console):
     data, halves = data_of(recorded, tmp_path), Halves()
     plan = plan_of(data, halves.front())
-    plan.files[0].target.with_suffix(".part").write_bytes(os.urandom(100_000))
+    target = plan.files[0].target
+    target.with_name(f".{target.name}.{'0' * 16}.part").write_bytes(os.urandom(100_000))
     features = load_features(plan, data.views, console)
     images = data.views.take(np.arange(120), 0)
     np.testing.assert_array_equal(features.take(np.arange(120), 0), Halves()(images))
-    assert not list(tmp_path.glob("*.part"))
+    assert not list(tmp_path.glob(".*.part"))
     assert view_store.is_stored(plan.files[0].target)
 
 

@@ -89,6 +89,13 @@ def test_two_speeds_are_named_with_a_key():
     assert "data.recover_s" in text
 
 
+def test_a_missing_speed_is_named_with_its_recording_and_a_key():
+    text = texts(recording_in_memory(SMOOTH, np.zeros(2_000)))["no_speed"]
+    assert "0 mph in each row of" in text
+    assert "speed=" in text
+    assert "no_speed" not in texts(recording_in_memory(SMOOTH))
+
+
 @pytest.mark.parametrize(
     "speeds",
     [
@@ -168,3 +175,24 @@ def test_the_experts_recordings_lack_recoveries_without_noise_alone(tmp_path, no
     assert "keyboard" not in found
     assert "two_speeds" not in found
     assert "duplicates" not in found
+
+
+def test_one_tap_among_zeros_has_no_side():
+    steering = np.zeros(2_000)
+    steering[700:705] = -0.4
+    assert "one_direction" not in texts(recording_in_memory(steering))
+
+
+@pytest.mark.parametrize(("cameras", "words"), [(1, "keep data."), (3, "does not act")])
+def test_a_keyboard_is_told_whether_the_cap_of_straight_samples_acts(cameras, words):
+    taps = np.where(np.arange(2_000) % 10 < 3, 0.3, 0.0)
+    recording = recording_in_memory(taps)
+    images = np.full((2_000, 3), None, dtype=object)
+    images[:, :cameras] = "image.jpg"
+    images[:, 0] = [f"{row}.jpg" for row in range(2_000)]
+    (text,) = [
+        one.text
+        for one in find_oddities(replace(recording, images=images))
+        if one.kind == "keyboard"
+    ]
+    assert words in text

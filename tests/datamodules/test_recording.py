@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings, times_from_names
 from tests.recordings import FOLDERS, write_recording
+from zoo.base.errors import InputError
 
 
 def edit_log(folder: Path, old: str, new: str) -> None:

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from datamodules.errors import UsageError
 from datamodules.recording_edits import (
     Edits,
     drop,
@@ -16,6 +15,7 @@ from datamodules.recording_edits import (
     trim,
     typed_edits,
 )
+from zoo.base.errors import UsageError
 
 TEN = Edits(10)
 

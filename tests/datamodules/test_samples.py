@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.samples import CENTER, LEFT, RIGHT, make_samples, recovery_steering
 from tests.recordings import recording_in_memory
+from zoo.base.errors import InputError
 
 ALL = ["center", "left", "right"]
 

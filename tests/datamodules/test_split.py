@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
 from datamodules.split import PARTS, Split, rows_per_second, split_rows, write_split
 from tests.recordings import recording_in_memory, write_recording
+from zoo.base.errors import InputError
 
 
 def driven(rows: int, sizes: tuple[int, ...] = ()) -> Recording:

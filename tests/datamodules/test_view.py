@@ -5,9 +5,9 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, RESIZES, View, view_to_rgb
+from zoo.base.errors import InputError
 
 SHAPE_CASES = [
     ((60, 25), "rgb", (66, 200), (66, 200, 3)),

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, RESIZES, View
 from datamodules.view_store import VERSION, cache_key, load_views
 from tests.recordings import Written, write_recording
+from zoo.base.errors import InputError
 
 VIEW = View((60, 25), "rgb", (33, 100))
 REPOSITORY = Path(__file__).parents[2]
@@ -28,8 +28,8 @@ PROCESS = """
 import hashlib, json, resource, sys, time
 from pathlib import Path
 from datamodules import view_store
-from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.base.errors import InputError
 
 paths, folder, pause_s, limit = json.loads(sys.argv[1])
 if limit:

@@ -11,7 +11,6 @@ from datamodules.bend import Bend
 from datamodules.device_augment import DeviceAugment
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.samples import (
     CAMERA_OFFSET_M,
     MAX_STEERING_DEG,
@@ -23,6 +22,7 @@ from datamodules.split import PARTS
 from datamodules.view import View
 from datamodules.windows import Windows
 from tests.recordings import recording_in_memory, write_recording
+from zoo.base.errors import InputError
 
 VIEW = View((60, 25), "yuv", (33, 100))
 WINDOWS = {"sequence": 3, "stride": 2, "ahead": 1}

@@ -1,4 +1,4 @@
-"""`python -m simulator client` with hostile servers, or servers that are not drivers."""
+"""`drivezoo simulator client` with hostile servers, or servers that are not drivers."""
 
 import base64
 import contextlib

@@ -8,16 +8,17 @@ from pathlib import Path
 import pytest
 import torch
 
-from datamodules.errors import InputError
+from simulator.track_file import read_track
 from tests.zoo.commands import only_line, run
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.drives.drive_log import DriveWriter, read_drive, write_summary
 from zoo.drives.drive_record import DriveRow
 from zoo.leaderboard.ranking import rank, read_runs
 from zoo.report.reported_run import read_run
-from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_YAML_BYTES, read_json, read_yaml
 from zoo.runs.curves_files import read_curves
 from zoo.sweep.sweep_record import new_record, read_record, write_record
 
@@ -51,6 +52,15 @@ def field(*keys: str, value: object) -> Damage:
     return damage
 
 
+def remove(path: Path, *keys: str) -> None:
+    """Remove a field of a JSON file."""
+    found = inner = json.loads(path.read_text())
+    for key in keys[:-1]:
+        inner = inner[key]
+    del inner[keys[-1]]
+    path.write_text(json.dumps(found))
+
+
 def folder(path: Path) -> None:
     path.unlink()
     path.mkdir()
@@ -78,6 +88,7 @@ DAMAGE = {
     "NUL in text": (METRICS, field("model", value="a\0b"), "NUL"),
     "half a character": (METRICS, text('{"model": "\\ud800"}'), "character"),
     "deep": (METRICS, text("[" * 100_000), "64"),
+    "many": (METRICS, text(f'{{"x": [{"[]," * 1_000_000}0]}}'), "1,000,000 values"),
     "rather deep": (METRICS, text('{"x":' + "[" * 80 + "]" * 80 + "}"), "64"),
     "5,000 digits": (METRICS, text(f'{{"parameters": {"9" * 5000}}}'), "JSON"),
     "folder": (METRICS, folder, "directory"),
@@ -91,6 +102,8 @@ DAMAGE = {
     "list of tracks": (METRICS, field("drive", "tracks", value=[1]), "drive.tracks: "),
     "infinite": (METRICS, field("wall_s", value=float("inf")), "wall_s: "),
     "400 digits": (METRICS, field("wall_s", value=10**400), "wall_s: "),
+    "no cte_mean_m": (METRICS, lambda path: remove(path, *LAKE, "cte_mean_m"), "lake.cte_mean_m"),
+    "no autonomy": (METRICS, lambda path: remove(path, *LAKE, "autonomy"), "lake.autonomy: "),
     "text for seed": (METRICS, field("seed", value="one"), "seed: "),
     "list for model": (METRICS, field("model", value=[1]), "model: "),
     "text for scores": (METRICS, field("open_loop", value="x"), "open_loop: "),
@@ -102,6 +115,7 @@ DAMAGE = {
     "config's digits": (CONFIG, text(f"seed: {'9' * 5000}"), "5,000 digits"),
     "sexagesimal": (CONFIG, text("seed: " + "1:" * 300_000 + "1"), "number"),
     "no date": (CONFIG, text("when: 2001-99-99"), "YAML"),
+    "base 60": (CONFIG, text(f"seed: {'1' + ':1' * 400 + '.5'}"), "401 groups"),
     "code": (CONFIG, text("a: !!python/object/apply:os.mkdir [ran]"), "YAML"),
     "empty config": (CONFIG, text(""), "keys"),
     "config of 2 GB": (CONFIG, huge, "2,000,000,000"),
@@ -338,3 +352,26 @@ def test_curves_in_files_of_other_names_are_ignored(tmp_path: Path) -> None:
     (tmp_path / "metrics.old.csv").write_text("epoch,val/mse\n0,0.5\n")
     (tmp_path / "metrics.csv").write_text("epoch,val/mse\n0,0.1\n")
     assert read_curves(tmp_path, ["val/mse"]) == {"val/mse": {1: 0.1}}
+
+
+BASE_60 = "1" + ":1" * 400 + ".5"  # PyYAML raises OverflowError for it
+
+
+@pytest.mark.parametrize("name", ["points", "closed"])
+def test_a_track_of_base_60_numbers_is_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(f"closed: true\n{name}: {BASE_60}\n")
+    with pytest.raises(InputError, match=r"mine\.yaml.*line 2.*401 groups"):
+        read_track(str(tmp_path / "mine.yaml"))
+
+
+def test_a_family_of_base_60_numbers_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(f"length: [{BASE_60}, 2]\n")
+    with pytest.raises(InputError, match=r"mine\.yaml.*line 1.*401 groups"):
+        read_track(f"{tmp_path / 'mine.yaml'}:17")
+
+
+def test_a_tag_chooses_no_constructor(tmp_path: Path) -> None:
+    for tagged in ("!!int ''", "!!bool maybe", "!!timestamp x", "!!set {a}", "!mine 1"):
+        (tmp_path / "a.yaml").write_text(f"a: {tagged}\n")
+        with pytest.raises(InputError, match=r"a\.yaml.*line 1.*tag"):
+            read_yaml(tmp_path / "a.yaml")

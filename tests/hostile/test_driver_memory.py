@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks.attacker import ATTACKS, POST, Attacker, half_sent
+from benchmarks.attacker import ATTACKS, POST, TEXT, Attacker, frame, half_sent
 from benchmarks.attacker import LARGE as LONGEST
 from benchmarks.attacks import MOST_GROWTH_MB, megabytes
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
@@ -87,9 +87,12 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
     small = OldClient(fresh.port)
     small.send_frame(1, b'42["telem', last=False)
     attacker = Attacker(fresh.port)
+    oldest = attacker.websocket()
+    oldest.sendall(frame(TEXT, LONGEST, b"4" * (LONGEST - 1)))
     for _ in range(MOST_HELD // LONGEST + 4):
         with contextlib.suppress(OSError):
             half_sent(attacker)
+    assert closed(oldest)
     small.send_frame(0, b'etry",{}]')
     assert small.reply()[0] == "steer"
     attacker.close()

@@ -16,8 +16,8 @@ from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.trainings import SMALL
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.whole_file import remove_parts
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
-from zoo.runs.whole_file import remove_parts
 
 posix = pytest.mark.skipif(os.name != "posix", reason="sends SIGKILL, mounts disks")
 SHM = Path("/dev/shm")

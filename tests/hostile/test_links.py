@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import zoo
+from zoo.base.errors import InputError
+from zoo.base.whole_file import refuse_links_out, remove_parts, write_whole
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.cli.run_command import run_command
 from zoo.drives.drive_log import write_summary
@@ -18,7 +19,6 @@ from zoo.report.__main__ import report
 from zoo.rerun import rerun
 from zoo.runs.plots import save_figure
 from zoo.runs.status import write_status
-from zoo.runs.whole_file import refuse_links_out, remove_parts, write_whole
 from zoo.sweep.__main__ import resume_sweep
 from zoo.sweep.sweep_record import new_record, write_record
 from zoo.training.candidates import take
@@ -136,25 +136,23 @@ def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
         refuse_links_out(tmp_path / "run")
 
 
-def test_the_leaderboard_replaces_a_link(
-    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_leaderboard_refuses_a_link(
+    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "outputs" / "run", autonomy=1.0)
     page = tmp_path / "outputs" / "leaderboard.html"
     page.symlink_to(mine)
-    assert run_command("zoo.leaderboard", show_leaderboard, ["outputs"]) == 0
+    assert run_command("zoo.leaderboard", show_leaderboard, ["outputs"]) == 1
+    assert "outputs/leaderboard.html: exists" in capsys.readouterr().err
     assert mine.read_text() == "mine"
-    assert not page.is_symlink()
 
 
 def test_only_unfinished_files_of_a_killed_process_are_removed(mine: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     torch.save({}, folder / "best.ckpt")
-    left = (".best.ckpt.0123456789abcdef.part", "best.ckpt.part", ".index.html.part")
-    for name in left:
-        (folder / name).write_text("half")
+    (folder / ".best.ckpt.0123456789abcdef.part").write_text("half")
     kept = {"best.ckpt", "mine.part", ".x.part", "best.ckpt.parts"}
     for name in kept - {"best.ckpt"}:
         (folder / name).write_text("mine")

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.errors import SimulatorError
 from simulator.track_file import make_track, read_track, track_folder
 from tests.recordings import write_recording
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError
 from zoo.cli.run_command import run_command
 
 LONG = "../" * 43_000
@@ -161,7 +161,7 @@ def test_ctrl_c_during_imports_prints_no_traceback(
 def test_ctrl_c_in_a_finalizer_is_delivered_again() -> None:
     code = """
 import time
-from datamodules.early_interrupt import raise_again
+from zoo.base.early_interrupt import raise_again
 class Interrupted:
     def __del__(self):
         raise KeyboardInterrupt
@@ -330,7 +330,7 @@ def test_an_impossible_track_is_refused_before_it_takes_memory(name: str) -> Non
     damage, words = TRACKS[name]
     content = lake()
     damage(content)
-    with pytest.raises(SimulatorError, match=words):
+    with pytest.raises(InputError, match=words):
         make_track("own", content)
 
 
@@ -352,7 +352,7 @@ def test_a_track_that_crosses_itself_is_refused() -> None:
         [0, 200, 0],
     ]
     content |= {"stretches": []}
-    with pytest.raises(SimulatorError, match="cross"):
+    with pytest.raises(InputError, match="cross"):
         make_track("eight", content)
 
 
@@ -370,13 +370,13 @@ FILES = {
 def test_a_damaged_track_file_is_named(name: str, tmp_path: Path) -> None:
     text, words = FILES[name]
     (tmp_path / "own.yaml").write_text(text)
-    with pytest.raises(SimulatorError, match=rf"own\.yaml: .*{words}"):
+    with pytest.raises(InputError, match=rf"own\.yaml: .*{words}"):
         read_track(str(tmp_path / "own.yaml"))
 
 
 @pytest.mark.parametrize("name", ["a\0b.yaml", f"{LONG}own.yaml"])
 def test_a_track_with_an_impossible_name_is_refused(name: str) -> None:
-    with pytest.raises(SimulatorError, match="track"):
+    with pytest.raises(InputError, match="track"):
         read_track(name)
 
 

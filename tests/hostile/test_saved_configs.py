@@ -14,7 +14,6 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
@@ -23,6 +22,7 @@ from tests.zoo.compositions import composed
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.__main__ import zoo
+from zoo.base.errors import InputError
 from zoo.cli.compose import choices, compose_config, config_groups
 from zoo.cli.run_command import run_command
 from zoo.correct.__main__ import command as correct
@@ -472,7 +472,7 @@ def test_a_users_own_class_trains_in_several_processes_of_a_sweep(
     result = subprocess.run(
         command("zoo", "-m", *own, *more),
         cwd=tmp_path,
-        env=environment(),
+        env=environment(tmp_path),  # the class is found on the path, not in the current folder
         capture_output=True,
         text=True,
         timeout=240,

@@ -10,8 +10,8 @@ import onnxruntime
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from tests.zoo.bomb import Bomb
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_plain
 from zoo.checkpoints.onnx_policy import open_session
 

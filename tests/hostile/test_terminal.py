@@ -10,10 +10,10 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.terminal import error_line, guard_rich
 from tests.recordings import write_recording
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
+from zoo.base.terminal import error_line, guard_rich
 
 EVIL = "a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb\rc"  # clear, title, cursor up, right-to-left, overwrite
 SHOWN = r"a\x1b[2J\x1b]0;x\x07\x9b1A\u202eb"

@@ -21,10 +21,10 @@ from simulator.autonomous_mode import Client
 from simulator.client import RETRY_S, run_client
 from simulator.client_options import ClientOptions
 from simulator.command_line import read_options
-from simulator.errors import SimulatorError
 from simulator.legacy_socket import LegacySocket
 from simulator.world import Start, World, open_world
 from tests.simulator.drivers import ModernDriver, RawDriver, RefusingDriver, steering_driver
+from zoo.base.errors import InputError
 
 STEER = {"steering_angle": "0.0000", "throttle": "1.0000"}
 
@@ -365,5 +365,5 @@ def test_spans_of_seconds_may_be_whole_numbers_on_the_command_line() -> None:
     ],
 )
 def test_a_wrong_option_is_named(options: dict, words: str) -> None:
-    with pytest.raises(SimulatorError, match=re.escape(words)):
+    with pytest.raises(InputError, match=re.escape(words)):
         run_client(ClientOptions(**{"seconds": 0.1, **options}), Console(quiet=True))

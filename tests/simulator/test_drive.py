@@ -1,6 +1,7 @@
-"""`python -m simulator drive` on a desktop with simulated keys and mouse."""
+"""`drivezoo simulator drive` on a desktop with simulated keys and mouse."""
 
 import os
+import re
 import signal
 import subprocess
 import time
@@ -72,7 +73,7 @@ def output(process: subprocess.Popen) -> str:
     return printed
 
 
-def test_a_person_drives_to_the_left_and_records_it(tmp_path, desktop: Desktop, begin):
+def test_a_person_drives_off_to_the_left_and_records_it(tmp_path, desktop: Desktop, begin):
     process = begin("out=mine")
     desktop.tap("r")
     for key in ("Up", "Left"):
@@ -83,9 +84,10 @@ def test_a_person_drives_to_the_left_and_records_it(tmp_path, desktop: Desktop, 
     desktop.tap("Escape")
     printed = output(process)
     recording = read_recordings(str(tmp_path / "mine"))
-    assert f"rows        {len(recording)} " in printed
+    assert re.search(rf"rows +{len(recording)} ", printed)
     assert str(tmp_path / "mine" / LOG_NAME) in printed
-    assert "experiment=first_try data.root=mine" in printed
+    assert re.search(r"off the road +\d+ rows", printed)
+    assert "next: drivezoo edit mine" in printed
     assert recording.steering.min() == -1
     assert recording.steering.max() <= 0
     assert recording.throttle.max() == 1
@@ -115,7 +117,7 @@ def test_r_pauses_the_recording_and_the_mouse_steers(tmp_path, desktop: Desktop,
     wait_until(lambda: rows(folder) >= paused + 5)
     desktop.mouse(560, 300, button=False)
     desktop.tap("Escape")
-    output(process)
+    assert "experiment=first_try data.root=recordings" in output(process)
     recording = read_recordings(str(folder))
     # A quarter of the window's 640 pixels; two thirds would be full lock.
     assert recording.steering[0] == 0
@@ -198,7 +200,7 @@ def test_without_a_display_the_error_is_one_line(tmp_path, monkeypatch, display)
         ("directoin=1", "directoin: no such key; did you mean direction?"),
         ("direction=both", "direction=both: must be forward or backward"),
         ("weather=snow", "weather=snow: must be clear, random or settings"),
-        ("frame_rate=60", "frame_rate=60: must be above 0, up to 50"),
+        ("frame_rate=60", "frame_rate=60: must be in 0.1..50"),
         ("width=10", "width=10: must be in 320..7680 pixels"),
         ("seconds=-1", "seconds=-1: must be 0 or more"),
         ("renderer=none", "renderer=none: a recording needs images"),

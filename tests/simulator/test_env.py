@@ -13,11 +13,11 @@ import yaml
 from gymnasium.utils.env_checker import check_env
 
 from simulator.env import DrivingEnv
-from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.track_names import environment_id, track_names
 from simulator.weather import Weather
 from tests.simulator.tracks import LOOP
+from zoo.base.errors import InputError
 
 STRAIGHT_ON = np.array([0.0, 0.5], np.float32)
 Opened = Callable[..., DrivingEnv]
@@ -75,6 +75,11 @@ assert "panda3d" not in sys.modules
     subprocess.run([sys.executable, "-c", lines], check=True)
 
 
+def test_importing_drivezoo_registers_it():
+    lines = "import drivezoo, gymnasium; gymnasium.spec('Lake-v0')"
+    subprocess.run([sys.executable, "-c", lines], check=True)
+
+
 def test_gymnasium_imports_the_simulator_named_in_the_id():
     lines = """
 import gymnasium
@@ -122,6 +127,31 @@ def test_another_seed_is_another_place_and_day(opened):
         _, info = env.reset(seed=seed)
         days.append((info["distance"], env.world.weather.sun_azimuth_deg))
     assert len(set(days)) == 3
+
+
+def test_each_seed_begins_at_another_place_unless_that_is_switched_off(opened):
+    env, fixed = opened(), opened(random_start=False)
+    assert len({env.reset(seed=seed)[1]["distance"] for seed in (3, 4, 3)}) == 2
+    assert {fixed.reset(seed=seed)[1]["distance"] for seed in (3, 4)} == {0}
+
+
+def test_direction_and_weather_take_the_words_of_the_commands(opened):
+    env = opened(direction="backward", weather={"fog": 0.4})
+    env.reset(seed=0, options={"speed_mph": 20})
+    assert env.world.weather == Weather(fog=0.4)
+    assert env.step(STRAIGHT_ON)[1] > 0.4
+    env.reset(options={"weather": "{wet: 1}"})
+    assert env.world.weather == Weather(wet=1)
+
+
+def test_a_throttle_below_zero_brakes_and_never_reverses(opened):
+    env = opened(frame_rate=10)
+    env.reset(seed=0, options={"speed_mph": 20})
+    brake = np.array([0, -1], np.float32)
+    rewards = [env.step(brake)[1] for _ in range(40)]
+    assert min(rewards) >= 0
+    assert sum(rewards) > 1
+    assert env.step(brake)[0]["speed"] == [0]
 
 
 def test_reset_takes_place_and_weather_of_the_start(opened):
@@ -174,6 +204,14 @@ def test_it_is_cut_off_after_the_seconds_given(opened):
     assert [env.step(STRAIGHT_ON)[3] for _ in range(5)] == [False] * 4 + [True]
 
 
+@pytest.mark.parametrize(("laps", "seconds"), [(None, 300), (2, 600)])
+def test_without_a_limit_an_episode_of_a_standing_car_ends(opened, laps, seconds):
+    env = opened(laps=laps, frame_rate=0.2)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(2, np.float32))[2:4] for _ in range(seconds // 5)]
+    assert ends == [(False, False)] * (seconds // 5 - 1) + [(False, True)]
+
+
 def test_it_renders_what_was_last_seen(opened):
     env = opened(render_mode="rgb_array", frame_rate=20)
     assert env.metadata["render_fps"] == 20
@@ -197,7 +235,9 @@ def test_closing_twice_has_no_effect(opened):
         ({"cameras": "rear"}, "cameras=rear: must be center or all"),
         ({"render_mode": "human"}, "render_mode=human"),
         ({"renderer": "none"}, "renderer=none"),
-        ({"weather": "hail"}, "weather=hail: must be clear, random or a Weather"),
+        ({"weather": "hail"}, "weather=hail: must be clear, random or settings"),
+        ({"weather": {"fogg": 1}}, "there is no fogg; did you mean fog"),
+        ({"direction": "left"}, "direction=left: must be forward or backward"),
         ({"laps": 0}, "laps=0: must be 1 or more"),
         ({"max_seconds": -1}, "max_seconds=-1"),
         ({"off_road_s": -1}, "off_road_s=-1"),
@@ -205,7 +245,7 @@ def test_closing_twice_has_no_effect(opened):
     ],
 )
 def test_a_wrong_argument_is_refused(argument, message):
-    with pytest.raises(SimulatorError, match=message):
+    with pytest.raises(InputError, match=message):
         DrivingEnv(**argument)
 
 
@@ -219,7 +259,7 @@ def test_a_wrong_argument_is_refused(argument, message):
     ],
 )
 def test_a_wrong_option_of_reset_is_refused(opened, option, message):
-    with pytest.raises(SimulatorError, match=message):
+    with pytest.raises(InputError, match=message):
         opened().reset(options=option)
 
 
@@ -227,5 +267,5 @@ def test_a_wrong_option_of_reset_is_refused(opened, option, message):
 def test_an_action_is_two_finite_numbers(opened, action):
     env = opened()
     env.reset(seed=0)
-    with pytest.raises(SimulatorError, match="must be two finite numbers"):
+    with pytest.raises(InputError, match="must be two finite numbers"):
         env.step(action)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings, speed_limits
 from simulator.rig import MPS_PER_MPH
 from simulator.track_file import read_track, track_names
 from simulator.world import Start, World, open_world
+from zoo.base.errors import InputError
 
 EVERYWHERE = [(track, direction) for track in track_names() for direction in (1, -1)]
 
@@ -146,5 +146,5 @@ def test_speed_limits_leave_room_to_brake(direction):
     ],
 )
 def test_wrong_settings_are_refused(settings, message):
-    with pytest.raises(SimulatorError, match=message):
+    with pytest.raises(InputError, match=message):
         Expert(read_track("lake"), ExpertSettings(**settings))

@@ -9,11 +9,9 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-from simulator.errors import SimulatorError
 from simulator.film import Film
-
-FULL = Path("/dev/full")
-needs_full = pytest.mark.skipif(not FULL.exists(), reason="only Linux has /dev/full")
+from zoo.base.errors import InputError
+from zoo.base.written_files import OUTPUTS
 
 
 def write(path: Path, *frames: np.ndarray) -> Path:
@@ -66,69 +64,86 @@ def test_an_odd_row_and_column_are_cut_off(tmp_path: Path, capfd) -> None:
 def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
     path = tmp_path / "lap.mp4"
     words = re.escape(f"{path}: a frame is 320 x 80, the film is 320 x 160")
-    with pytest.raises(SimulatorError, match=words):
+    with pytest.raises(InputError, match=words):
         write(path, grey(0), grey(10), grey(20, height=80))
 
 
 def test_a_film_that_fails_leaves_the_one_before(tmp_path: Path) -> None:
     path = tmp_path / "lap.mp4"
-    path.write_bytes(b"the one before")
+    before = write(path, grey(0)).read_bytes()
     with contextlib.suppress(ZeroDivisionError), Film(path, fps=20) as film:
         film.add(grey(0, 16, 16))
         raise ZeroDivisionError
-    assert path.read_bytes() == b"the one before"
-    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == before
+    assert visible(tmp_path) == [path]
 
 
 def test_folders_are_made_and_nothing_else_is_left_there(tmp_path: Path) -> None:
     path = write(tmp_path / "films" / "of" / "today" / "lap.mp4", grey(0))
-    assert list(path.parent.iterdir()) == [path]
+    assert visible(path.parent) == [path]
+
+
+def test_only_a_film_of_drivezoo_is_replaced(tmp_path: Path) -> None:
+    path = write(tmp_path / "lap.mp4", grey(0))
+    assert write(path, grey(0), grey(1)).stat().st_size
+    path.write_bytes(b"a wedding")
+    with pytest.raises(InputError, match=r"lap\.mp4: exists, and .* name another file"):
+        write(path, grey(0))
+    assert path.read_bytes() == b"a wedding"
+
+
+def test_a_link_beside_a_film_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "secret.txt").write_text("mine")
+    (tmp_path / ".lap.mp4.part.mp4").symlink_to(tmp_path / "secret.txt")
+    write(tmp_path / "lap.mp4", grey(0))
+    assert (tmp_path / "secret.txt").read_text() == "mine"
 
 
 def test_a_film_without_a_frame_leaves_no_file(tmp_path: Path) -> None:
     write(tmp_path / "none.mp4")
-    assert not list(tmp_path.iterdir())
+    assert not visible(tmp_path)
 
 
 def test_a_folder_that_is_a_file_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "films").write_text("")
-    with pytest.raises(SimulatorError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot be written"):
         Film(tmp_path / "films" / "lap.mp4", fps=20)
 
 
-def full_disk(path: Path) -> Path:
-    """Make a film's path be on a full disk; return it."""
-    path.with_name(f".{path.name}.part.mp4").symlink_to(FULL)
-    return path
+def visible(folder: Path) -> list[Path]:
+    """Return the files of a folder but for drivezoo's register."""
+    return [one for one in folder.iterdir() if one.name != OUTPUTS]
 
 
-@needs_full
-@pytest.mark.parametrize("frames", [1, 400])
-def test_a_full_disk_is_named_and_leaves_no_film(tmp_path: Path, frames: int, capfd) -> None:
-    path = full_disk(tmp_path / "lap.mp4")
+@pytest.mark.parametrize(
+    ("small_disk", "frames"), [("8k", 1), ("1m", 400)], indirect=["small_disk"]
+)
+def test_a_full_disk_is_named_and_leaves_no_film(small_disk: Path, frames: int, capfd) -> None:
+    path = small_disk / "lap.mp4"
     noise = np.random.default_rng(0).integers(0, 255, (160, 320, 3), np.uint8)
-    with pytest.raises(SimulatorError) as raised:
+    with pytest.raises(InputError) as raised:
         write(path, *[np.roll(noise, number) for number in range(frames)])
     for words in (str(path), "disk is full", "free some space"):
         assert words in str(raised.value)
     assert "\n" not in str(raised.value)
-    assert not list(tmp_path.iterdir())
+    assert not list(small_disk.iterdir())
     assert capfd.readouterr() == ("", "")
 
 
-@needs_full
-def test_a_full_disk_leaves_the_film_before(tmp_path: Path) -> None:
-    path = full_disk(tmp_path / "lap.mp4")
-    path.write_bytes(b"the one before")
-    with pytest.raises(SimulatorError, match="disk is full"):
-        write(path, grey(0))
-    assert path.read_bytes() == b"the one before"
+@pytest.mark.parametrize("small_disk", ["16k"], indirect=True)
+def test_a_full_disk_leaves_the_film_before(small_disk: Path) -> None:
+    path = write(small_disk / "lap.mp4", grey(0, 16, 16))
+    before = path.read_bytes()
+    noise = np.random.default_rng(0).integers(0, 255, (160, 320, 3), np.uint8)
+    with pytest.raises(InputError, match="disk is full"):
+        write(path, noise)
+    assert path.read_bytes() == before
 
 
 def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
     film = Film(tmp_path / "lap.mp4", 20)
     film.add(grey(0))
     film._ffmpeg.kill()
-    with pytest.raises(SimulatorError, match=r"lap\.mp4.*signal: Killed"):
+    with pytest.raises(InputError, match=r"lap\.mp4.*signal: Killed"):
         film.__exit__(None, None, None)
     assert not list(tmp_path.iterdir())

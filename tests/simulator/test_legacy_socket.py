@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import pytest
 
 from simulator import legacy_socket
-from simulator.errors import SimulatorError
 from simulator.legacy_socket import OPENED, UNREADABLE, HandshakeRefusedError, LegacySocket
 from tests.simulator.drivers import RawDriver, RefusingDriver, make_frame
+from zoo.base.errors import InputError
 
 STEER = '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]'
 TELEMETRY = {"image": "A" * 16_800}  # 12.6 kB as base64
@@ -160,5 +160,5 @@ def test_a_closed_port_is_an_os_error() -> None:
 
 @pytest.mark.parametrize("url", ["nowhere", "http://", "http://h:99999", "http://h:x", "ftp://h"])
 def test_a_wrong_url_is_named(url: str) -> None:
-    with pytest.raises(SimulatorError, match=re.escape(f"url={url}: must be like http://")):
+    with pytest.raises(InputError, match=re.escape(f"url={url}: must be like http://")):
         LegacySocket(url)

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulator.errors import SimulatorError
 from simulator.pictures import open_pictures
 from simulator.rig import CAMERAS, CameraOffset
 from simulator.track_file import read_track, track_names
 from simulator.weather import CLEAR, Weather
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop
+from zoo.base.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_blur_spreads_a_lines_edge_and_keeps_the_brightness(lake: World) -> None
     edges = [np.abs(np.diff(one[80:130], axis=1)).max() for one in (sharp, soft, softer)]
     assert edges[0] > 1.5 * edges[1] > 1.5 * 1.5 * edges[2]
     assert soft.mean() == pytest.approx(sharp.mean(), abs=1)
-    with pytest.raises(SimulatorError, match="blur=-1"):
+    with pytest.raises(InputError, match="blur=-1"):
         replace(CLEAR, blur=-1)
 
 
@@ -184,9 +184,9 @@ def test_a_track_turns_the_sun_of_every_weather() -> None:
 
 def test_a_wrong_renderer_or_quality_is_named() -> None:
     track = read_track("lake")
-    with pytest.raises(SimulatorError, match="renderer=vulkan: must be auto, software or opengl"):
+    with pytest.raises(InputError, match="renderer=vulkan: must be auto, software or opengl"):
         open_pictures(track, "vulkan")
-    with pytest.raises(SimulatorError, match="quality=low: must be full or simple"):
+    with pytest.raises(InputError, match="quality=low: must be full or simple"):
         open_pictures(track, "software", "low")
 
 

@@ -1,14 +1,15 @@
-"""`python -m simulator record` as a person runs it, and recording from Python."""
+"""`drivezoo simulator record` as a person runs it, and recording from Python."""
 
 import os
+from functools import partial
 
 import numpy as np
 import pytest
+from rich.progress import Progress
 
 from datamodules.recording import read_recordings
 from simulator.__main__ import COMMANDS, simulator
 from simulator.command_line import run_command
-from simulator.errors import SimulatorError
 from simulator.expert import Expert, ExpertSettings
 from simulator.parallel_record import ParallelRecorder, Requests, Scene
 from simulator.record import RecordOptions, record, record_laps
@@ -17,6 +18,7 @@ from simulator.track_file import read_track
 from simulator.world import Start, World
 from tests.simulator.tracks import loop
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 
 
 class GreyRenderer:
@@ -114,9 +116,7 @@ def test_rows_of_a_drive_that_failed_are_kept_with_several_processes(tmp_path):
     world.reset(0, Start(40, speed_mph=20))
     with (
         Recorder(tmp_path) as recorder,
-        pytest.raises(
-            SimulatorError, match=r"left the road.* the first (\d+) rows are kept"
-        ) as raised,
+        pytest.raises(InputError, match=r"left the road.* the first (\d+) rows are kept") as raised,
         ParallelRecorder(recorder, 2, whole_passes=True) as rows,
     ):
         record(world, ConstantDriver(0.3, 1), rows, 1)
@@ -133,10 +133,41 @@ def test_a_killed_process_is_named_and_the_rows_before_are_kept(tmp_path):
 
     with (
         Recorder(tmp_path) as recorder,
-        pytest.raises(SimulatorError, match=r"jobs=2: a process was killed.* after 0 rows"),
+        pytest.raises(InputError, match=r"jobs=2: .*killed.* 0 rows"),
         ParallelRecorder(recorder, 2, whole_passes=False) as rows,
     ):
         rows.add({"center": Killed()}, 0, 0, 0, 0, 0.0)
+
+
+@pytest.mark.parametrize("whole_passes", [False, True])
+def test_the_progress_of_several_processes_counts_what_is_drawn(tmp_path, whole_passes):
+    """Driving takes milliseconds, and drawing seconds."""
+    scene, shown = Scene("lake", "software", "simple"), []
+    world = World(read_track("lake"), Requests(scene, "software"), frame_rate=10)
+    world.reset(0, Start(40, speed_mph=20))
+    with (
+        Recorder(tmp_path) as recorder,
+        ParallelRecorder(recorder, 2, whole_passes) as rows,
+    ):
+        progress = partial(rows.show_drawn, shown.append)
+        driven = record(world, Expert(world.track), rows, 0.02, progress)
+        assert max(shown, default=0) < driven.metres
+    assert shown == sorted(shown)
+    assert shown[-1] == pytest.approx(driven.metres, abs=3)
+
+
+def test_the_bar_is_shown_until_the_last_image_is_written(tmp_path, console, monkeypatch):
+    written = []
+
+    class Bar(Progress):
+        def stop(self):
+            written.append(len(read_recordings(str(tmp_path / "laps"))))
+            super().stop()
+
+    monkeypatch.setattr("simulator.record.Progress", Bar)
+    options = RecordOptions(out=str(tmp_path / "laps"), jobs=2, laps=0.02, quality="simple")
+    folder = record_laps(options, console)
+    assert written == [len(read_recordings(str(folder)))]
 
 
 def test_leaving_the_road_fails_and_names_the_place(tmp_path):
@@ -144,7 +175,7 @@ def test_leaving_the_road_fails_and_names_the_place(tmp_path):
     world.put_back(Start(40, speed_mph=20))
     with (
         Recorder(tmp_path) as recorder,
-        pytest.raises(SimulatorError, match=r"left the road, \+\d.\d m at \d\d m of loop"),
+        pytest.raises(InputError, match=r"left the road, \+\d.\d m at \d\d m of loop"),
     ):
         record(world, ConstantDriver(0.3, 1), recorder, 1)
     assert len(read_recordings(str(tmp_path))) == recorder.rows > 5
@@ -152,7 +183,7 @@ def test_leaving_the_road_fails_and_names_the_place(tmp_path):
 
 def test_a_driver_that_stands_fails(tmp_path):
     world = grey_loop()
-    with Recorder(tmp_path) as recorder, pytest.raises(SimulatorError, match="got stuck at"):
+    with Recorder(tmp_path) as recorder, pytest.raises(InputError, match="got stuck at"):
         record(world, ConstantDriver(0, 0), recorder, 1)
 
 
@@ -188,7 +219,7 @@ def test_the_command_records_and_prints_the_next_command(tmp_path):
             ["record", "out=x", "control=mose"],
             "control=mose: unknown control; did you mean mouse?",
         ),
-        (["record", "out=x", "frame_rate=60"], "frame_rate=60: must be above 0, up to 50"),
+        (["record", "out=x", "frame_rate=60"], "frame_rate=60: must be in 0.1..50"),
         (["record", "out=x", "weather=snow"], "weather=snow: must be clear, random or settings"),
         (["record", "out=x", "renderer=none"], "renderer=none: a recording needs images"),
         (["record", "out=x", "jobs=0"], "jobs=0: must be in 1..64"),

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.road_family import (
+    MOST_DRAWN_M,
+    _length,
     draw_content,
     draw_road,
     family_names,
@@ -18,6 +19,7 @@ from simulator.road_family import (
 )
 from simulator.track_file import read_track
 from simulator.world import World
+from zoo.base.errors import InputError
 
 
 @pytest.fixture(params=family_names())
@@ -115,6 +117,8 @@ def test_loops_close(family):
         ("verges", {"rock": 0}, "verges"),
         ("verges", {}, "verges"),
         ("surroundings", {"ground": ["snow"]}, "ground"),
+        ("surroundings", {"ground": []}, "ground: \\[\\]; must be a list of sand"),
+        ("surroundings", {"ground": "sand"}, "ground: sand; must be a list of sand"),
         ("lengths", [1, 2], "did you mean length"),
     ],
 )
@@ -122,7 +126,7 @@ def test_wrong_families_name_file_and_key(tmp_path, key, value, named):
     content = yaml.safe_load((find_family("country").path).read_text())
     path = tmp_path / "own.yaml"
     path.write_text(yaml.safe_dump(content | {key: value}))
-    with pytest.raises(SimulatorError, match=named) as caught:
+    with pytest.raises(InputError, match=named) as caught:
         find_family(str(path))
     assert str(path) in str(caught.value)
 
@@ -130,13 +134,38 @@ def test_wrong_families_name_file_and_key(tmp_path, key, value, named):
 def test_ranges_without_a_road_say_so():
     family = find_family("alpine")
     tight = {**family.ranges, "radius": (6.0, 6.0), "degrees": (270.0, 270.0)}
-    with pytest.raises(SimulatorError, match="alpine:1: the car could take none"):
+    with pytest.raises(InputError, match="alpine:1: the car could take none"):
         draw_road(dataclasses.replace(family, ranges=tight), 1)
+
+
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        {"length": (20_000.0, 20_000.0)},
+        {"length": (20_000.0, 20_000.0), "straight": (1.0, 1.0), "radius": (6.0, 6.0)},
+        {"loop": (20_000.0, 20_000.0), "closed": 1},
+    ],
+)
+def test_the_metres_and_segments_of_all_draws_are_bounded(ranges, monkeypatch):
+    family = find_family("alpine")
+    closed = ranges.pop("closed", 0)
+    shares = {**family.shares, "closed": closed, "straights": 0.0}
+    family = dataclasses.replace(family, ranges={**family.ranges, **ranges}, shares=shares)
+    drawn = []
+
+    def refuse(name, content):
+        drawn.append(sum(map(_length, content["segments"])))
+        raise InputError("no")
+
+    monkeypatch.setattr("simulator.road_family.make_track", refuse)
+    with pytest.raises(InputError, match="shorten length and loop"):
+        draw_road(family, 17)
+    assert sum(drawn) < MOST_DRAWN_M + 30_000
 
 
 @pytest.mark.parametrize("seed", [-1, 2**31])
 def test_a_seed_out_of_range_is_refused(seed):
-    with pytest.raises(SimulatorError, match=f"alpine:{seed}"):
+    with pytest.raises(InputError, match=f"alpine:{seed}"):
         draw_road(find_family("alpine"), seed)
 
 
@@ -159,5 +188,5 @@ def test_a_road_written_to_a_file_is_the_same_road(tmp_path, family):
 
 
 def test_an_unknown_family_names_the_known_ones():
-    with pytest.raises(SimulatorError, match=r"tundra.*alpine, country, lakeside"):
+    with pytest.raises(InputError, match=r"tundra.*alpine, country, lakeside"):
         read_track("tundra:1")

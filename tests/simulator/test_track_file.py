@@ -8,7 +8,6 @@ import pytest
 import yaml
 
 from simulator.centreline_keys import TIGHTEST_RADIUS_M
-from simulator.errors import SimulatorError
 from simulator.track_file import read_track
 from simulator.track_names import (
     ALIASES,
@@ -18,6 +17,7 @@ from simulator.track_names import (
     track_names,
 )
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
 
 FILES = sorted(track_folder().glob("*.yaml"))
 SQUARE = [[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0]]
@@ -30,7 +30,7 @@ def write_track(folder, **content):
 
 
 def refusal(path: str) -> str:
-    with pytest.raises(SimulatorError) as error:
+    with pytest.raises(InputError) as error:
         read_track(path)
     assert "\n" not in str(error.value)
     return str(error.value)

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from simulator.errors import SimulatorError
 from simulator.weather import CLEAR, Weather, random_weather, read_weather
+from zoo.base.errors import InputError
 
 
 def test_the_words_of_the_commands() -> None:
@@ -28,7 +28,7 @@ def test_the_words_of_the_commands() -> None:
     ],
 )
 def test_a_wrong_weather_is_named(text: str, words: str) -> None:
-    with pytest.raises(SimulatorError, match=re.escape(words)):
+    with pytest.raises(InputError, match=re.escape(words)):
         read_weather(text)
 
 

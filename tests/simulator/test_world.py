@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop
+from zoo.base.errors import InputError
 
 
 def drive(world: World, seconds: float, steering: float = 0.0, throttle: float = 0.0) -> dict:
@@ -150,10 +150,10 @@ def test_a_command_reaches_the_wheels_after_the_delay():
     ],
 )
 def test_a_wrong_option_is_refused(option, message):
-    with pytest.raises(SimulatorError, match=message):
+    with pytest.raises(InputError, match=message):
         open_world("lake", renderer="none", **option)
 
 
 def test_a_world_without_a_renderer_has_no_frames():
-    with pytest.raises(SimulatorError, match="renderer=auto"):
+    with pytest.raises(InputError, match="renderer=auto"):
         open_world("lake", renderer="none").frame()

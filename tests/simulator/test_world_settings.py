@@ -5,8 +5,8 @@ import pytest
 from simulator.client_options import ClientOptions
 from simulator.command_line import options_help, read_options
 from simulator.drive import DriveOptions
-from simulator.errors import SimulatorError
 from simulator.record import RecordOptions
+from zoo.base.errors import InputError
 
 
 @pytest.mark.parametrize("kind", [ClientOptions, DriveOptions, RecordOptions])
@@ -21,5 +21,5 @@ def test_a_direction_has_a_name_and_a_number(kind: type, typed: str, direction: 
 
 
 def test_another_direction_is_refused() -> None:
-    with pytest.raises(SimulatorError, match="direction=up: must be forward or backward"):
+    with pytest.raises(InputError, match="direction=up: must be forward or backward"):
         read_options(ClientOptions, ["direction=up"]).check()

@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 from tests.zoo.forked_commands import ForkedCommands, ForkedProcess
+from zoo.base.module_start import module_command
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,7 +37,7 @@ def run(
     code: Path = ROOT,
     threads: str = "1",
 ) -> subprocess.CompletedProcess:
-    """Return the output and exit status of `python -m zoo ARGUMENTS`, of the project at `code`.
+    """Return the output and exit status of `drivezoo train ARGUMENTS`, of the project at `code`.
 
     `module` is another module, or the path of a script; `threads` is its OMP_NUM_THREADS.
     """
@@ -64,9 +65,8 @@ def train_in_fork(
     words: list[str], env: dict[str, str], check: bool
 ) -> subprocess.CompletedProcess:
     """Stand in for the `subprocess.run` of `drivezoo rerun`, which takes seconds to import."""
-    assert words[:3] == command("zoo")
+    assert words[:3] == module_command("zoo")
     assert not check
-    assert env["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
     return run(Path.cwd(), *words[3:], threads=env["OMP_NUM_THREADS"])
 
 

@@ -7,7 +7,7 @@ from zoo.cli.compose import compose_config
 
 
 def composed(*overrides: str) -> dict:
-    """Return a new copy of the config of `python -m zoo OVERRIDES`.
+    """Return a new copy of the config of `drivezoo train OVERRIDES`.
 
     A composition takes 0.2 s. For overrides without paths, since the current folder may change.
     """

@@ -1,5 +1,6 @@
 """Execution of the notebooks in this process."""
 
+import ast
 import json
 from pathlib import Path
 
@@ -7,7 +8,9 @@ FOLDER = Path(__file__).parents[2] / "notebooks"
 
 
 def run_notebook(name: str, **parameters: object) -> dict[str, object]:
-    """Execute a notebook's code cells in this process; return its variables.
+    """Execute a notebook's code cells in this process; return its variables, and `shown`.
+
+    `shown` holds the value of each cell's last line, which a notebook shows.
 
     Args:
         name: file name.
@@ -15,13 +18,18 @@ def run_notebook(name: str, **parameters: object) -> dict[str, object]:
     """
     cells = json.loads((FOLDER / name).read_text())["cells"]
     variables: dict[str, object] = {"__name__": "__main__"}
+    shown: list[object] = []
     replaced = False
     for cell in cells:
         if cell["cell_type"] == "code":
-            exec(compile("".join(cell["source"]), f"{name}, {cell['id']}", "exec"), variables)
+            place, code = f"{name}, {cell['id']}", ast.parse("".join(cell["source"]))
+            last = code.body.pop() if isinstance(code.body[-1], ast.Expr) else None
+            exec(compile(code, place, "exec"), variables)
+            if last:
+                shown.append(eval(compile(ast.Expression(last.value), place, "eval"), variables))
             if "parameters" in cell["metadata"].get("tags", ()):
                 assert set(parameters) <= set(variables)
                 variables |= parameters
                 replaced = True
     assert replaced
-    return variables
+    return variables | {"shown": shown}

@@ -10,10 +10,10 @@ from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from datamodules.errors import UsageError
 from simulator.track_file import read_track
 from simulator.world_settings import WorldSettings
 from tests.zoo.cli.command_kinds import command_options
+from zoo.base.errors import UsageError
 from zoo.cli.compose import compose_config, conf_folder
 from zoo.drive.drive_settings import read_settings
 from zoo.evaluate.track_scores import run_options

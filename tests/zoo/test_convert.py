@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.errors import InputError, UsageError
 from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError, UsageError
 from zoo.convert import convert
 
 

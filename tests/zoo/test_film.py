@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
@@ -157,23 +157,33 @@ def test_wrong_arguments_are_named_with_a_remedy(
         film_command(arguments)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has /dev/full")
-def test_a_full_disk_gets_one_line_and_leaves_no_film(recorded: Written, tmp_path: Path) -> None:
-    (tmp_path / ".lake.mp4.part.mp4").symlink_to("/dev/full")
-    line = only_line(film(tmp_path, recorded.folder, "out=lake.mp4"))
+@pytest.mark.parametrize("small_disk", ["4k"], indirect=True)
+def test_a_full_disk_gets_one_line_and_leaves_no_film(recorded: Written, small_disk: Path) -> None:
+    (small_disk / "mine").write_bytes(bytes(4096))
+    line = only_line(film(small_disk, recorded.folder, "out=lake.mp4"))
     for words in ("lake.mp4", "full", "out="):
         assert words in line
-    assert not list(tmp_path.iterdir())
+    assert [one.name for one in small_disk.iterdir()] == ["mine"]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has /dev/full")
-def test_a_full_disk_during_a_scored_drive_gets_one_line(tmp_path: Path) -> None:
-    (tmp_path / ".film.mp4.part.mp4").symlink_to("/dev/full")
-    kept = KeptFrames(tmp_path, 15, film_speed=1)
+@pytest.mark.parametrize("small_disk", ["4k"], indirect=True)
+def test_a_full_disk_during_a_scored_drive_gets_one_line(small_disk: Path) -> None:
+    (small_disk / "mine").write_bytes(bytes(4096))
+    kept = KeptFrames(small_disk, 15, film_speed=1)
     kept(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
     with pytest.raises(InputError, match=r"film\.mp4.*full"):
         kept.__exit__(None, None, None)
-    assert not list(tmp_path.iterdir())
+    assert not list(small_disk.glob("*.mp4"))
+
+
+def test_a_foreign_film_is_not_replaced(recorded: Written, tmp_path: Path) -> None:
+    shutil.copytree(recorded.folder, tmp_path / "lake")
+    (tmp_path / "lake.mp4").write_text("a wedding")
+    assert "lake.mp4: exists" in only_line(film(tmp_path, "lake"))
+    assert (tmp_path / "lake.mp4").read_text() == "a wedding"
+    (tmp_path / "lake.mp4").unlink()
+    assert film(tmp_path, "lake").returncode == 0
+    assert film(tmp_path, "lake").returncode == 0, "drivezoo's own is replaced"
 
 
 def test_a_film_shows_no_autonomy_where_it_is_not_measured(

@@ -88,7 +88,7 @@ SMALL = (
 
 
 def zoo_here(monkeypatch: pytest.MonkeyPatch, cwd: Path, *arguments: str) -> int:
-    """Return the exit status of `python -m zoo ARGUMENTS`, run in this process with its torch."""
+    """Return the exit status of `drivezoo train ARGUMENTS`, run in this process with its torch."""
     monkeypatch.chdir(cwd)
     monkeypatch.setattr("sys.argv", ["zoo", *arguments])
     return run_command("zoo", zoo, list(arguments))

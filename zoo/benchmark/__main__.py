@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 from rich.console import Console
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.baselines import BASELINES
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
@@ -43,6 +43,7 @@ class BenchmarkOptions:
     workers: Annotated[int, Field(ge=0)]
     drives: Annotated[int, Field(ge=0)]
     table: str | None
+    columns: str | None
     plot: str | None
 
 
@@ -56,7 +57,8 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
     # Reports a wrong path before torch is imported.
     names = [one if one in BASELINES else str(find_checkpoint(one)) for one in names]
     with loading():
-        from zoo.benchmark.benchmarked import Benchmarked
+        from zoo.base.new_folder import command_folder
+        from zoo.benchmark.benchmarked import TABLE_COLUMNS, Benchmarked
         from zoo.benchmark.drivers import find_drivers
         from zoo.benchmark.drives import drive_suite
         from zoo.benchmark.entry import entry_result, write_entry
@@ -65,36 +67,35 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         from zoo.benchmark.marks_page import write_marks
         from zoo.benchmark.suite import read_suite
         from zoo.runs.code_fingerprint import code_fingerprint
-        from zoo.runs.new_folder import new_folder
         from zoo.runs.result_table import check_plot, check_table, write_asked
 
         # Report wrong input before processes start.
-        check_table(options.table)
+        check_table(options.table, options.columns, TABLE_COLUMNS)
         check_plot(options.plot)
         suite = read_suite(options.suite, options.split)
         drivers = find_drivers(names, suite)
-    folder = new_folder(options.out, "benchmarks", resumed_by=NAME)
-    code_fingerprint()  # kept: files that are edited during the drives are not in it
-    finished = FinishedDrives(folder, drivers, suite)
-    if finished.drives:
-        line = f"{folder}: resumes after {len(finished.drives)} finished drives"
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    try:
-        drives = drive_suite(drivers, suite, finished, options.workers, console)
-    except KeyboardInterrupt:
-        raise StoppedError(
-            f"stopped after {len(finished.drives)} of {len(drivers) * len(suite.drives)} drives; "
-            f"the same command with out={folder} resumes"
-        ) from None
-    result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
-    written = write_entry(folder, result)
-    finished.remove()
-    reached = reached_marks(result.model_dump(), suite.marks)
-    if reached:
-        written += write_marks(folder, result.model_dump(), reached)
-    found = Benchmarked(folder, result, reached, written)
-    found.written.extend(write_asked(found, options.table, options.plot))
-    return found
+    with command_folder(options.out, "benchmarks", resumed_by=NAME) as folder:
+        code_fingerprint()  # kept: files that are edited during the drives are not in it
+        finished = FinishedDrives(folder, drivers, suite)
+        if finished.drives:
+            line = f"{folder}: resumes after {len(finished.drives)} finished drives"
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        try:
+            drives = drive_suite(drivers, suite, finished, options.workers, console)
+        except KeyboardInterrupt:
+            raise StoppedError(
+                f"stopped after {len(finished.drives)} of {len(drivers) * len(suite.drives)} "
+                f"drives; the same command with out={folder} resumes"
+            ) from None
+        result = entry_result(options.entry or drivers[0].model.lower(), suite, drivers, drives)
+        written = write_entry(folder, result)
+        finished.remove()
+        reached = reached_marks(result.model_dump(), suite.marks)
+        if reached:
+            written += write_marks(folder, result.model_dump(), reached)
+        found = Benchmarked(folder, result, reached, written)
+        found.written.extend(write_asked(found, options.table, options.plot, options.columns))
+        return found
 
 
 def _next(result: Path, suite: str) -> list[object]:

@@ -7,13 +7,18 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.entry import nan_line
 from zoo.benchmark.marks import Reached, missed_line
 from zoo.benchmark.marks_page import print_marks
-from zoo.benchmark.result import BenchmarkResult, Interval, read_result
-from zoo.benchmark.table import headline_line, print_result, table_cells
+from zoo.benchmark.result import BenchmarkResult, Interval
+from zoo.benchmark.table import COLUMNS, INTERVALS, headline_line, print_result, table_cells
 from zoo.drives.interval_plot import interval_plot
-from zoo.runs.result_table import Result, ResultTable
+from zoo.runs.result_table import Cell, Result, ResultTable, TableColumn
+from zoo.runs.table_text import interval_figures
+
+TABLE_COLUMNS = ("group", "drives", *COLUMNS)
+SHORT = ("group", "drives", "autonomy", "m_per_intervention", "cte_mean_m")
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,13 +63,21 @@ class Benchmarked(Result):
 
     def result_table(self) -> ResultTable:
         """Return a row for each group of roads."""
-        rows = []
-        for group, figures in self.result.groups.items():
-            row = {"group": group, "drives": len(self.result.of_group(group))}
-            for name, one in figures.items():
-                row |= {name: one.value, f"{name}_low": one.low, f"{name}_high": one.high}
-            rows.append(row)
-        return ResultTable(rows, *table_cells(self.result))
+        groups, (headings, cells) = self.result.groups, table_cells(self.result)
+        figures: list[dict[str, Sequence[Cell]]] = [
+            {"group": list(groups)},
+            {"drives": [len(self.result.of_group(one)) for one in groups]},
+            *(interval_figures(key, [one[key] for one in groups.values()]) for key in COLUMNS),
+        ]
+        texts = [[row[number] for row in cells] for number in range(len(headings))]
+        columns = [
+            TableColumn(name, heading, one, values, short=name in SHORT)
+            for name, heading, one, values in zip(
+                TABLE_COLUMNS, headings, texts, figures, strict=True
+            )
+        ]
+        title = f"{self.result.entry} on the suite {self.result.suite}"
+        return ResultTable(columns, f"{title}. In brackets: {INTERVALS}")
 
     def plot(self) -> Figure:
         """Return the autonomy of each group with its 95 % interval."""

@@ -1,6 +1,5 @@
 """Drivers of the benchmark: checkpoints, and the baselines that need no frames."""
 
-import hashlib
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.errors import InputError, UsageError
 from simulator.expert import Expert
 from simulator.world import World
+from zoo.base.errors import InputError, UsageError
+from zoo.base.regular_file import hash_file
 from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.result import DriverRecord
 from zoo.benchmark.suite import Suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 
@@ -62,16 +63,16 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
     return drivers
 
 
-def check_distinct(drivers: Sequence[Driver]) -> None:
+def check_distinct(drivers: Sequence[Driver | DriverRecord], place: str = "") -> None:
     """Raise InputError unless an entry's checkpoints are different ones of one network."""
     for number, one in enumerate(drivers):
         if one.model != drivers[0].model:
             raise InputError(
-                f"{one.file}: is a {one.model}, but {drivers[0].file} is a {drivers[0].model}; the "
-                "checkpoints of an entry differ only in their training seed"
+                f"{place}{one.file}: is a {one.model}, but {drivers[0].file} is a "
+                f"{drivers[0].model}; the checkpoints of an entry differ only in their seed"
             )
         if one.sha256 in [other.sha256 for other in drivers[:number]]:
-            raise InputError(f"{one.file}: is named twice; name each training seed once")
+            raise InputError(f"{place}{one.file}: is named twice; name each training seed once")
 
 
 def read_driver(path: Path) -> Driver:
@@ -84,17 +85,12 @@ def read_driver(path: Path) -> Driver:
     seed = policy.config.get("seed")
     return Driver(
         file=str(path),
-        sha256=file_hash(path),
+        sha256=hash_file(path),
         model=policy.name,
         parameters=policy.parameters,
         training_seed=seed if isinstance(seed, int) else None,
         data=str(policy.data.get("fingerprint") or ""),
     )
-
-
-def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file's contents."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def needs_frames(file: str) -> bool:

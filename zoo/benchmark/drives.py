@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from simulator.track_file import read_track
+from zoo.base.process_pool import drive_in_processes
 from zoo.benchmark.drivers import Driver, needs_frames, steering_of
 from zoo.benchmark.finished_drives import FinishedDrives
 from zoo.benchmark.result import DriveRecord
@@ -16,7 +17,6 @@ from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
-from zoo.evaluate.process_pool import drive_in_processes
 
 MACHINE = ("latency_ms",)  # metrics that depend on the machine
 DECIMALS = 6  # of the rows in a digest
@@ -133,8 +133,3 @@ def drive_digest(drive: Drive) -> str:
     rows = np.stack([np.asarray(one, np.float64) for one in columns], -1)
     rounded = np.round(rows, DECIMALS) + 0.0  # no negative zeros
     return hashlib.sha256(rounded.astype("<f8").tobytes()).hexdigest()[:16]
-
-
-def digest_of_drives(drives: Sequence[DriveRecord]) -> str:
-    """Return 16 hexadecimal digits of the digests of all drives."""
-    return hashlib.sha256("\n".join(one.digest for one in drives).encode()).hexdigest()[:16]

@@ -5,13 +5,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from zoo.benchmark.drivers import Driver
-from zoo.benchmark.drives import digest_of_drives
 from zoo.benchmark.page import write_page
 from zoo.benchmark.result import (
     VERSION,
     BenchmarkResult,
     DriveRecord,
     DriverRecord,
+    digest_of_drives,
     write_result,
 )
 from zoo.benchmark.suite import Suite

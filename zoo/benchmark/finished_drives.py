@@ -4,11 +4,12 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.bounded_files import MOST_JSON_BYTES, parse_json, read_text
+from zoo.base.errors import InputError
+from zoo.base.whole_file import write_whole
 from zoo.benchmark.drivers import Driver
 from zoo.benchmark.result import DriveRecord
 from zoo.benchmark.suite import Suite
-from zoo.runs.bounded_files import MOST_JSON_BYTES, parse_json, read_text
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import check_fields
 
@@ -45,7 +46,7 @@ class FinishedDrives:
         if self.path.is_file():
             self._read(first)
         else:
-            self._write_line(first)
+            self._write([json.dumps(first), ""])
 
     def _read(self, first: dict) -> None:
         lines = read_text(self.path, MOST_JSON_BYTES).split("\n")
@@ -62,8 +63,7 @@ class FinishedDrives:
                 raise InputError(f"{self.path}: row {number}: job: is missing; {_DELETE}")
             record = check_fields(DriveRecord, row.get("drive"), self.path)
             self.drives[row["job"]] = record
-        whole = "\n".join([*lines[:-1], ""])
-        self.path.write_text(whole, encoding="utf-8")
+        self._write([*lines[:-1], ""])
 
     def _parse(self, line: str, number: int) -> dict:
         try:
@@ -78,6 +78,12 @@ class FinishedDrives:
         """Keep a finished drive."""
         self.drives[job] = drive
         self._write_line({"job": job, "drive": drive.model_dump()})
+
+    def _write(self, lines: Sequence[str]) -> None:
+        try:
+            write_whole(self.path, "\n".join(lines))
+        except OSError as error:
+            raise InputError(f"{self.path}: {error.strerror}; its drives are kept") from None
 
     def _write_line(self, content: dict) -> None:
         with self.path.open("a", encoding="utf-8") as file:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.nearest import hint
 
 HEADLINE = "headline"  # the group of the whole suite's figure, which is an autonomy

@@ -1,20 +1,19 @@
 """The marks of a course as a table, as JSON for an autograder and as a page for a student."""
 
 import json
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from zoo.base.terminal import command_line
+from zoo.base.whole_file import json_text, write_whole
 from zoo.benchmark.marks import HEADLINE, Reached, mark_rows
-from zoo.report.report_page import hash_source
-from zoo.runs.whole_file import json_text, write_whole
+from zoo.runs.page import Page
 
 VERSION = 1  # of marks.json
 JSON_NAME, PAGE_NAME = "marks.json", "marks.html"
@@ -59,16 +58,9 @@ def write_marks(folder: Path, result: Mapping[str, Any], reached: Sequence[Reach
 
 
 def _page(result: Mapping[str, Any], reached: Sequence[Reached]) -> str:
-    parts = Path(__file__).parent / "static"
-    environment = Environment(
-        loader=FileSystemLoader(parts), autoescape=True, undefined=StrictUndefined
-    )
-    style = (parts / "marks.css").read_text()
+    page = Page(Path(__file__).parent / "static", "marks.html", "marks.css")
     missed = list(dict.fromkeys(one.mark.group for one in reached if not one.passed))
-    return environment.get_template("marks.html").render(
-        policy=f"default-src 'none'; style-src {hash_source(style)}; "
-        "base-uri 'none'; form-action 'none'",
-        style=style,
+    return page.render(
         result=result,
         count=f"{sum(one.passed for one in reached)} of {len(reached)}",
         rows=mark_rows(result, reached),
@@ -100,7 +92,7 @@ def _command(checkpoint: Mapping[str, Any], drive: Mapping[str, Any]) -> str:
         return ""
     settings = [f"{key}={_plain(value)}" for key, value in drive["settings"].items()]
     words = [checkpoint["file"], f"track={drive['track']}", *settings, "film=true"]
-    return shlex.join(["drivezoo", "evaluate", *words])
+    return command_line(["drivezoo", "evaluate", *words])
 
 
 def _plain(value: object) -> str:

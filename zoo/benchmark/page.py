@@ -2,28 +2,18 @@
 
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
+from zoo.base.whole_file import write_whole
 from zoo.benchmark.result import BenchmarkResult, DriveRecord
 from zoo.benchmark.table import CAPTION, difference_lines, headline_line, table_cells
-from zoo.report.report_page import hash_source
-from zoo.runs.whole_file import write_whole
+from zoo.runs.page import Page
 
 NAME = "benchmark.html"
 
 
 def write_page(folder: Path, result: BenchmarkResult) -> Path:
     """Write `benchmark.html` and return its path."""
-    parts = Path(__file__).parent / "static"
-    environment = Environment(
-        loader=FileSystemLoader(parts), autoescape=True, undefined=StrictUndefined
-    )
-    style = (parts / "style.css").read_text()
     headings, rows = table_cells(result)
-    page = environment.get_template("page.html").render(
-        policy=f"default-src 'none'; style-src {hash_source(style)}; "
-        "base-uri 'none'; form-action 'none'",
-        style=style,
+    page = Page(Path(__file__).parent / "static").render(
         result=result,
         lead=headline_line(result),
         headings=headings,

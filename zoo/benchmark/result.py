@@ -1,14 +1,13 @@
-"""The only writer and reader of `result.json`, the figures of an entry of the benchmark."""
+"""The records and the only writer of `result.json`, the figures of an entry of the benchmark."""
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import Field
 
-from datamodules.errors import InputError
-from zoo.runs.bounded_files import read_json
-from zoo.runs.record_fields import Count, Fields, Number, Whole, check_fields
-from zoo.runs.whole_file import json_text, write_whole
+from zoo.base.whole_file import json_text, write_whole
+from zoo.runs.record_fields import Count, Fields, Number, Whole
 
 NAME = "result.json"
 VERSION = 1
@@ -96,46 +95,11 @@ def write_result(folder: Path, result: BenchmarkResult) -> Path:
     return write_whole(folder / NAME, json_text(result.model_dump()))
 
 
-def read_result(path: Path) -> BenchmarkResult:
-    """Return a result.
-
-    Args:
-        path: file, or folder that contains `result.json`.
-
-    Raises:
-        InputError: the file cannot be read, has another version, or a field is wrong.
-    """
-    path = Path(path)
-    path = path / NAME if path.is_dir() else path
-    if not path.exists():
-        raise InputError(
-            f"{path}: no such file; name a result of the benchmark: "
-            "drivezoo benchmark CKPT out=FOLDER"
-        )
-    found = read_json(path)
-    version = found.get("version") if isinstance(found, dict) else VERSION
-    if version != VERSION:
-        raise InputError(
-            f"{path}: version: is {version}, this drivezoo reads {VERSION}; use the drivezoo that "
-            "wrote it, or run the benchmark again"
-        )
-    result = check_fields(BenchmarkResult, found, path)
-    _check_drives(result.drives, len(result.checkpoints), path)
-    return result
+def code_name(code: dict[str, str | None]) -> str:
+    """Return the commit of the code that drove a result, or its hash."""
+    return code.get("commit") or code.get("hash") or "unknown"
 
 
-def _check_drives(drives: Sequence[DriveRecord], checkpoints: int, path: Path) -> None:
-    if not drives:
-        raise InputError(f"{path}: drives: has none; run the benchmark again")
-    for number, one in enumerate(drives):
-        place = f"{path}: drives.{number}"
-        if one.checkpoint >= checkpoints:
-            raise InputError(f"{place}.checkpoint: is {one.checkpoint}, of {checkpoints} from 0 on")
-        for name, (low, high) in NEEDED.items():
-            value = one.figures.get(name)
-            if value is None:
-                raise InputError(f"{place}.figures.{name}: is missing; run the benchmark again")
-            if not low <= value <= high:
-                raise InputError(
-                    f"{place}.figures.{name}: is {value:g}, must be in {low:g}..{high:g}"
-                )
+def digest_of_drives(drives: Sequence[DriveRecord]) -> str:
+    """Return 16 hexadecimal digits of the digests of all drives."""
+    return hashlib.sha256("\n".join(one.digest for one in drives).encode()).hexdigest()[:16]

@@ -1,6 +1,7 @@
 """Suites of the benchmark, `conf/suite/<name>.yaml`: groups of drives on named roads."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,17 +9,17 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
-from datamodules.errors import InputError, UsageError
-from simulator.errors import SimulatorError
 from simulator.road_family import roads_digest
 from simulator.weather import CLEAR, read_weather
 from simulator.world import open_world
+from zoo.base.bounded_files import read_yaml
+from zoo.base.errors import InputError, UsageError
+from zoo.base.limits import check_most
 from zoo.benchmark.marks import Mark, read_marks
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.cli.nearest import hint
 from zoo.evaluate.evaluate_options import SpeedMph
 from zoo.evaluate.many_drives import Setup
-from zoo.runs.bounded_files import read_yaml
 from zoo.runs.record_fields import Fields, Number, check_fields
 
 LIKE, LAPS, DEV = "like", "laps", "dev"  # groups; LIKE also has the clean partners
@@ -141,6 +142,8 @@ def read_suite(name: str, split: str = "test") -> Suite:
     """
     path = _path(name)
     file, own = _read_file(path), ""
+    given = [*file.groups.values(), file.dev, file.laps]
+    check_most("drives", sum(map(len, given)), f"{path}: groups", "remove some")
     groups = file.groups | {LAPS: [_Drive(track=one) for one in file.laps]}
     if split == DEV:
         if not file.dev:
@@ -151,8 +154,8 @@ def read_suite(name: str, split: str = "test") -> Suite:
     ]
     if not drives:
         raise InputError(f"{path}: groups: has no drive; name one road or more")
-    keys = [one.key for one in drives]
-    if twice := [one for one in drives if keys.count(one.key) > 1]:
+    counts = Counter(one.key for one in drives)
+    if twice := [one for one in drives if counts[one.key] > 1]:
         raise InputError(
             f"{path}: groups.{twice[0].group}: {twice[0].track} stands twice; remove one"
         )
@@ -195,7 +198,7 @@ def _suite_drive(file: _File, path: Path, group: str, drive: _Drive) -> SuiteDri
         )
         setup.check()
         open_world(renderer="none", **setup.place)
-    except SimulatorError as error:
+    except InputError as error:
         raise InputError(f"{path}: groups.{group}: {drive.track}: {error}") from None
     return SuiteDrive(group, drive.track, settings, setup)
 

@@ -9,6 +9,7 @@ import numpy as np
 from zoo.benchmark.result import DriveRecord, Interval
 from zoo.benchmark.suite import LAPS, LIKE
 from zoo.drives.bootstrap import (
+    FEWEST_ROADS,
     Estimate,
     Statistic,
     bootstrap,
@@ -20,7 +21,8 @@ from zoo.drives.intervals import wilson_interval
 from zoo.drives.interventions import INTERVENTION_S
 
 MIDDLE = 0.5  # share of the roads in an interquartile mean
-COMPARED = ("autonomy", "cte_mean_m")  # figures compared with the clean partner
+# Figures compared with the clean partner, with the limits of their difference.
+COMPARED = {"autonomy": (-1.0, 1.0), "cte_mean_m": (-math.inf, math.inf)}
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
         `autonomy`, `cte_mean_m` and `steering_per_s`: mean over roads and training seeds, with a
         bootstrap interval over both; see also `_autonomy`. `m_per_intervention`: distance divided
         by interventions, with the exact interval of a Poisson count; null without an intervention.
-        `without_intervention`: share of the drives, with Wilson's interval.
+        `without_intervention`: share of the drives, with Wilson's interval. A group of fewer than
+        three roads has no intervals.
     """
     found = {"autonomy": _autonomy(drives, mean, 1.0)}
     for name in ("cte_mean_m", "steering_per_s"):
@@ -76,6 +79,8 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     found["without_intervention"] = _interval(
         Estimate(kept / len(drives), *wilson_interval(kept, len(drives)))
     )
+    if table(drives, "autonomy").shape[1] < FEWEST_ROADS:
+        return {name: Interval(value=one.value, low=None, high=None) for name, one in found.items()}
     return found
 
 
@@ -98,8 +103,10 @@ def differences(drives: Sequence[DriveRecord]) -> dict[str, dict[str, Interval]]
             continue
         partners = [clean[one.checkpoint, one.track] for one in shifted]
         found[group] = {
-            name: _interval(bootstrap(table(shifted, name) - table(partners, name), mean))
-            for name in COMPARED
+            name: _interval(
+                bootstrap(table(shifted, name) - table(partners, name), mean, limits=limits)
+            )
+            for name, limits in COMPARED.items()
         }
     return found
 

@@ -7,9 +7,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from datamodules.terminal import printable
+from zoo.base.terminal import printable
 from zoo.benchmark.result import BenchmarkResult, DriveRecord, Interval
 from zoo.benchmark.suite import LAPS
+from zoo.runs.table_text import two_lines, with_interval
 
 # Columns by key of a group's figures: heading, factor and format.
 COLUMNS = {
@@ -25,16 +26,17 @@ DIFFERENCES = {
 }
 
 NAMES_WIDTH, GAP = 12, 3  # of the first column, and before every other one, in characters
-CAPTION = (
-    "Below or behind each figure: its 95 % interval. Means: bootstrap over roads and training "
-    "seeds; counts: exact Poisson and Wilson."
+INTERVALS = (
+    "95 % interval. Means: bootstrap over roads and training seeds; counts: exact Poisson and "
+    "Wilson. Fewer than 3 roads: no interval."
 )
+CAPTION = f"Below or behind each figure: its {INTERVALS}"
 
 
 def print_result(result: BenchmarkResult, console: Console) -> None:
     """Print a table with a column for each group, the differences, headline and digest."""
     headings, rows = table_cells(result)
-    columns = [[printable(name), *map(_narrow, cells)] for name, *cells in rows]
+    columns = [[printable(name), *map(two_lines, cells)] for name, *cells in rows]
     tables = _side_by_side(columns, console.width - NAMES_WIDTH)
     for number, part in enumerate(tables, 1):
         title = f"{result.entry}, suite {result.suite}" if number == 1 else None
@@ -80,10 +82,12 @@ def difference_lines(result: BenchmarkResult) -> list[str]:
     lines = []
     for group, figures in result.differences.items():
         texts = [
-            f"{heading}: {with_interval(figures[key], *form)}"
-            for key, (heading, *form) in DIFFERENCES.items()
+            f"{heading}: {with_interval(figures[key], form, factor)}"
+            for key, (heading, factor, form) in DIFFERENCES.items()
         ]
-        lines.append(f"{group} minus clean drives of the same roads: {'; '.join(texts)}")
+        line = f"{group} minus clean drives of the same roads: {'; '.join(texts)}"
+        is_known = figures["autonomy"].low is not None
+        lines.append(line if is_known else f"{line} (fewer than 3 roads: no interval)")
     return lines
 
 
@@ -96,7 +100,7 @@ def headline_line(result: BenchmarkResult) -> str:
     roads = sum(one.group != LAPS for one in first) or len(first)
     return (
         f"autonomy, interquartile mean over {roads} roads: "
-        f"{with_interval(result.headline, 100, '{:.1f}')} %; "
+        f"{with_interval(result.headline, '{:.1f}', 100)} %; "
         f"{by if trained else 'without training'}"
     )
 
@@ -113,40 +117,11 @@ def table_cells(result: BenchmarkResult) -> tuple[list[str], list[list[str]]]:
     return headings, rows
 
 
-def with_interval(figure: Interval, factor: float, form: str) -> str:
-    """Return a figure with its 95 % interval, both times a factor.
-
-    >>> with_interval(Interval(value=0.9, low=0.8, high=0.95), 100, "{:.0f}")
-    '90 (80 to 95)'
-    >>> with_interval(Interval(value=None, low=710.0, high=None), 1, "{:.0f}")
-    'none (710 or more)'
-    """
-    value, low, high = (
-        None if one is None else form.format(factor * one)
-        for one in (figure.value, figure.low, figure.high)
-    )
-    value = value or "none"
-    if low is None:
-        return value
-    return f"{value} ({low} or more)" if high is None else f"{value} ({low} to {high})"
-
-
-def _narrow(cell: str) -> str:
-    r"""Return a cell in two lines, for a narrow column.
-
-    >>> _narrow("90 (80 to 95)"), _narrow("none (710 or more)")
-    ('90\n80..95', 'none\n>= 710')
-    """
-    value, bracket, interval = cell.rstrip(")").partition(" (")
-    if interval.endswith(" or more"):
-        interval = f">= {interval.removesuffix(' or more')}"
-    return f"{value}\n{interval.replace(' to ', '..')}" if bracket else value
-
-
 def _cell(figure: Interval, key: str, drives: Sequence[DriveRecord]) -> str:
     _, factor, form = COLUMNS[key]
-    text = with_interval(figure, factor, form)
+    text = with_interval(figure, form, factor)
     if key != "without_intervention":
         return text
     kept = sum(not one.figures["interventions"] for one in drives)
-    return f"{kept} of {len(drives)} ({text.partition('(')[2]}"
+    counted = f"{kept} of {len(drives)}"
+    return counted if figure.low is None else f"{counted} ({text.partition('(')[2]}"

@@ -1,30 +1,22 @@
 """Verification of a `result.json`: its figures fit its drives, and some drives are repeated."""
 
-import math
 import random
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from rich.console import Console
 
-from datamodules.errors import InputError
-from datamodules.terminal import printable
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
+from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.drivers import Driver, check_distinct, file_hash, read_driver
-from zoo.benchmark.drives import digest_of_drives, drive_jobs
-from zoo.benchmark.result import (
-    NEEDED,
-    BenchmarkResult,
-    DriveRecord,
-    DriverRecord,
-    read_result,
-)
-from zoo.benchmark.suite import Suite, drive_key, find_suite, read_suite
-from zoo.benchmark.summary import Summary, summarize_drives
+from zoo.benchmark.checked_result import Road, check_suite, is_close, read_result, road_of
+from zoo.benchmark.drivers import Driver, read_driver
+from zoo.benchmark.drives import drive_jobs
+from zoo.benchmark.result import NEEDED, DriveRecord, DriverRecord, code_name
+from zoo.benchmark.suite import find_suite, read_suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.runs.code_fingerprint import code_fingerprint
-
-TOLERANCE = 1e-6  # of figures: other versions of NumPy sum in another order
 
 
 def verify(path: Path, suite: str, drives: int, workers: int, console: Console) -> None:
@@ -43,23 +35,21 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     """
     result = read_result(path)
     found = read_suite(*find_suite(result.suite, suite))
-    _check_suite(result, found, path)
-    _check_sums(result, path)
+    check_suite(result, found, path)
     folder = path if path.is_dir() else path.parent
     drivers = [_driver(one, folder, path) for one in result.checkpoints]
-    check_distinct(drivers)
     if result.code.get("hash") != code_fingerprint()["hash"]:
         line = (
-            f"the result is of other code ({_code(result.code)}; here "
-            f"{_code(code_fingerprint())}): digests may differ"
+            f"the result is of other code ({code_name(result.code)}; here "
+            f"{code_name(code_fingerprint())}): digests may differ"
         )
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
-    by_key = {one.key: one for one in found.drives}
+    by_road = {Road(*one.key): one for one in found.drives}
     numbers = range(len(result.drives))
     if drives:
         numbers = sorted(random.sample(numbers, min(drives, len(numbers))))
     recorded = [result.drives[number] for number in numbers]
-    jobs = [(one.checkpoint, by_key[_key(one)]) for one in recorded]
+    jobs = [(one.checkpoint, by_road[road_of(one)]) for one in recorded]
     driven = drive_jobs(drivers, jobs, found.mean_steering, workers, console)
     different = [
         (old, new) for old, new in zip(recorded, driven, strict=True) if not is_same(old, new)
@@ -70,7 +60,8 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
     if different:
         raise InputError(
             f"{path}: {counted}: {len(different)} with another digest or other figures; repeat "
-            f"it with the code that drove it ({_code(result.code)}), on the same kind of machine"
+            f"it with the code that drove it ({code_name(result.code)}), on the same kind of "
+            "machine"
         )
     line = f"{path}: {counted}: all digests are equal"
     console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -79,7 +70,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
 def is_same(old: DriveRecord, new: DriveRecord) -> bool:
     """Return whether digest and figures of two drives are equal."""
     return old.digest == new.digest and all(
-        _is_close(old.figures[name], new.figures[name]) for name in NEEDED
+        is_close(old.figures[name], new.figures[name]) for name in NEEDED
     )
 
 
@@ -95,57 +86,26 @@ def difference_line(old: DriveRecord, new: DriveRecord) -> str:
     return f"{old.group} {old.track}: digest {old.digest} -> {new.digest}; {what}"
 
 
-def _check_suite(result: BenchmarkResult, suite: Suite, path: Path) -> None:
-    """Check that the result has every drive of the suite, on the same roads."""
-    if result.roads != suite.roads:
-        raise InputError(
-            f"{path}: roads: digest {result.roads} is not that of the suite {suite.name} here "
-            f"({suite.roads}); use the drivezoo that drove it ({_code(result.code)})"
-        )
-    wanted = [one.key for one in suite.drives]
-    for number, _ in enumerate(result.checkpoints):
-        keys = [_key(one) for one in result.of_checkpoint(number)]
-        if sorted(keys) != sorted(wanted):
-            odd = sorted(set(keys) ^ set(wanted)) or sorted(keys)
-            raise InputError(
-                f"{path}: drives: {' '.join(odd[0][:2])} of checkpoint {number} is missing, stands "
-                f"twice, or is not in the suite {suite.name}; run the benchmark again"
-            )
-
-
-def _check_sums(result: BenchmarkResult, path: Path) -> None:
-    """Check that the digest and the figures are those of the result's own drives."""
-    if result.digest != digest_of_drives(result.drives):
-        raise InputError(f"{path}: digest: is not that of its drives; the file was changed")
-    given = Summary(result.groups, result.differences, result.headline).flat()
-    for name, own in summarize_drives(result.drives).flat().items():
-        one = given.get(name)
-        if one is None or not all(
-            _is_close(getattr(one, key), getattr(own, key)) for key in ("value", "low", "high")
-        ):
-            raise InputError(f"{path}: {name}: is not that of its drives; the file was changed")
-
-
-def _is_close(first: float | None, second: float | None) -> bool:
-    return math.isclose(first or 0.0, second or 0.0, rel_tol=TOLERANCE, abs_tol=TOLERANCE)
-
-
 def _driver(record: DriverRecord, folder: Path, path: Path) -> Driver:
-    """Return the driver of a result; one in the result's folder is found by its hash."""
+    """Return the driver of a result.
+
+    Its file has the name that the result gives it, or the first digits of its hash; it lies in the
+    result's folder, or where it was. No other file is read.
+    """
     if record.file in BASELINES and record.sha256 is None:
         return Driver(**record.model_dump())
-    for file in sorted(folder.iterdir()):
-        if file.suffix in (".ckpt", ".onnx") and file_hash(file) == record.sha256:
-            break
-    else:
-        file = find_checkpoint(record.file)
-    driver = read_driver(file)
-    if driver.sha256 != record.sha256:
+    named = PureWindowsPath(record.file)  # its separators are those of all systems
+    digits = (record.sha256 or "")[:16]
+    beside = [folder / named.name, folder / f"{digits}{named.suffix}"]
+    file = next((one for one in beside if one.is_file() and hash_file(one) == record.sha256), None)
+    file = file or find_checkpoint(record.file)
+    if (found := hash_file(file)) != record.sha256:
         raise InputError(
             f"{path}: checkpoints: {file} is another file than the one that drove (SHA-256 "
-            f"{(driver.sha256 or '')[:16]} instead of {(record.sha256 or '')[:16]}); put the "
-            f"right one into {folder}"
+            f"{found[:16]} instead of {digits}); put the right one into {folder}, named "
+            f"{beside[0].name} or {beside[1].name}"
         )
+    driver = read_driver(file)
     for name, own in asdict(driver).items():
         if name != "file" and getattr(record, name) != own:
             raise InputError(
@@ -153,11 +113,3 @@ def _driver(record: DriverRecord, folder: Path, path: Path) -> Driver:
                 "the file was changed"
             )
     return driver
-
-
-def _key(drive: DriveRecord) -> tuple[str, str, str]:
-    return drive_key(drive.group, drive.track, drive.settings)
-
-
-def _code(code: dict[str, str | None]) -> str:
-    return code.get("commit") or code.get("hash") or "unknown"

@@ -10,8 +10,8 @@ import torch
 from rich.console import Console
 from torch import nn
 
-from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.base.errors import InputError
 
 MONITORED = "drive/"
 DRIVEN = "driven.ckpt"
@@ -188,12 +188,11 @@ class ClosedLoop(lightning.Callback):
 
     def _open(self) -> str | None:
         """Open the world; return why it cannot be opened, or None."""
-        from simulator.errors import SimulatorError
         from simulator.world import open_world
 
         try:
             self.world = open_world(self.track, "auto", self.quality)
-        except SimulatorError as error:
+        except InputError as error:
             return str(error)
         return None
 

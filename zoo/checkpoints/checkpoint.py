@@ -1,5 +1,6 @@
 """Self-contained checkpoints of plain containers, read without running code in them."""
 
+import io
 import pickle
 import warnings
 import zipfile
@@ -10,16 +11,23 @@ from typing import Any, BinaryIO
 import torch
 from torch import Tensor, nn
 
-from datamodules.errors import InputError
-from datamodules.regular_file import open_binary
 from datamodules.view import View
+from zoo.base.archive import open_archive
+from zoo.base.bounded_files import check_text
+from zoo.base.errors import InputError
+from zoo.base.limits import check_unpacked
+from zoo.base.regular_file import open_binary
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
 from zoo.checkpoints.part_card import check_part, part_cards
+from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
+from zoo.checkpoints.pickle_limits import check_pickles
 from zoo.models.make_network import make_network
 from zoo.runs.moved_targets import with_current_targets
 
 FORMAT = 1
 MOST_BYTES = 8_000_000_000
+SPARE_PARAMETERS = 1_000_000  # more than those in the file; else their shapes are compared
+FLOATS = (torch.float32, torch.float16, torch.bfloat16, torch.float64)
 PREFIX = "network."  # the network's name in the LightningModule's state
 
 
@@ -76,16 +84,21 @@ def checked_contents(contents: Any, path: Path) -> dict:
     card = contents.get("drivezoo") if isinstance(contents, dict) else None
     if not isinstance(card, dict) or "state_dict" not in contents:
         raise InputError(
-            f"{path}: is not a checkpoint of drivezoo; name one from a run of python -m zoo"
+            f"{path}: is not a checkpoint of drivezoo; name one from a run of drivezoo train"
         )
-    if card.get("format") != FORMAT:
-        raise InputError(
-            f"{path}: has format {card.get('format')}, this version reads {FORMAT}; "
-            "use the drivezoo that wrote it"
-        )
+    check_format(card.get("format"), path)
     if isinstance(card.get("config"), dict):
         card["config"] = with_current_targets(card["config"])
     return contents
+
+
+def check_format(
+    found: object, place: object, remedy: str = "use the drivezoo that wrote it"
+) -> None:
+    """Raise InputError if a file's version number, any value, is not this version's."""
+    if type(found) is not int or found != FORMAT:
+        shown = " ".join(str(found).split())
+        raise InputError(f"{place}: has format {shown:.40}, this version reads {FORMAT}; {remedy}")
 
 
 def load_plain(path: Path) -> Any:
@@ -120,21 +133,52 @@ def _load_plain(file: BinaryIO, path: Path) -> object:
         raise InputError(f"{path}: is truncated (its end is missing); copy it again, or {_ANOTHER}")
     if not is_zip and not begin.startswith(b"\x80"):  # a pickle, as torch wrote before 1.6
         raise InputError(f"{path}: is not a torch file; {_ANOTHER}")
-    file.seek(0)
     try:
+        check_pickles(*(_zipped_pickle(file, path) if is_zip else _first_pickles(file)))
+        size = file.seek(0, io.SEEK_END)
+        file.seek(0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch warns of unusual pickles, then refuses them
-            return torch.load(file, map_location="cpu", weights_only=True)
+            found = torch.load(file, map_location="cpu", weights_only=True)
+        check_text(found, any_path=True)
     except pickle.UnpicklingError:
         raise InputError(
             f"{path}: is damaged or contains code, which was not run; name a checkpoint of "
-            "python -m zoo, or a file that holds only a state_dict()"
+            "drivezoo train, or a file that holds only a state_dict()"
         ) from None
+    except InputError:
+        raise
     except Exception as error:  # the unpickler raises any error on damaged bytes
-        reason = type(error).__name__
+        words = " ".join(str(error).split())
+        reason = words if type(error) is ValueError else type(error).__name__
         raise InputError(
-            f"{path}: is damaged, or not a torch file ({reason}); copy it again, or {_ANOTHER}"
+            f"{path}: is damaged, or not a torch file ({reason:.200}); copy it again, or {_ANOTHER}"
         ) from None
+    check_unpacked(_tensor_bytes(found), size, path)
+    return found
+
+
+def _zipped_pickle(file: BinaryIO, path: Path) -> tuple[bytes, int]:
+    """Return the pickle in a torch file, which is an archive, and their number."""
+    with open_archive(file, path) as archive:
+        name = next(one for one in archive.namelist() if one.endswith("/data.pkl"))
+        with archive.open(name) as member:
+            return member.read(MOST_PICKLE_BYTES), 1
+
+
+def _first_pickles(file: BinaryIO) -> tuple[bytes, int]:
+    """Return the begin of a torch file before 1.6, and its number of pickles."""
+    file.seek(0)
+    return file.read(MOST_PICKLE_BYTES), 5
+
+
+def _tensor_bytes(found: object) -> int:
+    """Return the bytes of all tensors within plain containers; a view counts as a copy."""
+    if isinstance(found, Tensor):
+        return found.numel() * found.element_size()
+    if isinstance(found, dict):
+        found = list(found.values())
+    return sum(map(_tensor_bytes, found)) if isinstance(found, list | tuple) else 0
 
 
 _ANOTHER = "name another checkpoint, such as last.ckpt in the same folder"
@@ -161,16 +205,17 @@ def build_checkpoint(contents: dict, path: Path) -> Checkpoint:
     card = contents["drivezoo"]
     check_card(card, path)
     changed = check_part(card, path)
-    try:
-        view = View.from_dict(card["view"])
-        network = make_network(card["config"]["model"], view)
-    except (InputError, RuntimeError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: its network cannot be built ({reason}); {_ANOTHER}") from None
     state = checked_state(contents["state_dict"], path)
     state = {
         name.removeprefix(PREFIX): one for name, one in state.items() if name.startswith(PREFIX)
     }
+    most = SPARE_PARAMETERS + sum(one.numel() for one in state.values())
+    try:
+        view = View.from_dict(card["view"])
+        network = make_network(card["config"]["model"], view, most)
+    except (InputError, RuntimeError, KeyError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: its network cannot be built ({reason}); {_ANOTHER}") from None
     what = changed or "its config"
     fix = f"{what} was changed after the training; restore it, or {_ANOTHER}"
     check_fit(network.state_dict(), state, type(network).__name__, path, fix)
@@ -223,9 +268,9 @@ def check_fit(
                 f"{path}: {name} is {list(one.shape)} in the file, {list(own[name].shape)} in "
                 f"{kind}; {fix}"
             )
-        if one.layout != torch.strided or (
-            one.is_floating_point() != own[name].is_floating_point()
-        ):
+        # Of 8 bits, torch's floats lack most functions.
+        dtypes = FLOATS if own[name].is_floating_point() else (own[name].dtype,)
+        if one.layout != torch.strided or one.dtype not in dtypes:
             raise InputError(
                 f"{path}: {name} does not hold plain floats; save the model's state_dict()"
             )

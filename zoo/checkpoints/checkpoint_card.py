@@ -28,6 +28,7 @@ class Data(Fields):
     rows: Whole | None = None
     rows_per_s: Number | None = None  # earlier versions wrote neither of these
     speed_mph: Number | None = None
+    source: str | None = None  # format that it was converted from; None for Udacity's rig
 
 
 class Part(Fields):

@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 
-from datamodules.errors import InputError
-from zoo.runs.whole_file import write_whole
+from zoo.base.errors import InputError
+from zoo.base.whole_file import write_whole
 
 
 class CheckpointFiles(TorchCheckpointIO):

@@ -4,8 +4,8 @@ import os
 import sys
 from pathlib import Path
 
-from datamodules.errors import InputError
-from datamodules.terminal import error_line
+from zoo.base.errors import InputError
+from zoo.base.terminal import error_line
 from zoo.checkpoints.packaged_networks import (
     note_hidden,
     packaged_file,
@@ -52,7 +52,7 @@ def find_checkpoint(named: str | Path) -> Path:
         print(error_line(str(named), f"comes with drivezoo, {packaged}"), file=sys.stderr)
         return packaged
     runs = runs_below(OUTPUTS)
-    hint = f"`{LATEST}` is {checkpoint_of(runs[-1])}" if runs else "python -m zoo trains a network"
+    hint = f"`{LATEST}` is {checkpoint_of(runs[-1])}" if runs else "drivezoo train trains a network"
     raise InputError(
         f"{path}: no such checkpoint; name a run's folder or its checkpoints/best.ckpt: {hint}; or "
         f"a network that comes with drivezoo: {', '.join(packaged_names())}"
@@ -110,7 +110,7 @@ def latest_run() -> Path:
     if not runs:
         raise InputError(
             f"{LATEST}: no run below {OUTPUTS.absolute()} holds a checkpoint; name a checkpoint's "
-            "path, or train a network: python -m zoo"
+            "path, or train a network: drivezoo train"
         )
     return runs[-1]
 
@@ -144,7 +144,7 @@ def _in_folder(folder: Path) -> Path:
     if (folder / ".hydra").is_dir():
         raise InputError(
             f"{folder}: this run has no checkpoint yet (no {FOLDER}/{BEST}); resume it: "
-            f"python -m zoo resume={folder}"
+            f"drivezoo train resume={folder}"
         )
     raise InputError(
         f"{folder}: is a folder without {FOLDER}/{BEST}; name a run's folder or a checkpoint"

@@ -12,13 +12,15 @@ from typing import Annotated
 
 from pydantic import Field
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import (
     FORMAT,
     PREFIX,
     Checkpoint,
     build_checkpoint,
+    check_format,
     checked_contents,
+    checked_state,
     doubt_members,
     read_checkpoint_file,
 )
@@ -77,11 +79,7 @@ def build_doubt(contents: dict, path: Path) -> Doubt:
         InputError: a setting is wrong, or a member is not a checkpoint (see `build_checkpoint`).
     """
     found = contents["drivezoo"]
-    if found.get("format") != FORMAT:
-        raise InputError(
-            f"{path}: has format {found.get('format')!s:.20}, this version reads {FORMAT}; use the "
-            "drivezoo that wrote it"
-        )
+    check_format(found.get("format"), path)
     settings = check_fields(DoubtSettings, found["doubt"], f"{path}: drivezoo: doubt")
     members = doubt_members(contents) or []
     if not 1 <= len(members) <= MOST_MEMBERS:
@@ -90,7 +88,16 @@ def build_doubt(contents: dict, path: Path) -> Doubt:
             "write it again with drivezoo doubt"
         )
     checkpoints = []
+    seen: set[int] = set()
     for number, member in enumerate(members, 1):
         place = Path(f"{path}: member {number}")
-        checkpoints.append(build_checkpoint(checked_contents(member, place), place))
+        checked = checked_contents(member, place)
+        weights = {one.data_ptr() for one in checked_state(checked["state_dict"], place).values()}
+        if weights & seen:
+            raise InputError(
+                f"{place}: has the weights of a member before it; write the file again with "
+                "drivezoo doubt, from checkpoints that differ"
+            )
+        seen |= weights
+        checkpoints.append(build_checkpoint(checked, place))
     return Doubt(tuple(checkpoints), settings.samples, settings.seed)

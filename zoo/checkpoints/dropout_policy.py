@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.command import Command, mixture, output_command
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward

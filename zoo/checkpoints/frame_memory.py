@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from zoo.checkpoints.late_command import distance_m, outputs_at, returning
 from zoo.models.window import Window
 
 NOTHING = np.zeros(0)
+Session = TypeVar("Session", bound="SessionPolicy")  # typing.Self needs Python 3.11
 
 
 class FrameMemory:
@@ -77,7 +78,7 @@ class SessionPolicy:
         if self.memory is not None:
             self.memory.reset()
 
-    def new_session(self) -> Self:
+    def new_session(self: Session) -> Session:
         """Return the policy for one more car, without frames before."""
         other = copy.copy(self)
         other._on_the_way = NOTHING

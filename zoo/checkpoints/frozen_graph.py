@@ -1,7 +1,8 @@
 """A network's forward pass on one frame, as fast as torch can compute the same output."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -23,41 +24,54 @@ def network_inputs(view_image: np.ndarray, speed_mph: float | None) -> tuple[Ten
     return (images,) if speed_mph is None else (images, torch.tensor([speed_mph]).float())
 
 
+@contextmanager
+def quiet_tracing() -> Iterator[None]:
+    """Ignore the warnings of torch's tracer, which concern no user."""
+    with warnings.catch_warnings():
+        # DeprecationWarning up to PyTorch 2.14, FutureWarning from 2.15 on.
+        warnings.filterwarnings("ignore", message=r"`torch\.jit\.\w+` is (deprecated|not supp)")
+        warnings.simplefilter("ignore", torch.jit.TracerWarning)  # the size is always the view's
+        yield
+
+
 def quick_forward(network: nn.Module, view: View) -> Callable[..., Any]:
     """Return a network's frozen graph, or the network if their outputs are not equal to the bit.
 
-    For a network with memory the graph is that of its `step`.
+    For a network with memory the graph is that of its `step`. Without TorchScript, which PyTorch
+    2.15 deprecates, the network itself computes in the images' layout.
 
     For one frame, Python between the layers and copies of the weights into another layout take a
-    large part of the time. The frozen graph takes 0.69 of the network's time for PilotNet, 0.68 for
-    LeNet and 0.52 for tiny (medians of 600, interleaved, one thread of two busy cores of an AMD
-    EPYC).
+    large part of the time. Milliseconds of a core per frame (medians of 300, in turns, PyTorch
+    2.15), of the frozen graph, of the network in the images' layout, and of `torch.export`:
+    PilotNet 1.89, 2.11, 2.58; LeNet 0.42, 0.48, 0.91; tiny 0.06, 0.08, 0.26.
     """
     step = Step(network) if isinstance(network, Memory) else network
-    with warnings.catch_warnings():
-        # Deprecated, but the output of `torch.export` is slower than the network.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.simplefilter("ignore", torch.jit.TracerWarning)  # the size is always the view's
-        try:
-            inputs, wanted = _trials(network, step, view)
-            # The images' layout; values stay. (torch's type stubs lack memory_format alone.)
-            network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-            with torch.no_grad():
-                traced = torch.jit.trace(step, inputs[0], check_trace=False)
-            frozen = torch.jit.freeze(traced)
-            with torch.inference_mode():  # torch optimizes the graph in its first runs
-                outs = [_tensors(frozen(*one)) for one in inputs]
-            same = all(
-                torch.equal(*pair)
-                for out, one in zip(outs, wanted, strict=True)
-                for pair in zip(out, one, strict=True)
-            )
-        except Exception:  # the network does something that a graph cannot
-            same = False
+    try:
+        inputs, wanted = _trials(network, step, view)
+        # The images' layout; values stay. (torch's type stubs lack memory_format alone.)
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        forward = _frozen(step, inputs[0])
+        with torch.inference_mode():  # torch optimizes the graph in its first runs
+            outs = [_tensors(forward(*one)) for one in inputs]
+        same = all(
+            torch.equal(*pair)
+            for out, one in zip(outs, wanted, strict=True)
+            for pair in zip(out, one, strict=True)
+        )
+    except Exception:  # the network does something that a graph cannot
+        same = False
     if same:
-        return frozen
+        return forward
     network.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
     return step
+
+
+def _frozen(step: nn.Module, inputs: tuple[Tensor, ...]) -> Callable[..., Any]:
+    """Return a module's frozen graph, or the module if this torch has no TorchScript."""
+    if not hasattr(torch.jit, "trace"):
+        return step
+    with quiet_tracing(), torch.no_grad():
+        return torch.jit.freeze(torch.jit.trace(step, inputs, check_trace=False))
 
 
 @torch.inference_mode()

@@ -1,6 +1,5 @@
 """Find public ImageNet weights, and check their hash: downloaded once, or from a pip package."""
 
-import hashlib
 import re
 from http.client import HTTPException
 from importlib.util import find_spec
@@ -8,7 +7,8 @@ from pathlib import Path
 
 import torch
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
 
 REMEDY = "or set model.weights=FILE, or model.weights=null for random weights"
 
@@ -93,8 +93,4 @@ def downloaded_file(url: str, sha256_start: str, folder: Path | None = None) -> 
 def has_hash(path: Path, sha256_start: str) -> bool:
     """Return whether a file's SHA-256 starts with these digits."""
     # One second for 528 MB; a training of such a network takes minutes.
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest().startswith(sha256_start)
+    return hash_file(path).startswith(sha256_start)

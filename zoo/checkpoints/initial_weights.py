@@ -4,7 +4,7 @@ from pathlib import Path
 
 from torch import Tensor, nn
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import (
     PREFIX,
     check_fit,

@@ -6,7 +6,8 @@ The config is JSON from an untrusted file: nothing in it is called, and a wrong 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.limits import is_ordinary
 
 GRAPHS = ("Model", "Functional")  # classes of a model whose layers name their inputs
 MOST_LAYERS = 1000
@@ -157,4 +158,4 @@ def _constants(nodes: object) -> tuple[float, ...]:
         arguments, more = node.get("args"), node.get("kwargs")
         if isinstance(arguments, list) and arguments and isinstance(arguments[0], dict):
             values = [*arguments[1:], *(more.values() if isinstance(more, dict) else ())]
-    return tuple(float(one) for one in values if type(one) in (int, float))
+    return tuple(float(one) for one in values if is_ordinary(one))

@@ -5,18 +5,17 @@ The layouts are defined in Keras' `saving/legacy_h5_format.py` (Keras 1, 2; 3's 
 other files, external and virtual datasets are refused.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.limits import check_most, check_unpacked
 from zoo.checkpoints.keras_architecture import LayerConfig
 
-MOST_ARRAYS = 10_000
-# Keras does not compress; damaged or hostile files claim far more than they contain.
-FREE_BYTES, MOST_RATIO = 64_000_000, 8
 CONTAINERS = ("layers", "_layer_checkpoint_dependencies")  # of Keras 3, and of 2.12 to 2.15
 Named = tuple[str, np.ndarray]
 
@@ -27,13 +26,12 @@ class WeightsFile:
     Args:
         file: opened `h5py.File`.
         source: file's name, for messages.
-        size: file's bytes; arrays may take `MOST_RATIO` times as many.
+        size: file's bytes, which bound those of the arrays.
     """
 
     def __init__(self, file: Any, source: object, size: int) -> None:
         self.file, self.source = file, source
-        self._left = FREE_BYTES + MOST_RATIO * size
-        self._count = 0
+        self._size, self._claimed, self._count = size, 0, 0
         self.group = _child(file, "model_weights", source) if "model_weights" in file else file
         self.is_legacy = "layer_names" in self.group.attrs or "layer_names0" in self.group.attrs
         self.is_keras_3 = any(one in file for one in CONTAINERS)
@@ -135,10 +133,14 @@ class WeightsFile:
             raise InputError(f"{where} does not hold numbers; save the model again")
         if group.external or group.is_virtual:
             raise InputError(f"{where} keeps its values in another file; save the model again")
-        self._left -= int(np.prod(group.shape, dtype=object)) * max(group.dtype.itemsize, 4)
+        # Keras does not compress; a filter unpacks whole chunks, of any size.
+        if group.id.get_create_plist().get_nfilters():
+            raise InputError(f"{where} is compressed, which Keras never does; save the model again")
+        count = max(math.prod(group.shape), math.prod(group.chunks or ()))
+        self._claimed += count * max(group.dtype.itemsize, 4)
+        check_unpacked(self._claimed, self._size, where)
         self._count += 1
-        if self._left < 0 or self._count > MOST_ARRAYS:
-            raise InputError(f"{where}: claims more values than the file can hold; copy it again")
+        check_most("arrays", self._count, where)
         return np.asarray(group[()]).astype(np.float32)
 
 

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from datamodules.errors import InputError
-from zoo.checkpoints.keras_lambda import WORDS, describe_lambda, specs_of_word
+from zoo.base.errors import InputError
+from zoo.base.limits import is_ordinary
+from zoo.checkpoints.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
 from zoo.checkpoints.keras_model import KerasLayer, KerasModel
 from zoo.checkpoints.keras_specs import (
     RECURRENT,
@@ -78,8 +79,8 @@ class Chain:
         if layer.kind == "Normalization":
             return _normalization(layer, label)
         operator = layer.config.get("function") if layer.kind == "TFOpLambda" else layer.kind
-        found = operator_specs(str(operator), layer.constants)
         try:
+            found = operator_specs(str(operator), layer.constants)
             if found is None:
                 found = specs_of(layer.kind, layer.config, self.model.version)
         except UnknownValueError as error:
@@ -92,7 +93,7 @@ class Chain:
             raise InputError(
                 f"{label}: is an unknown layer; replace it in Keras, and save the model again"
             )
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
+        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0], label):
             return [], self._scale_text()
         if self.model.backend == "theano" and found and found[0]["layer"] == "Conv2D":
             same = found[0].get("padding") == "same"
@@ -114,7 +115,7 @@ class Chain:
         found = specs_of_word(word)
         if found is None:
             raise InputError(f"{label}: lambdas={word!s:.60}: is none of {WORDS}; correct it")
-        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0]):
+        if found and found[0]["layer"] == "Rescaling" and self._takes_scale(found[0], label):
             return [], self._scale_text()
         return found, word
 
@@ -131,15 +132,25 @@ class Chain:
         divisor, less = self.scale or (1.0, 0.0)
         return f"scale=[{divisor:g},{less:g}]: pixel / {divisor:g} - {less:g}"
 
-    def _takes_scale(self, spec: Spec) -> bool:
-        """Take a rescaling as the network's scale; return False if its place forbids it."""
+    def _takes_scale(self, spec: Spec, label: str) -> bool:
+        """Take a rescaling as the network's scale; return False if its place forbids it.
+
+        Raises:
+            InputError: a number in it is not finite, or not of ordinary size.
+        """
         factor, offset = spec.get("scale"), spec.get("offset", 0.0)
         plain = all(type(one) in (int, float) for one in (factor, offset))
         if not plain or not factor or not self._is_at_input():
             return False
+        divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)
+        usual = is_ordinary(factor, LEAST) and is_ordinary(offset)
+        divisor, less = (divisor / factor, less * factor - offset) if usual else (0.0, 0.0)
+        if not is_ordinary(divisor, LEAST) or not is_ordinary(less):
+            raise InputError(
+                f"{label}: scale={factor!s:.40} offset={offset!s:.40}: its numbers must be finite "
+                "and of ordinary size; correct them in Keras, and save the model again"
+            )
         if not self._given:
-            divisor, less = self.scale if self.scale and self._scaled else (1.0, 0.0)
-            divisor, less = divisor / factor, less * factor - offset
             self.scale = (float(f"{divisor:.12g}"), float(f"{less:.12g}"))
         self._scaled = True
         return True
@@ -151,7 +162,7 @@ def _normalization(layer: KerasLayer, label: str) -> tuple[list[Spec], str]:
     arrays = layer.arrays[:2] if len(layer.arrays) > 1 else constants
     try:
         mean, variance = (np.asarray(one, np.float64).reshape(-1) for one in arrays)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{label}: has no mean and variance; save the model again") from None
     if layer.config.get("invert") or len(mean) != len(variance):
         raise InputError(f"{label}: has settings that cannot be converted")

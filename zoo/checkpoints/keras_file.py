@@ -6,23 +6,31 @@ Lambda's code stays the text that it is in the file.
 
 import io
 import re
+import sys
+import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from datamodules.errors import InputError
-from datamodules.regular_file import open_binary
+from zoo.base.archive import open_archive
+from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
+from zoo.base.errors import InputError
+from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
+from zoo.base.regular_file import open_binary
 from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
-from zoo.checkpoints.keras_arrays import FREE_BYTES, MOST_RATIO, WeightsFile
+from zoo.checkpoints.keras_arrays import WeightsFile
 from zoo.checkpoints.keras_model import KerasLayer
 from zoo.checkpoints.keras_model import KerasModel as KerasModel
-from zoo.runs.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, parse_json, read_text
 
 MOST_BYTES = 4_000_000_000
+# Limits of the reading process, for a small file and for each byte of a larger one.
+READ_S, BYTES_PER_S = 30.0, 10e6
+FREE_BYTES, COPIES = 1_000_000_000, 4
 H5_SUFFIXES = (".h5", ".hdf5")
 SUFFIXES = (*H5_SUFFIXES, ".keras", ".json")
 CONFIG, METADATA, WEIGHTS = "config.json", "metadata.json", "model.weights.h5"  # of `.keras`
@@ -50,7 +58,7 @@ def read_keras(
     path = Path(path)
     if path.suffix.lower() == ".json":
         found = Path(weights) if weights is not None else _weights_of(path)
-        return _read_h5(found, _json_model(path), as_chain=as_chain)
+        return replace(_read_h5(found, path, as_chain=as_chain), path=path)
     if weights is not None:
         raise InputError(f"{path}: weights={weights} belongs to a .json file; name that file")
     if path.suffix.lower() == ".keras":
@@ -58,9 +66,42 @@ def read_keras(
     return _read_h5(path, None, find_json, as_chain)
 
 
+def read_keras_apart(path: str | Path, *arguments: Any) -> KerasModel:
+    """Return what `read_keras` returns, read by a process of its own.
+
+    The HDF5 library crashes on some damaged files, and never returns from others.
+
+    Raises:
+        InputError: see `read_keras`; or the process crashed, or took too long for the file's size.
+    """
+    path = Path(path)
+    size = path.stat().st_size if path.is_file() else 0
+    last_s = time.monotonic() + READ_S + size / BYTES_PER_S
+    with ProcessPool(1) as pool:
+        pool.submit(_read, path, arguments, FREE_BYTES + COPIES * size)
+        try:
+            while time.monotonic() < last_s:
+                for _, found in pool.finished(LOOK_S):
+                    return found
+        except KilledProcessError:
+            reason = "crashes on it"
+        else:
+            reason = "does not end reading it"
+    raise InputError(f"{path}: is damaged: the HDF5 library {reason}; copy it again")
+
+
+def _read(path: Path, arguments: tuple, most_bytes: int, _report: object) -> KerasModel:
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (most_bytes, most_bytes))
+    return read_keras(path, *arguments)
+
+
 def _read_h5(
-    path: Path, json_model: dict | None, find_json: bool = False, as_chain: bool = True
+    path: Path, json: Path | None, find_json: bool = False, as_chain: bool = True
 ) -> KerasModel:
+    json_model = None if json is None else _json_model(json)
     with _naming_damage(path, "HDF5"), open_binary(path, MOST_BYTES) as raw, _hdf5(raw) as file:
         weights = WeightsFile(file, path, _size(raw))
         if not weights.is_legacy and not weights.is_keras_3:
@@ -69,14 +110,14 @@ def _read_h5(
             )
         if json_model is None and "model_config" in file.attrs:
             json_model = _checked_model(weights.attribute("model_config"), path)
-        if json_model is None and find_json and (beside := _json_of(path)):
-            json_model = _json_model(beside)
-        return _model(path, json_model, weights, as_chain)
+        if json_model is None and find_json and (json := _json_of(path)):
+            json_model = _json_model(json)
+        return _model(path, json_model, weights, as_chain, json)
 
 
 def _read_zip(path: Path, as_chain: bool) -> KerasModel:
     with _naming_damage(path, ".keras"), open_binary(path, MOST_BYTES) as raw:
-        with zipfile.ZipFile(raw) as archive:
+        with open_archive(raw, path) as archive:
             config = _checked_model(_member(archive, CONFIG, path).decode(), path)
             if METADATA in archive.namelist():
                 found = parse_json(_member(archive, METADATA, path).decode())
@@ -86,7 +127,13 @@ def _read_zip(path: Path, as_chain: bool) -> KerasModel:
             return _model(path, config, WeightsFile(file, path, len(weights)), as_chain)
 
 
-def _model(path: Path, config: dict | None, weights: WeightsFile, as_chain: bool) -> KerasModel:
+def _model(
+    path: Path,
+    config: dict | None,
+    weights: WeightsFile,
+    as_chain: bool,
+    json: Path | None = None,
+) -> KerasModel:
     version = weights.attribute("keras_version") or (config or {}).get("keras_version")
     backend = weights.attribute("backend") or (config or {}).get("backend")
     if config is None:
@@ -100,7 +147,7 @@ def _model(path: Path, config: dict | None, weights: WeightsFile, as_chain: bool
             for name, arrays in weights.named_arrays()
         ]
     else:
-        root = read_architecture(config, path, as_chain)
+        root = read_architecture(config, json or path, as_chain)
         arrays = weights.arrays_of(root)
         layers = [_layer(leaf, arrays) for leaf in root.leaves()]
     return KerasModel(
@@ -177,16 +224,17 @@ def _json_of(path: Path) -> Path | None:
 
 
 def _member(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
-    """Return a member of an archive; its size is checked before and while it is read."""
+    """Return a member of an archive, of the size that the archive claims."""
     try:
         info = archive.getinfo(name)
     except KeyError:
         raise InputError(f"{path}: lacks {name}; save the model with model.save again") from None
-    most = FREE_BYTES + MOST_RATIO * info.compress_size if name == WEIGHTS else MOST_JSON_BYTES
-    if info.file_size > most:
-        raise InputError(f"{path}: {name} claims {info.file_size:,} bytes; the limit is {most:,}")
+    if name != WEIGHTS and info.file_size > MOST_JSON_BYTES:
+        raise InputError(
+            f"{path}: {name} claims {info.file_size:,} bytes; the limit is {MOST_JSON_BYTES:,}"
+        )
     with archive.open(info) as member:
-        return member.read(most)
+        return member.read(info.file_size)
 
 
 @contextmanager

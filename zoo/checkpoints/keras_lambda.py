@@ -5,10 +5,10 @@ described by a word, which is also what a user sets for an unclear one: see `WOR
 """
 
 import base64
-import math
 import re
 from contextlib import suppress
 
+from zoo.base.limits import is_ordinary
 from zoo.checkpoints.marshalled_code import Code, instructions, read_code
 from zoo.models.image_layers import RESIZE_METHODS
 from zoo.models.value_layers import ACTIVATIONS
@@ -17,6 +17,7 @@ WORDS = (
     "identity, scale:DIVISOR:SUBTRACTED, atan, atan:FACTOR, resize:ROWS:COLUMNS, "
     "crop:TOP:BOTTOM, gray, tanh or another activation"
 )
+LEAST = 1e-9  # of a divisor or factor
 GRAY = [0.2989, 0.5870, 0.1140]  # of tf.image.rgb_to_grayscale
 # Operations of x and constants, by Python's numbers before 3.11 and by BINARY_OP's arguments.
 BINARY = {23: "+", 24: "-", 20: "*", 21: "/", 27: "/"}
@@ -80,6 +81,8 @@ def _known_name(name: str) -> str | None:
 
 def _word(code: Code) -> str | None:
     numbers = _numbers(code.constants)
+    if not all(map(is_ordinary, numbers)):
+        return None
     if code.free or any(isinstance(one, Code) for one in code.constants):
         return None
     if code.names:
@@ -88,9 +91,7 @@ def _word(code: Code) -> str | None:
     if line is None:
         return None
     factor, offset = line
-    if (factor, offset) == (1, 0):
-        return "identity"
-    return f"scale:{_short(1 / factor)}:{_short(-offset)}" if factor else None
+    return "identity" if line == (1, 0) else f"scale:{_short(1 / factor)}:{_short(-offset)}"
 
 
 KNOWN_LINES = {key: (1 / divisor, -less) for key, (divisor, less) in KNOWN.items()}
@@ -148,7 +149,7 @@ def _straight_line(code: Code) -> tuple[float, float] | None:
                 found = _run_on_lines(code, wide, numbers, skipped)
             except (LookupError, ValueError, TypeError, ZeroDivisionError, OverflowError):
                 continue
-            if found is not None and all(map(math.isfinite, found)):
+            if found is not None and is_ordinary(found[0], least=LEAST) and is_ordinary(found[1]):
                 return found
     return None
 
@@ -224,12 +225,14 @@ def specs_of_word(word: str) -> list[dict] | None:
         numbers = [float(one) for one in rest]
     except ValueError:
         return None
+    if not all(map(is_ordinary, numbers)):
+        return None
     whole = [int(one) for one in numbers if one == one // 1 and abs(one) < 1e6]
     if name in ("identity", "linear") and not rest:
         return []
     if name == "gray" and not rest:
         return [{"layer": "Gray", "weights": GRAY}]
-    if name == "scale" and len(numbers) == 2 and numbers[0] and all(map(math.isfinite, numbers)):
+    if name == "scale" and len(numbers) == 2 and is_ordinary(numbers[0], least=LEAST):
         return [{"layer": "Rescaling", "scale": 1 / numbers[0], "offset": -numbers[1]}]
     if name == "atan" and len(numbers) == 1:
         specs: list[dict] = [{"layer": "Activation", "activation": "atan"}]

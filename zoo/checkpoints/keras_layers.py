@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.keras_chain import Chain, Scale
 from zoo.checkpoints.keras_model import KerasModel
 from zoo.checkpoints.keras_specs import (
@@ -159,11 +159,14 @@ def _input_shape(
         )
     if channels not in (1, 3):
         raise InputError(
-            f"{model.path}: its input has {channels} channels; only images of 1 or 3 are converted"
+            f"{model.path}: its input has {channels!s:.20} channels; only images of 1 or 3 "
+            "are converted"
         )
     rows, columns = sides
     if type(rows) is not int or type(columns) is not int or not {rows, columns} <= SIDES:
-        raise InputError(f"{model.path}: its input of {rows} x {columns} is not 1 to 4096 pixels")
+        raise InputError(
+            f"{model.path}: its input of {rows!s:.20} x {columns!s:.20} is not 1 to 4096 pixels"
+        )
     return (channels, rows, columns) if first else (rows, columns, channels)
 
 

@@ -30,7 +30,7 @@ class KerasModel:
     """A model's layers in the order of the data, nested models' layers in their place.
 
     Attributes:
-        path: file with the weights.
+        path: file that the user named.
         version: Keras' major version; 1 if the file does not name it, as in Keras itself.
         backend: `tensorflow`, `theano` ...; empty before Keras 1.2, which did not save it.
         layers: layers; without an architecture those with weights.

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from datamodules.errors import InputError
-from zoo.checkpoints.keras_file import read_keras
+from zoo.base.errors import InputError
+from zoo.checkpoints.keras_file import read_keras_apart
 from zoo.checkpoints.keras_layers import convert
 from zoo.checkpoints.keras_model import KerasLayer, KerasModel
 from zoo.checkpoints.keras_specs import ORDERS
@@ -39,7 +39,7 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
     """
     if isinstance(network, Sequential):
         return _load_converted(network, path)
-    model = read_keras(path, find_json=False, as_chain=False)
+    model = read_keras_apart(path, None, False, False)
     pairs = [pair for layer in model.layers for pair in _pairs(layer)]
     kind = type(network).__name__
     places = [m for m in network.modules() if isinstance(m, WithWeights)]
@@ -92,7 +92,7 @@ def _load_converted(network: Sequential, path: Path) -> str:
     """Load the weights of a network that was converted from the file."""
     from zoo.checkpoints.checkpoint import check_fit
 
-    model = read_keras(path)
+    model = read_keras_apart(path)
     state = convert(model, scale=network.scale).state
     fix = "set model.layers=null for the file's own layers"
     check_fit(network.state_dict(), state, "model.layers", path, fix)

@@ -7,7 +7,8 @@ commands. The difference moves it off that course, and the command returns it: a
 
 import numpy as np
 
-from datamodules.samples import MAX_STEERING_DEG, MPS_PER_MPH, WHEELBASE_M
+from datamodules.driving_log import MAX_STEERING_DEG
+from datamodules.samples import MPS_PER_MPH, WHEELBASE_M
 
 # A car returns to its course as by pure pursuit of a point this far ahead: what the side cameras
 # teach with data.offset=0.275.

@@ -12,6 +12,7 @@ from typing import Any
 MOST_BYTES = 100_000
 MOST_OBJECTS = 10_000
 MOST_LEVELS = 20
+MOST_DIGITS = 10  # of 15 bits each, of a whole number
 # Whole numbers before the code, and objects after it, in Python 2.7, 3.0, 3.8 and 3.11.
 LAYOUTS = {"2.7": (4, 8), "3.0": (5, 8), "3.8": (6, 8), "3.11": (5, 9)}
 SINGLE = {"N": None, "T": True, "F": False, ".": ..., "0": None, "S": None}
@@ -56,6 +57,7 @@ class _Reader:
         self.data, self.layout, self.at = data, layout, 0
         self.count = 0
         self.shared: list = []  # objects that later ones refer to
+        self.counts: dict[int, tuple[int, tuple]] = {}  # values of a tuple, by its `id`
         self.interned: list = []  # of Python 2
 
     def read(self, depth: int) -> Any:
@@ -81,6 +83,8 @@ class _Reader:
             return struct.unpack("<q", self._take(8))[0]
         if kind == "l":
             digits = self._long()
+            if abs(digits) > MOST_DIGITS:
+                raise ValueError("too long")
             parts = struct.unpack(f"<{abs(digits)}H", self._take(2 * abs(digits)))
             size = sum(part << 15 * number for number, part in enumerate(parts))
             return size if digits > 0 else -size
@@ -104,10 +108,18 @@ class _Reader:
             length = self._take(1)[0] if kind == ")" else self._long()
             if not 0 <= length <= MOST_OBJECTS:
                 raise ValueError("too long")
-            return tuple(self.read(depth + 1) for _ in range(length))
+            return self._counted(tuple(self.read(depth + 1) for _ in range(length)))
         if kind == "c":
             return self._code(depth)
         raise ValueError(f"unknown kind {kind!r}")
+
+    def _counted(self, found: tuple) -> tuple:
+        """Return a tuple; raise ValueError for too many values, each counted where it is used."""
+        count = 1 + sum(self.counts[id(one)][0] if id(one) in self.counts else 1 for one in found)
+        if count > MOST_OBJECTS:
+            raise ValueError("too many values")
+        self.counts[id(found)] = count, found
+        return found
 
     def _code(self, depth: int) -> Code:
         whole, objects = LAYOUTS[self.layout]

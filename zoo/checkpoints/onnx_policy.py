@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from datamodules.errors import InputError
-from datamodules.regular_file import read_regular
 from datamodules.view import View
+from zoo.base.errors import InputError
+from zoo.base.regular_file import read_regular
 from zoo.checkpoints.command import Command, output_command
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.models.window import Window
@@ -54,7 +54,12 @@ class OnnxPolicy(SessionPolicy):
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
         self.session = open_session(self.path, threads)
-        card = _read_card(self.path, self.session)
+        try:
+            card = _read_card(self.path, self.session)
+        except UnicodeDecodeError:  # of onnxruntime, for any text in the file
+            raise InputError(
+                f"{self.path}: its {CARD} metadata cannot be used (not UTF-8); export it again"
+            ) from None
         self.view, self.config, self.data = card["view"], card["config"], card["data"]
         self.name, self.parameters = card["network"], card["parameters"]
         self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
@@ -102,7 +107,12 @@ class OnnxPolicy(SessionPolicy):
     def _run(self, inputs: dict[str, np.ndarray], *state: np.ndarray) -> list[np.ndarray]:
         """Return the outputs and the new state."""
         states = {f"{STATE}{number}": one for number, one in enumerate(state)}
-        return self.session.run(None, inputs | states)
+        try:
+            return self.session.run(None, inputs | states)
+        except Exception as error:  # onnxruntime raises any error on a damaged graph
+            raise InputError(
+                f"{self.path}: its graph cannot be run ({type(error).__name__}); export it again"
+            ) from None
 
     def _first_state(self, count: int) -> list[np.ndarray]:
         """Return zeros, the state before the first frame, for `count` cars."""
@@ -165,8 +175,8 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
 
 def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
     """Return the metadata that `zoo.export` wrote, with the view as a `View`."""
+    from zoo.base.bounded_files import check_text, parse_json
     from zoo.checkpoints.checkpoint import FORMAT  # imports torch
-    from zoo.runs.bounded_files import check_text, parse_json
 
     text = session.get_modelmeta().custom_metadata_map.get(CARD)
     if text is None:
@@ -195,7 +205,7 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
     except (InputError, ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
         reason = str(error) or type(error).__name__
         raise InputError(
-            f"{path}: its {CARD} metadata cannot be used ({reason}); export it again"
+            f"{path}: its {CARD} metadata cannot be used ({reason:.200}); export it again"
         ) from None
 
 

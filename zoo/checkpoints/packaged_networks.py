@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from datamodules.terminal import error_line
+from zoo.base.terminal import error_line
 
 FOLDER = Path(__file__).with_name("packaged")
 

@@ -10,8 +10,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from datamodules.errors import InputError
-from datamodules.terminal import error_line
+from zoo.base.errors import InputError
+from zoo.base.terminal import error_line
 from zoo.cli.parts import Part, part_class, part_of, unknown_part
 
 

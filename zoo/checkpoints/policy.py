@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import (
     Checkpoint,
     build_checkpoint,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.terminal import printable
+from zoo.base.terminal import command_line, printable
 from zoo.cli.parts import typed_parts
 from zoo.cli.verbosity import is_quiet
 
@@ -33,7 +32,7 @@ def print_written(
         _print(f"wrote: {path}", console)
     words = [str(one) for one in following]
     if words:
-        print_next(shlex.join(["drivezoo", *words]), console=console)
+        print_next(command_line(["drivezoo", *words]), console=console)
 
 
 def print_next(command: str, purpose: str = "", console: Console | None = None) -> None:
@@ -44,20 +43,18 @@ def print_next(command: str, purpose: str = "", console: Console | None = None) 
     if is_quiet():
         return
     if _takes_parts(command) and (parts := typed_parts()):
-        command = f"{command} {shlex.join(parts)}"
+        command = f"{command} {command_line(parts)}"
     _print(f"next: {command}{f'  # {purpose}' if purpose else ''}", console)
 
 
 def _takes_parts(command: str) -> bool:
-    """Return whether a command is a training or a command of drivezoo that reads `parts=`.
+    """Return whether a command is one of drivezoo that reads `parts=`.
 
-    >>> [_takes_parts(f"{one} x") for one in ("python -m zoo", "drivezoo drive", "drivezoo check")]
+    >>> [_takes_parts(f"{one} x") for one in ("drivezoo train", "drivezoo drive", "drivezoo check")]
     [True, True, False]
     """
     words = command.split()
-    if words[0] == "drivezoo":
-        return words[1] not in ("check", "simulator")
-    return words[:3] == ["python", "-m", "zoo"]
+    return words[0] == "drivezoo" and words[1] not in ("check", "simulator")
 
 
 def _print(line: str, console: Console | None) -> None:

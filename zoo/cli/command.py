@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 from zoo.cli.conf_files import Key, command_keys
 from zoo.cli.parts import KEY, MEANING
 

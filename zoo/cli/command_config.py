@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.cli.nearest import hint
 

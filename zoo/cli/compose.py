@@ -19,7 +19,7 @@ PATH_KEYS = (
     "hydra.run.dir",
     "hydra.sweep.dir",
 )
-LISTS_ALL = "python -m zoo --help lists all"
+LISTS_ALL = "drivezoo train --help lists all"
 NO_PATHS = ("", "null", "true", "false")
 
 # Groups in `conf` that are not part of the training config: driver, simulator, Hydra.
@@ -140,7 +140,7 @@ def explain(error: HydraException, arguments: list[str]) -> str:
         if "=" not in one and not one.startswith(("-", "~")):
             return f"{one}: expected key=value, such as data.root={one}; {LISTS_ALL}"
     first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
-    return f"{first} (in: {' '.join(arguments)}); python -m zoo --help lists all keys"
+    return f"{first} (in: {' '.join(arguments)}); drivezoo train --help lists all keys"
 
 
 def valid_keys() -> list[str]:
@@ -165,12 +165,12 @@ def config_groups() -> list[str]:
 
 
 def compose_config(overrides: list[str]) -> dict:
-    """Return the config of `python -m zoo *overrides` as plain containers."""
+    """Return the config of `drivezoo train *overrides` as plain containers."""
     return compose_with_choices(overrides)[0]
 
 
 def compose_with_choices(overrides: list[str]) -> tuple[dict, dict[str, str | None]]:
-    """Return the config of `python -m zoo *overrides`, and the chosen name of each group."""
+    """Return the config of `drivezoo train *overrides`, and the chosen name of each group."""
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
 

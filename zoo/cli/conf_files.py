@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.parts import named_parts
 
 _LINE = re.compile(r"(?P<indent> *)(?P<key>\w+):(?P<value>[^#]*)(?:#\s*(?P<comment>.*))?$")
@@ -33,6 +33,11 @@ def conf_folder() -> Path:
     return shipped_folder("conf")
 
 
+def is_conf_folder(folder: Path) -> bool:
+    """Return whether a folder is `conf_folder()`, as `conf` is in a checkout."""
+    return folder.is_dir() and folder.samefile(conf_folder())
+
+
 def shipped_folder(name: str) -> Path:
     """Return a folder of the checkout's top, which an installed package has inside."""
     package = Path(__file__).parents[1]
@@ -48,7 +53,7 @@ def part_folders() -> list[Path]:
     Raises:
         InputError: a file's part has a YAML file of the same group and name as drivezoo.
     """
-    parts = [one for one in named_parts() if one.conf]
+    parts = [one for one in named_parts() if one.conf and not is_conf_folder(one.conf)]
     for folder in dict.fromkeys(one.conf for one in parts if one.file):
         for path in sorted(folder.glob("*/*.yaml")):
             if (conf_folder() / path.relative_to(folder)).exists():

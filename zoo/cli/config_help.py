@@ -1,4 +1,4 @@
-"""Help of `python -m zoo`: usage, the choices of each group, and every key of the config.
+"""Help of `drivezoo train`: usage, the choices of each group, and every key of the config.
 
 Hydra's own help would also list groups of the driver and the simulator, which share `conf`.
 """
@@ -10,18 +10,18 @@ from zoo.cli.command import help_row
 from zoo.cli.compose import choices, compose_with_choices, config_groups, quote_paths
 from zoo.cli.conf_files import choice_files, conf_folder, keys_of
 
-ABOUT = """usage: python -m zoo [key=value...]
+ABOUT = """usage: drivezoo train [key=value...]
 
 Trains, tests and reports one experiment; with -m, a sweep.
 
-  python -m zoo experiment=first_try data.root=FOLDER    train a network that drives, in minutes
-  python -m zoo data.root=FOLDER                         train nvidia on a recording
-  python -m zoo experiment=tiny41 data.root=FOLDER       train by a published recipe
-  python -m zoo -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
-  python -m zoo resume=RUN_FOLDER                        resume a run that was stopped
+  drivezoo train experiment=first_try data.root=FOLDER    train a network that drives, in minutes
+  drivezoo train data.root=FOLDER                         train nvidia on a recording
+  drivezoo train experiment=tiny41 data.root=FOLDER       train by a published recipe
+  drivezoo train -m model=lenet,nvidia data.root=FOLDER   train a sweep of two runs
+  drivezoo train resume=RUN_FOLDER                        resume a run that was stopped
     trust=my.module.Class                                allow its config to name your own class
-  python -m zoo parts=my_net.py model=my_net             train a network of your own file
-  python -m zoo model=tiny --help                        show the keys and values of model=tiny
+  drivezoo train parts=my_net.py model=my_net             train a network of your own file
+  drivezoo train model=tiny --help                        show the keys and values of model=tiny
 
 See also: drivezoo models (list of networks), drivezoo preview (images that a network is fed),
 drivezoo check (check of a recording)."""

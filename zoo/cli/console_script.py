@@ -1,12 +1,14 @@
 """Console script `drivezoo COMMAND [argument] [key=value ...]`."""
 
 import ast
-import os
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
+from zoo.base.errors import InputError
+from zoo.base.module_start import run_module
+from zoo.base.standard_output import forgiving_output
+from zoo.base.terminal import error_line
 from zoo.cli.nearest import hint
 from zoo.cli.version import FLAGS, version_line
 
@@ -39,14 +41,9 @@ def main() -> int:
     name, *rest = sys.argv[1:] or ["--help"]
     modules = commands()
     if name in HELP:
-        try:
-            print(help_text(modules), flush=True)
-        except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return _print(help_text(modules))
     if name in FLAGS:
-        print(version_line())
-        return 0
+        return _print(version_line())
     if name in LISTED:
         name, rest = "list", [name, *rest]
     if name not in modules:
@@ -55,15 +52,26 @@ def main() -> int:
             near = f"did you mean drivezoo train {shlex.join([name, *rest])}?"
         print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
         return WRONG_USE
-    command = [sys.executable, "-m", modules[name], *rest]
-    if os.name == "posix":
-        os.execv(sys.executable, command)
-    return subprocess.call(command)  # on Windows, exec returns before the command ends
+    run_module(modules[name], rest)
+    return 0
+
+
+def _print(text: str) -> int:
+    """Print a text, and return the exit status."""
+    try:
+        with forgiving_output():
+            print(text)
+    except InputError as error:
+        print(error_line("drivezoo", error), file=sys.stderr)
+        return 1
+    return 0
 
 
 def commands() -> dict[str, str]:
     """Return the module that `python -m` runs for each command, by the command's name."""
-    files = [path for path in PACKAGE.glob("*.py") if "__main__" in path.read_text()]
+    files = [
+        path for path in PACKAGE.glob("*.py") if "__main__" in path.read_text(encoding="utf-8")
+    ]
     names = [path.stem for path in files if not path.stem.startswith("__")]
     names += [path.parent.name for path in PACKAGE.glob("*/__main__.py")]
     return OTHERS | {name: f"zoo.{name}" for name in sorted(names)}
@@ -79,5 +87,7 @@ def help_text(modules: dict[str, str]) -> str:
 def _purpose(module: str) -> str:
     place = PACKAGE.parent.joinpath(*module.split("."))
     path = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
-    first = (ast.get_docstring(ast.parse(path.read_text())) or "").partition("\n\n")[0]
+    first = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition(
+        "\n\n"
+    )[0]
     return " ".join(first.split()).rpartition("`: ")[2].rstrip(".")

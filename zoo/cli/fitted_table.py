@@ -1,6 +1,7 @@
 """Table for a terminal; columns of figures that do not fit are left out."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 LEAST = 8  # least width of a column of names, in characters
+LONGEST_WORD = 16  # a longer word is broken
 ENOUGH = 14  # its width before less important figures are shown
 FRAME = 3  # width of a column's border and padding
 
@@ -24,8 +26,37 @@ class Cells:
     @property
     def width(self) -> int:
         """Return the width of the longest line."""
-        lines = [line for one in (self.heading, *self.cells) for line in one.splitlines()]
-        return max(map(cell_len, lines), default=0)
+        return _widest(line for one in (self.heading, *self.cells) for line in one.splitlines())
+
+    @property
+    def least(self) -> int:
+        """Return the width that breaks no word, or `LONGEST_WORD` if one is longer."""
+        words = [word for one in (self.heading, *self.cells) for word in _words(one)]
+        return min(_widest(words), LONGEST_WORD)
+
+
+def wrapped(text: str, width: int) -> str:
+    r"""Return a text with line breaks after `/`, `,`, `=` and blanks.
+
+    Lines are at most `width` long, except those of a longer word.
+
+    >>> wrapped("2026-11-21/10-00-01, my_lenet", 12)
+    '2026-11-21/\n10-00-01,\nmy_lenet'
+    """
+    lines = [""]
+    for word in _words(text):
+        if lines[-1].endswith("\n") or cell_len((lines[-1] + word).rstrip()) > width:
+            lines.append("")
+        lines[-1] += word
+    return "\n".join(line.rstrip() for line in lines if line)
+
+
+def _words(text: str) -> list[str]:
+    return re.findall(r"[^\s/,=]*[/,=]*\s*", text)[:-1]  # the last one is empty
+
+
+def _widest(texts: Iterable[str]) -> int:
+    return max((cell_len(one.rstrip()) for one in texts), default=0)
 
 
 def fits(columns: Sequence[Cells], least: int, width: int) -> bool:
@@ -49,24 +80,37 @@ def fitted_table(
     left_out: list[Cells] = []
     for number, figure in enumerate(figures):
         room = width - sum(one.width + FRAME for one in [*chosen, figure])
-        has_room = fits(names, LEAST if number < first else ENOUGH, room)
+        least = LEAST if number < first else max(ENOUGH, *(one.least for one in names))
+        has_room = fits(names, least, room)
         (chosen if has_room else left_out).append(figure)
     widths = _widths(names, width - sum(one.width + FRAME for one in chosen))
     table = Table(title=Text(title, style="table.title"), title_justify="left")
     for column, wide in zip(names, widths, strict=True):
-        table.add_column(Text(column.heading), justify=column.justify, overflow="fold", width=wide)
+        heading = Text(wrapped(column.heading, wide))
+        table.add_column(heading, justify=column.justify, overflow="fold", width=wide)
     for column in chosen:
         table.add_column(Text(column.heading), justify=column.justify, width=column.width)
-    shown = [column.cells for column in (*names, *chosen)]
+    shown = [
+        tuple(wrapped(cell, wide) for cell in column.cells)
+        for column, wide in zip(names, widths, strict=True)
+    ]
+    shown += [column.cells for column in chosen]
     for place, cells in enumerate(zip(*shown, strict=True)):
         table.add_row(*map(Text, cells), style=None if place else "bold")
     return table, left_out
 
 
 def _widths(columns: Sequence[Cells], width: int) -> list[int]:
-    """Return the columns' widths in characters, which share `width`; the narrowest grow first."""
-    widths = [min(one.width, LEAST) for one in columns]
+    """Return the columns' widths in characters, which share `width`; the narrowest grow first.
+
+    Words are broken only where all columns together have too little room for whole ones, in the
+    widest columns.
+    """
+    widths = [min(one.width, max(one.least, LEAST)) for one in columns]
     room = width - 1 - FRAME * len(columns) - sum(widths)
+    while room < 0 and max(widths) > LEAST:
+        widths[widths.index(max(widths))] -= 1
+        room += 1
     while room > 0:
         short = [n for n, one in enumerate(columns) if widths[n] < one.width]
         if not short:

@@ -19,11 +19,12 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
 
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
@@ -139,26 +140,54 @@ def import_part(part: Part, module: str) -> object:
             raise InputError(
                 f"{part.file}: Python has another module {module} ({place}); rename the file"
             )
-    try:
+    with part_errors(part):
         return importlib.import_module(module)
-    except InputError:
+
+
+@contextmanager
+def part_errors(part: Part | None) -> Iterator[None]:
+    """Turn any error of a part's code, `sys.exit` included, into one line with its file and line.
+
+    Raises:
+        InputError: the part's code raised an error.
+    """
+    try:
+        yield
+    except (InputError, KeyboardInterrupt):
         raise
-    except Exception as error:
-        place = error_place(error, part)
-        raise InputError(f"{place}: {type(error).__name__}: {error}; correct it") from error
+    except BaseException as error:
+        if part is None:
+            raise
+        raise _in_one_line(error, part, _lines_in(part, error)) from error
 
 
-def error_place(error: BaseException, part: Part) -> str:
-    """Return the part's file and the line where an error was raised."""
+def part_failure(error: BaseException) -> InputError | None:
+    """Return an error of one line if the code of a part that the user named raised it."""
+    try:
+        parts = named_parts()
+    except InputError:  # the first error was that a part does not exist
+        return None
+    found = ((part, _lines_in(part, error)) for part in parts)
+    return next((_in_one_line(error, part, lines) for part, lines in found if lines), None)
+
+
+def _lines_in(part: Part, error: BaseException) -> list[int | None]:
+    """Return the lines of a part's file through which an error passed."""
     file = str(part.file or getattr(sys.modules.get(part.module), "__file__", "") or part.name)
-    lines = [
-        one.lineno for one in traceback.extract_tb(error.__traceback__) if one.filename == file
-    ]
-    return f"{part.name}: line {lines[-1]}" if lines else part.name
+    frames = traceback.extract_tb(error.__traceback__)
+    return [one.lineno for one in frames if one.filename == file]
+
+
+def _in_one_line(error: BaseException, part: Part, lines: list[int | None]) -> InputError:
+    place = f"{part.name}: line {lines[-1]}" if lines else part.name
+    reason = " ".join(str(error).split())
+    return InputError(f"{place}: {type(error).__name__}: {reason:.300}; correct it")
 
 
 def unknown_part(target: object) -> str:
-    """Return the remedy for a class that no part defines."""
+    """Return the remedy for a class that no part defines, or that is no network."""
+    if part := part_of(target):
+        return f"{part.name} defines no such network; derive the class from torch.nn.Module"
     module = str(target).rpartition(".")[0]
     name = module if "." in module else f"{module}.py"
     return f"if you have {name:.100} and trust it, add {KEY}={name:.100}"

@@ -6,11 +6,11 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from datamodules.early_interrupt import raise_again
-from datamodules.errors import InputError, UsageError
-from datamodules.terminal import error_line, guard_rich
-from zoo.cli.forgiving_output import ForgivingOutput
-from zoo.cli.parts import take_parts
+from zoo.base.early_interrupt import raise_again
+from zoo.base.errors import InputError, UsageError
+from zoo.base.standard_output import forgiving_output
+from zoo.base.terminal import error_line, guard_rich
+from zoo.cli.parts import part_failure, take_parts
 from zoo.cli.stop_errors import StoppedError
 from zoo.cli.verbosity import is_verbose, take_verbosity
 from zoo.cli.version import FLAGS, version_line
@@ -37,30 +37,23 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     A failure of standard output does not end the command; it is reported at the end.
     """
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a terminal's encoding may lack some characters
     failure: Exception | None = None
-    before = sys.stdout
-    output = ForgivingOutput(before) if before else None  # None if the shell closed it: `>&-`
-    sys.stdout = output
     try:
-        raise_again()
-        check_arguments(arguments)
-        guard_rich()
-        arguments = take_parts(take_verbosity(arguments))
-        if set(arguments).isdisjoint(FLAGS):
-            command(arguments)
-        else:
-            print(version_line())
-        if output:
-            output.flush()
+        with forgiving_output():
+            raise_again()
+            check_arguments(arguments)
+            guard_rich()
+            arguments = take_parts(take_verbosity(arguments))
+            if set(arguments).isdisjoint(FLAGS):
+                command(arguments)
+            else:
+                print(version_line())
     except KeyboardInterrupt:
         failure = StoppedError("stopped")
-    except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except Exception as error:
+    except BaseException as error:  # a part may raise any
         failure = expected_failure(error, arguments)
+        if failure is None and not isinstance(error, Exception):
+            raise
         if failure is None:
             traceback.print_exc()
             print(
@@ -69,13 +62,6 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
                 file=sys.stderr,
             )
             return FAILED
-    finally:
-        sys.stdout = before
-    if failure is None and output and output.failure:
-        failure = InputError(
-            f"standard output: {output.failure.strerror}; the command finished, but some lines "
-            "were not printed: redirect them to a disk with free space"
-        )
     if failure is None:
         return 0
     if is_verbose():
@@ -86,11 +72,13 @@ def run_command(name: str, command: Callable[[list[str]], None], arguments: list
     return WRONG_USE if isinstance(failure, UsageError) else FAILED
 
 
-def expected_failure(error: Exception, arguments: list[str]) -> Exception | None:
+def expected_failure(error: BaseException, arguments: list[str]) -> Exception | None:
     """Return an error of one line for input that the user can fix, or a stop; else None."""
     if isinstance(error, InputError | StoppedError):
         return error
-    return StoppedError("stopped") if was_stopped(error) else explain_failure(error, arguments)
+    if was_stopped(error):
+        return StoppedError("stopped")
+    return part_failure(error) or explain_failure(error, arguments)
 
 
 def was_stopped(error: BaseException | None) -> bool:
@@ -123,7 +111,7 @@ def check_arguments(arguments: list[str]) -> None:
                 )
 
 
-def explain_failure(error: Exception, arguments: list[str]) -> InputError | None:
+def explain_failure(error: BaseException, arguments: list[str]) -> InputError | None:
     """Return an error that the user can fix: config, disk or memory; None for other errors."""
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
@@ -141,7 +129,7 @@ def explain_failure(error: Exception, arguments: list[str]) -> InputError | None
         return InputError("an argument or a file is nested too deeply; use fewer levels")
     if isinstance(error, ValueError) and str(error).startswith("Config group override"):
         nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
-        return UsageError(f"{nulls}: name a choice; python -m zoo --help lists all")
+        return UsageError(f"{nulls}: name a choice; drivezoo train --help lists all")
     if isinstance(error, OSError) and error.strerror is not None:
         return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None

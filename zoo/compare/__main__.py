@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
+from zoo.base.written_files import check_output
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
@@ -27,6 +27,7 @@ class CompareOptions:
 
     out: str
     table: str | None
+    columns: str | None
     plot: str | None
 
 
@@ -39,18 +40,21 @@ def compare(
         InputError: a result cannot be read, the results are of different roads, or a file cannot
             be written.
     """
+    from zoo.benchmark.result import NAME
     from zoo.compare.compared_entries import ComparedEntries
+    from zoo.compare.comparison_table import HEADINGS
     from zoo.runs.result_table import check_plot, check_table, write_asked
 
-    check_table(options.table)
+    check_table(options.table, options.columns, HEADINGS)
     check_plot(options.plot)
-    result = ComparedEntries.read(first, second)
     out = Path(options.out).expanduser()
-    try:
-        written = result.write(out)
-    except OSError as error:
-        raise InputError(f"out={out}: {error.strerror}; name another file") from None
-    return result, [written, *write_asked(result, options.table, options.plot)]
+    given = [Path(one).expanduser() for one in (first, second)]
+    check_output(out, inputs=[*given, *(one / NAME for one in given)])
+    result = ComparedEntries.read(first, second)
+    return result, [
+        result.write(out),
+        *write_asked(result, options.table, options.plot, options.columns),
+    ]
 
 
 def command(arguments: list[str]) -> None:

@@ -1,18 +1,18 @@
 """The result of `drivezoo compare`: its table and its plot."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from zoo.compare.comparison_table import HEADINGS, comparison_cells, conclusion
+from zoo.base.whole_file import json_text, write_output
+from zoo.compare.comparison_table import HEADINGS, INTERVALS, comparison_cells, conclusion
 from zoo.compare.differences import Comparison, compare_entries
 from zoo.compare.paired_drives import Entry, read_pair
 from zoo.drives.interval_plot import interval_plot
-from zoo.runs.result_table import Cell, Result, ResultTable
-from zoo.runs.whole_file import json_text, write_whole
+from zoo.runs.result_table import Cell, Result, ResultTable, TableColumn
+from zoo.runs.table_text import interval_figures
 
 VERSION = 1  # of the JSON file
 ESTIMATES = ("autonomy", "cte_mean_m", "a_better")
@@ -53,9 +53,14 @@ class ComparedEntries(Result):
 
     def result_table(self) -> ResultTable:
         """Return a row for each group of roads; differences are A minus B."""
-        rows = [{"group": name, **_figures(one)} for name, one in self.groups.items()]
-        headings = [" ".join(one.split()) for one in HEADINGS]
-        return ResultTable(rows, headings, comparison_cells(self.groups))
+        figures = {"group": {}} | _figures(list(self.groups.values()))
+        texts = zip(*comparison_cells(self.groups), strict=True)
+        columns = [
+            TableColumn(name, heading, cells, figures[name])
+            for (name, heading), cells in zip(HEADINGS.items(), texts, strict=True)
+        ]
+        names = f"A: {self.a.result.entry}, B: {self.b.result.entry}"
+        return ResultTable(columns, f"A minus B; {names}. In brackets: {INTERVALS}")
 
     def plot(self) -> Figure:
         """Return the difference in autonomy of each group with its 95 % interval."""
@@ -66,7 +71,7 @@ class ComparedEntries(Result):
         """Write all figures as JSON; return the path.
 
         Raises:
-            OSError: the file cannot be written.
+            InputError: see `write_output`.
         """
         written = {
             "version": VERSION,
@@ -76,24 +81,22 @@ class ComparedEntries(Result):
             "b": {"entry": self.b.result.entry, "training_seeds": self.b.seeds},
             "groups": {name: asdict(one) for name, one in self.groups.items()},
         }
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return write_whole(path, json_text(written))
+        return write_output(path, json_text(written))
 
 
-def _figures(one: Comparison) -> dict[str, Cell]:
-    figures: dict[str, Cell] = {"roads": one.roads}
-    figures |= {f"{name}_a": value for name, value in one.a.items()}
-    figures |= {f"{name}_b": value for name, value in one.b.items()}
+def _figures(compared: Sequence[Comparison]) -> dict[str, dict[str, Sequence[Cell]]]:
+    """Return by printed column its figures in the groups, by name."""
+    found: dict[str, dict[str, Sequence[Cell]]] = {
+        "roads": {"roads": [one.roads for one in compared]}
+    }
     for name in ESTIMATES:
-        estimate = getattr(one, name)
-        figures |= {
-            name: estimate.value,
-            f"{name}_low": _known(estimate.low),
-            f"{name}_high": _known(estimate.high),
-        }
-    needed = {"needed": one.needed.reason, "needed_seeds": one.needed.seeds}
-    return figures | {"verdict": one.verdict} | needed
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+        found[name] = {**interval_figures(name, [getattr(one, name) for one in compared])}
+    for name in compared[0].a:
+        found[name] |= {f"{name}_a": [one.a[name] for one in compared]}
+        found[name] |= {f"{name}_b": [one.b[name] for one in compared]}
+    found["verdict"] = {
+        "verdict": [one.verdict for one in compared],
+        "needed": [one.needed.reason for one in compared],
+        "needed_seeds": [one.needed.seeds for one in compared],
+    }
+    return found

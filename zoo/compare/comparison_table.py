@@ -1,6 +1,5 @@
 """A comparison as a table and lines for the terminal."""
 
-import math
 from collections.abc import Mapping
 
 from rich.box import SIMPLE_HEAD
@@ -8,24 +7,26 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from datamodules.terminal import printable
+from zoo.base.terminal import printable
 from zoo.compare.differences import A_BETTER, CANNOT_TELL, OVERALL, Comparison, Needed, verdict_on
 from zoo.compare.paired_drives import Entry
 from zoo.drives.bootstrap import Estimate
+from zoo.runs.table_text import known, two_lines, with_interval
 
-CAPTION = (
-    "Below each figure: its 95 % interval (bootstrap over roads and training seeds). Each verdict "
+INTERVALS = (
+    "95 % interval (bootstrap over roads and training seeds), from three roads on. Each verdict "
     "is by autonomy and for its row alone: one of 20 equal pairs is told apart by chance. To tell: "
     "training seeds of each entry that would decide with a probability of 80 %."
 )
-HEADINGS = (
-    "group",
-    "drives",
-    "autonomy,\npoints",
-    "mean error,\nm",
-    "A better,\n%",
-    "verdict,\nto tell",
-)
+CAPTION = f"Below each figure: its {INTERVALS}"
+HEADINGS = {
+    "group": "group",
+    "roads": "drives",
+    "autonomy": "autonomy,\npoints",
+    "cte_mean_m": "mean error,\nm",
+    "a_better": "A better,\n%",
+    "verdict": "verdict,\nto tell",
+}
 NEEDED = {
     "decided": "",
     "equal": "equal",
@@ -36,8 +37,8 @@ NEEDED = {
 ADVICE = {
     "equal": "both have the same autonomy, so no number of training seeds can be named; use a "
     "suite of harder roads",
-    "roads": "to tell: more roads, because the difference varies too much between these; more "
-    "training seeds would not decide",
+    "roads": "to tell: more roads, three or more, because the difference varies too much between "
+    "these; more training seeds would not decide",
     "many": "more than 100 training seeds of each entry would be needed to tell",
     "unknown": (
         "how many training seeds would be needed cannot be estimated from one training seed; "
@@ -52,13 +53,13 @@ def print_comparison(
     """Print a row for each group, then the verdict, its limits and the training seeds needed."""
     table = Table(title="A minus B", caption=CAPTION, box=SIMPLE_HEAD, show_edge=False)
     table.caption_justify = "left"
-    first, *figures, last = HEADINGS
+    first, *figures, last = HEADINGS.values()
     table.add_column(first, no_wrap=True)
     for heading in figures:
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column(last, justify="right", min_width=10)
     for group, *cells in comparison_cells(comparisons):
-        table.add_row(Text(printable(group)), *cells)
+        table.add_row(Text(printable(group)), *map(two_lines, cells))
     for name, entry in (("A", a), ("B", b)):
         seeds = f"{entry.seeds} training seed{'' if entry.seeds == 1 else 's'}"
         how = seeds if entry.is_trained else "a baseline without training"
@@ -69,14 +70,14 @@ def print_comparison(
 
 
 def comparison_cells(comparisons: Mapping[str, Comparison]) -> list[list[str]]:
-    """Return the texts of each group's row, those of figures in two lines."""
+    """Return the texts of each group's row."""
     return [
         [
             group,
             str(one.roads),
-            two_lines(one.autonomy, "{:+.1f}", 100),
-            two_lines(one.cte_mean_m, "{:+.2f}"),
-            two_lines(one.a_better, "{:.0f}", 100),
+            _estimate(one.autonomy, "{:+.1f}", 100),
+            _estimate(one.cte_mean_m, "{:+.2f}"),
+            _estimate(one.a_better, "{:.0f}", 100),
             f"{one.verdict.replace(' drives', '')}\n{needed_text(one.needed)}",
         ]
         for group, one in comparisons.items()
@@ -91,7 +92,8 @@ def conclusion(a: Entry, b: Entry, comparisons: Mapping[str, Comparison]) -> lis
     lines = [f"verdict: {overall.verdict} ({figures})"]
     if (nearer := verdict_on(overall.cte_mean_m)) != CANNOT_TELL:
         name = "B" if nearer == A_BETTER else "A"  # A_BETTER: A's error is greater
-        metres = two_lines(overall.cte_mean_m, "{:+.2f}").replace("\n", " m, 95 %: ")
+        metres = two_lines(_estimate(overall.cte_mean_m, "{:+.2f}"))
+        metres = metres.replace("\n", " m, 95 %: ")
         lines.append(f"mean error: {name} stays nearer to the centre ({metres} m)")
     if single := [one for one in (a, b) if one.seeds == 1 and one.is_trained]:
         named = " and ".join(one.result.entry for one in single)
@@ -125,16 +127,10 @@ def needed_text(needed: Needed) -> str:
     return NEEDED[needed.reason] if needed.seeds is None else f"{needed.seeds} seeds"
 
 
-def two_lines(figure: Estimate, form: str, factor: float = 1) -> str:
-    r"""Return a figure, multiplied by a factor, with its interval in a second line.
-
-    >>> two_lines(Estimate(0.1, -0.05, 0.25), "{:+.0f}", 100)
-    '+10\n-5..+25'
-    """
-    value, low, high = (
-        form.format(factor * one) for one in (figure.value, figure.low, figure.high)
-    )
-    return f"{value}\n{'no interval' if math.isnan(figure.low) else f'{low}..{high}'}"
+def _estimate(figure: Estimate, form: str, factor: float = 1) -> str:
+    """Return a figure, multiplied by a factor, with its interval."""
+    text = with_interval(figure, form, factor)
+    return f"{text} (no interval)" if known(figure.low) is None else text
 
 
 def percent(figures: Mapping[str, float]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from zoo.compare.paired_drives import Entry, Road
-from zoo.drives.bootstrap import Estimate, bootstrap, mean
+from zoo.drives.bootstrap import FEWEST_ROADS, Estimate, bootstrap, mean
 from zoo.drives.intervals import wilson_interval
 
 A_BETTER, B_BETTER, CANNOT_TELL = "A drives better", "B drives better", "cannot tell"
@@ -81,6 +81,8 @@ def compare_roads(a: Entry, b: Entry, roads: list[Road]) -> Comparison:
     verdict = verdict_on(difference)
     if verdict != CANNOT_TELL:
         needed = Needed(None, "decided")
+    elif len(roads) < FEWEST_ROADS:
+        needed = Needed(None, "roads")
     elif any(one.seeds == 1 and one.is_trained for one in (a, b)):
         needed = Needed(None, "unknown")
     else:
@@ -159,7 +161,7 @@ def _estimate(values: np.ndarray, limits: tuple[float, float]) -> Estimate:
     bounds are the means with the greatest such share at a limit.
     """
     found = bootstrap(values, mean, limits=limits)
-    if found.high - found.low > EQUAL:
+    if math.isnan(found.low) or found.high - found.low > EQUAL:
         return found
     share = wilson_interval(0, values.shape[-1])[1]
     low, high = (found.value + share * (limit - found.value) for limit in limits)

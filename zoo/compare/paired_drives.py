@@ -1,26 +1,13 @@
 """The drives of two results, paired by road and conditions."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from datamodules.errors import InputError
-from zoo.benchmark.result import BenchmarkResult, DriveRecord, read_result
-
-MOST_DRIVES = 5000  # of a result; a bootstrap of them takes 400 MB
-# Smallest and greatest possible value of each compared figure.
-LIMITS = {"autonomy": (0.0, 1.0), "cte_mean_m": (0.0, 1e6)}
-
-
-class Road(NamedTuple):
-    """A drive of the suite: its group, track, and settings as JSON."""
-
-    group: str
-    track: str
-    settings: str
+from zoo.base.errors import InputError
+from zoo.benchmark.checked_result import Road, read_result, roads_of, shown
+from zoo.benchmark.result import BenchmarkResult, DriveRecord
 
 
 @dataclass(frozen=True)
@@ -72,7 +59,7 @@ def read_pair(first: Path, second: Path) -> tuple[Entry, Entry]:
         for road in one.drives:
             if road not in other.drives:
                 raise InputError(
-                    f"{other.path}: drives: has no {_shown(road)}, which {one.path} has; "
+                    f"{other.path}: drives: has no {shown(road)}, which {one.path} has; "
                     "run the benchmark again"
                 )
     return a, b
@@ -80,39 +67,4 @@ def read_pair(first: Path, second: Path) -> tuple[Entry, Entry]:
 
 def _read_entry(path: Path) -> Entry:
     result = read_result(path)
-    if len(result.drives) > MOST_DRIVES:
-        raise InputError(
-            f"{path}: drives: has {len(result.drives):,}, more than {MOST_DRIVES:,}; "
-            "benchmark a smaller suite"
-        )
-    drives: dict[Road, dict[int, DriveRecord]] = {}
-    for number, one in enumerate(result.drives):
-        for figure, (smallest, greatest) in LIMITS.items():
-            if not smallest <= (value := one.figures[figure]) <= greatest:
-                raise InputError(
-                    f"{path}: drives.{number}.figures.{figure}: is {value:g}, should be "
-                    f"{smallest:g}..{greatest:g}; run the benchmark again"
-                )
-        road = Road(one.group, one.track, json.dumps(one.settings, sort_keys=True))
-        by_seed = drives.setdefault(road, {})
-        if one.checkpoint in by_seed:
-            raise InputError(
-                f"{path}: drives: checkpoint {one.checkpoint} has {_shown(road)} twice; "
-                "run the benchmark again"
-            )
-        by_seed[one.checkpoint] = one
-    numbers = range(len(result.checkpoints))
-    for road, by_seed in drives.items():
-        for number in numbers:
-            if number not in by_seed:
-                raise InputError(
-                    f"{path}: drives: checkpoint {number} has no {_shown(road)}; "
-                    "run the benchmark again"
-                )
-    ordered = {road: [by_seed[one] for one in numbers] for road, by_seed in drives.items()}
-    return Entry(path, result, ordered)
-
-
-def _shown(road: Road) -> str:
-    settings = f" with {road.settings}" if road.settings != "{}" else ""
-    return f"drive of {road.track}{settings} in group {road.group}"
+    return Entry(path, result, roads_of(result))

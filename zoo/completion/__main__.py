@@ -9,7 +9,7 @@ The script holds all words, so that a completion starts no Python. Print it agai
 
 import sys
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 from zoo.cli.command import Command
 from zoo.cli.nearest import hint
 from zoo.cli.run_command import run_command

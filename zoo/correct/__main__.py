@@ -6,9 +6,6 @@ arXiv:1011.0686). The same command with the same out= resumes a stopped correcti
 dot, such as data.root=FOLDER or optim.lr=0.0003, change the checkpoint's config.
 """
 
-import datetime
-import shlex
-import shutil
 import sys
 import time
 from pathlib import Path
@@ -16,7 +13,11 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.new_folder import command_folder, dated_folder
+from zoo.base.terminal import command_line
+from zoo.base.whole_file import refuse_links_out
+from zoo.base.written_files import remove_written
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
@@ -24,7 +25,6 @@ from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 from zoo.cli.stop_errors import StoppedError
 from zoo.runs.saved_config import TRUST, split_trust
-from zoo.runs.whole_file import refuse_links_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,20 +47,23 @@ class Correction:
         path: path of the checkpoint.
         options: options of the correction.
         overrides: overrides of the checkpoint's config.
+        folder: folder to write, which this process holds.
         console: console for progress and results.
     """
 
     def __init__(
-        self, path: str, options: "CorrectOptions", overrides: list[str], console: Console
+        self,
+        path: str,
+        options: "CorrectOptions",
+        overrides: list[str],
+        folder: Path,
+        console: Console,
     ) -> None:
         from zoo.correct.correct_rounds import open_progress
 
         self.path, self.options, self.console = path, options, console
         self.checkpoint, self.config = _trainable(path, options, overrides)
-        now = datetime.datetime.now()
-        out = options.out or f"outputs/corrections/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
-        self.folder = Path(out).expanduser().absolute()
-        refuse_links_out(self.folder)
+        self.folder = folder
         self.progress: Progress = open_progress(self.folder, path, options, overrides)
         self._source = _source(options, self.folder, console)
         self.progress.save(self.folder)
@@ -133,10 +136,8 @@ class Correction:
 
         path = self.folder / "own_split.csv"
         if not path.is_file():
-            part = path.with_suffix(".part")
             split = Path(self.path).absolute().parent.parent / "split.csv"
-            write_own_split(self.config, self.checkpoint, split, part, self.console)
-            part.rename(path)
+            write_own_split(self.config, self.checkpoint, split, path, self.console)
         return path
 
     def _finish(self, number: int, checkpoint: str, corrections: int) -> None:
@@ -145,7 +146,7 @@ class Correction:
         from zoo.evaluate.track_scores import how_well, score_on_tracks
 
         drives = self.folder / f"round-{number}" / "drives"
-        shutil.rmtree(drives, ignore_errors=True)  # left by a stopped correction
+        remove_written(drives)  # left by a stopped correction
         found = score_on_tracks(checkpoint, self.options.scored, drives, self.console)
         finished = Round(number, checkpoint, corrections, found.tracks)
         self.progress = self.progress.with_round(finished)
@@ -167,7 +168,10 @@ class Correction:
 
     def _print_plan(self, rounds: int) -> None:
         from zoo.correct.correct_options import FIRST_SEED
+        from zoo.verdict.evidence import no_verdict, source_of
 
+        if source := source_of(self.checkpoint.data):
+            self._print(no_verdict(source))
         done = len(self.progress.rounds) - 1
         if done >= 0:
             self._print(f"{self.folder}: resumed after round {done}")
@@ -235,28 +239,31 @@ def command(arguments: list[str]) -> None:
     given = read_options(COMMAND.name, CorrectOptions, own)
     check_correct_options(given)
     path = str(find_checkpoint(path))
-    from zoo.correct.correct_rounds import rounds_table
+    from zoo.correct.correct_rounds import NAME, rounds_table
 
     console = Console(soft_wrap=True)
-    with loading():
-        correction = Correction(path, given, overrides, console)
+    folder = Path(given.out or dated_folder("corrections")).expanduser().absolute()
+    refuse_links_out(folder)
     try:
-        progress = correction.run()
+        with command_folder(folder, "corrections", resumed_by=NAME):
+            with loading():
+                correction = Correction(path, given, overrides, folder, console)
+            progress = correction.run()
     except (KeyboardInterrupt, StoppedError):
         again = [path, *(one for one in rest if not one.startswith("out="))]
-        again.append(f"out={correction.folder}")
+        again.append(f"out={folder}")
         raise StoppedError(
             "stopped; finished rounds are kept; resume with: "
-            + shlex.join(["drivezoo", "correct", *again])
+            + command_line(["drivezoo", "correct", *again])
         ) from None
     console.print(rounds_table(progress.rounds))
     best = progress.best
     if best.number == 0:
         console.print("no round drives better than the original checkpoint", highlight=False)
-        print_written([correction.folder], ["correct", "--help"], console)
+        print_written([folder], ["correct", "--help"], console)
     else:
         console.print(f"best checkpoint: round {best.number}", highlight=False)
-        again = ["evaluate", best.checkpoint, f"track={given.track}", "seeds=5"]
+        again = ["benchmark", best.checkpoint, "suite=quick"]
         print_written([best.checkpoint], again, console)
 
 

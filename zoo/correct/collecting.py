@@ -1,20 +1,21 @@
 """Drives of a checkpoint, recorded with what the expert would have done at each frame."""
 
 import hashlib
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from rich.console import Console
 
-from datamodules.errors import InputError
-from simulator.errors import SimulatorError
 from simulator.recorder import IMAGE_FOLDER, LOG_NAME, Recorder, split_pedals
 from simulator.rig import CAMERAS
 from simulator.weather import read_weather
 from simulator.world import World
+from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.process_pool import drive_in_processes
+from zoo.base.whole_file import write_whole
 from zoo.checkpoints.command import (
     Command,
     PolicyFunction,
@@ -27,7 +28,6 @@ from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
 from zoo.drives.drive_record import DriveRow
 from zoo.evaluate.embedded_drive import instant_expert
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
-from zoo.evaluate.process_pool import drive_in_processes
 
 NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
 START_RANGE_S = 50 * 365 * 24 * 3600  # recordings start anywhere within 50 years
@@ -163,24 +163,24 @@ def collect(
     Raises:
         InputError: the simulator cannot open, the disk is full, or a process was killed.
     """
-    parts = folder.with_name(f"{folder.name}.parts")
-    shutil.rmtree(parts, ignore_errors=True)
     first = FIRST_SEED + (round_number - 1) * options.drives
-    jobs = []
-    for track in options.scored.tracks:
-        for seed in range(first, first + options.drives):
-            setup = Setup.of(options.scored, track, seed)
-            setup = replace(setup, weather=read_weather(options.weather))
-            digest = hashlib.sha256(f"{identity} {track} {seed}".encode()).digest()
-            begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
-            place = parts / f"{len(jobs):03d}"
-            jobs.append((checkpoint, setup, options, options.beta**round_number, begin_s, place))
-    with progress_bar(f"collecting {len(jobs)} drives", console) as show:
-        found = drive_in_processes(collect_drive, jobs, options.workers, show)
-        rows = sum(rows for _, rows in found)
-    if rows:
-        _join(sorted(parts.iterdir()), folder)
-    shutil.rmtree(parts, ignore_errors=True)
+    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as name:
+        parts, jobs = Path(name), []
+        for track in options.scored.tracks:
+            for seed in range(first, first + options.drives):
+                setup = Setup.of(options.scored, track, seed)
+                setup = replace(setup, weather=read_weather(options.weather))
+                digest = hashlib.sha256(f"{identity} {track} {seed}".encode()).digest()
+                begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
+                place = parts / f"{len(jobs):03d}"
+                jobs.append(
+                    (checkpoint, setup, options, options.beta**round_number, begin_s, place)
+                )
+        with progress_bar(f"collecting {len(jobs)} drives", console) as show:
+            found = drive_in_processes(collect_drive, jobs, options.workers, show)
+            rows = sum(rows for _, rows in found)
+        if rows:
+            _join(sorted(parts.iterdir()), folder)
     return rows
 
 
@@ -219,8 +219,6 @@ def collect_drive(
         with Recorder(folder, relative=True) as recorder:
             _record(recorder, world, drive.rows, policy.labels, keep, begin_s)
         world.pictures.close()
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
     finally:
         torch.set_num_threads(threads)
     return recorder.rows
@@ -255,15 +253,13 @@ def _record(
 
 def _join(parts: list[Path], folder: Path) -> None:
     """Join recordings with relative paths; the result gets its name when it is complete."""
-    whole = folder.with_name(f"{folder.name}.part")
-    shutil.rmtree(whole, ignore_errors=True)
-    (whole / IMAGE_FOLDER).mkdir(parents=True)
-    lines: list[str] = []
-    for part in parts:
-        if (part / LOG_NAME).is_file():
-            lines += (part / LOG_NAME).read_text().splitlines()
-            for image in (part / IMAGE_FOLDER).iterdir():
-                image.rename(whole / IMAGE_FOLDER / image.name)
-    # Lines begin with file names, and these with the time.
-    (whole / LOG_NAME).write_text("\n".join(sorted(lines)) + "\n")
-    whole.rename(folder)
+    with whole_folder(folder, RECORDINGS) as whole:
+        (whole / IMAGE_FOLDER).mkdir()
+        lines: list[str] = []
+        for part in parts:
+            if (part / LOG_NAME).is_file():
+                lines += (part / LOG_NAME).read_text(encoding="utf-8").splitlines()
+                for image in (part / IMAGE_FOLDER).iterdir():
+                    image.rename(whole / IMAGE_FOLDER / image.name)
+        # Lines begin with file names, and these with the time.
+        write_whole(whole / LOG_NAME, "\n".join(sorted(lines)) + "\n")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from zoo.runs.bounded_files import read_json
+from zoo.base.bounded_files import read_json
 from zoo.runs.record_fields import Fields, Figures, Pair, Whole, check_fields, plain
 
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from datamodules.errors import UsageError
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import UsageError
 from zoo.cli.command_config import compose_keys
 from zoo.evaluate import evaluate_options as scoring
 

@@ -1,7 +1,7 @@
 """The finished rounds of a correction, their file `correct.json` and their table."""
 
-import hashlib
 import json
+import os
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -9,12 +9,13 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from datamodules.errors import InputError
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
+from zoo.base.whole_file import write_whole
 from zoo.correct.correct_options import CorrectOptions
 from zoo.evaluate.drives_table import with_deviation
 from zoo.runs.track_figures import read_figures
-from zoo.runs.whole_file import write_whole
 
 NAME = "correct.json"
 # Options that may differ when a correction is resumed.
@@ -93,17 +94,13 @@ def open_progress(
     """Return the progress saved in a folder, or a new one.
 
     Raises:
-        InputError: the folder holds something else, or a correction of another checkpoint or with
+        InputError: the folder holds a correction of another checkpoint or with
             other options.
     """
-    identity = hashlib.sha256(Path(checkpoint).read_bytes()).hexdigest()[:16]
+    identity = hash_file(checkpoint)[:16]
     given = {key: value for key, value in asdict(options).items() if key not in MAY_CHANGE}
     new = Progress(identity, given, overrides)
-    if not (folder / NAME).is_file():
-        if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-            raise InputError(
-                f"{folder}: is not empty and has no {NAME}; name another folder with out="
-            )
+    if not os.path.lexists(folder / NAME):
         return new
     from zoo.correct.correct_file import read_correct_file
 

@@ -12,9 +12,10 @@ from omegaconf.errors import OmegaConfBaseException
 from rich.console import Console
 
 from datamodules.driving_log import read_log
-from datamodules.errors import InputError
 from datamodules.recording import LOG_NAME, file_name
 from datamodules.split import write_split
+from zoo.base.errors import InputError
+from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.cli.compose import escape_interpolation
 from zoo.correct.correct_options import CorrectOptions
@@ -131,12 +132,12 @@ def training_config(
     config.data.root = [*roots, *map(str, corrections)]
     config.data.weights = [*before, *[float(options.weight)] * len(corrections)]
     split.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(own_split, split)
-    with split.open("a", newline="") as file:
-        writer = csv.writer(file)
-        for folder in corrections:
-            for row in read_log(folder / LOG_NAME):
-                writer.writerow([file_name(row.paths[0]), "train"])
+    text = io.StringIO()
+    writer = csv.writer(text)
+    for folder in corrections:
+        for row in read_log(folder / LOG_NAME):
+            writer.writerow([file_name(row.paths[0]), "train"])
+    write_whole(split, own_split.read_bytes() + text.getvalue().encode(errors="surrogateescape"))
     config.data.split = str(split)
     config.data.pop("record", None)
     config.model.weights = start

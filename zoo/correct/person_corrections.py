@@ -7,19 +7,22 @@ takeover with the network's steering, and the person writes the correct steering
 """
 
 import csv
+import io
 import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
 from datamodules.driving_log import CAMERAS
-from datamodules.errors import InputError
+from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings
 from simulator.recorder import IMAGE_FOLDER, number_text
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.whole_file import write_whole
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import PERSON, POLICY, Drive
@@ -53,7 +56,7 @@ def check_person(options: CorrectOptions) -> None:
             f"{options.drive}: has no takeover, nothing to correct; name another drive"
         )
     if not any(len(one.rows) for one in found):
-        raise InputError(f"{options.drive}: has no images; drive again with drive.record=FOLDER")
+        raise InputError(f"{options.drive}: has no images; drive again with record=FOLDER")
 
 
 def ask_person(options: CorrectOptions, folder: Path) -> None:
@@ -81,10 +84,11 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
     Its images get new names: other recordings of the same simulator can have the same names.
     """
     rows = _recorded(options.recording) if options.recording else _labelled(options, out)
-    whole = folder.with_name(f"{folder.name}.part")
-    shutil.rmtree(whole, ignore_errors=True)
-    (whole / IMAGE_FOLDER).mkdir(parents=True)
-    with (whole / LOG_NAME).open("w", newline="") as file:
+    with (
+        whole_folder(folder, RECORDINGS) as whole,
+        (whole / LOG_NAME).open("x", encoding="utf-8", newline="") as file,
+    ):
+        (whole / IMAGE_FOLDER).mkdir()
         writer = csv.writer(file, lineterminator="\n")
         for images, numbers in rows:
             names = []
@@ -94,7 +98,6 @@ def corrections_of_a_person(options: CorrectOptions, out: Path, folder: Path) ->
                 if name:
                     _link(Path(image), whole / IMAGE_FOLDER / name)
             writer.writerow([*names, *map(number_text, numbers)])
-    whole.rename(folder)
     return len(rows)
 
 
@@ -155,20 +158,19 @@ def _write_labels(drive: Drive, found: list[Override], folder: Path) -> None:
             before_s = one.began_s - drive.time_s[row]
             sent = drive.steering[row]
             lines.append([one.number, drive.frame[row], f"{before_s:.2f}", f"{sent:.3f}", ""])
-            image = cv2.imread(str(drive.folder / drive.frame[row]))
-            if image is None:
-                raise InputError(
-                    f"{drive.folder / drive.frame[row]}: no such image; name another drive"
-                )
-            axes[line, column].imshow(image[:, :, ::-1])
+            path = drive.folder / drive.frame[row]
+            try:
+                axes[line, column].imshow(read_image(path))
+            except (OSError, ValueError) as error:
+                raise InputError(f"{path}: {error}; name another drive") from None
             axes[line, column].set_title(
                 f"override {one.number}, {before_s:.1f} s before, sent {sent:+.2f}", fontsize=6
             )
-    figure.savefig(folder / LABELS_IMAGE, dpi=150)
-    part = folder / f"{LABELS}.part"
-    with part.open("w", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *lines])
-    part.replace(folder / LABELS)
+    image, labels = io.BytesIO(), io.StringIO()
+    figure.savefig(image, dpi=150, format=Path(LABELS_IMAGE).suffix[1:])
+    write_whole(folder / LABELS_IMAGE, image.getbuffer())
+    csv.writer(labels, lineterminator="\n").writerows([COLUMNS, *lines])
+    write_whole(folder / LABELS, labels.getvalue())
 
 
 def _sparse(drive: Drive, rows: np.ndarray) -> list[int]:

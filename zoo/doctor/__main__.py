@@ -8,7 +8,6 @@ faults, even with warnings; 1 otherwise.
 from __future__ import annotations
 
 import os
-import shlex
 import shutil
 import sys
 import textwrap
@@ -16,9 +15,10 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from datamodules.early_interrupt import raise_again
-from datamodules.errors import InputError, UsageError
-from datamodules.terminal import error_line, printable
+from zoo.base.early_interrupt import raise_again
+from zoo.base.errors import InputError, UsageError
+from zoo.base.standard_output import forgiving_output
+from zoo.base.terminal import command_line, error_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
 from zoo.checkpoints.packaged_networks import packaged_file
 from zoo.cli.closing_lines import print_next
@@ -106,7 +106,7 @@ def print_finding(finding: Finding) -> None:
     indent = " " * (STATE_WIDTH + NAME_WIDTH)
     width = max(shutil.get_terminal_size((100, 24)).columns, 60)
     state = f"{finding.state:<{STATE_WIDTH}}"
-    if sys.stdout.isatty() and "NO_COLOR" not in os.environ:
+    if sys.stdout and sys.stdout.isatty() and "NO_COLOR" not in os.environ:
         state = f"\033[{COLOURS[finding.state]}m{state}\033[0m"
     texts = [finding.found] + ([f"fix: {finding.fix}"] if finding.fix else [])
     lines = []
@@ -116,49 +116,43 @@ def print_finding(finding: Finding) -> None:
             text, width - len(indent), break_long_words=False, break_on_hyphens=False
         )
     first, *rest = lines or [""]
-    print(f"{state}{finding.what:<{NAME_WIDTH}}{printable(first)}")
+    print(f"{state}{finding.what:<{NAME_WIDTH}}{printable(first)}", flush=True)
     for line in rest:
-        print(indent + printable(line))
-    sys.stdout.flush()
+        print(indent + printable(line), flush=True)
 
 
 def main(arguments: list[str]) -> int:
     """Run the command and return its exit status."""
     raise_again()
-    if is_help(arguments):
-        print(COMMAND.help())
-        return 0
-    if hasattr(sys.stdout, "reconfigure"):  # a terminal's encoding may lack some characters
-        sys.stdout.reconfigure(errors="replace")
     counts = {OK: 0, WARNING: 0, FAULT: 0}
     try:
-        checkpoint, recording, port = sort_arguments(take_parts(arguments))
-        for finding in diagnose(checkpoint, recording, port):
-            counts[finding.state] += 1
-            print_finding(finding)
+        with forgiving_output():
+            if is_help(arguments):
+                print(COMMAND.help())
+                return 0
+            checkpoint, recording, port = sort_arguments(take_parts(arguments))
+            for finding in diagnose(checkpoint, recording, port):
+                counts[finding.state] += 1
+                print_finding(finding)
+            print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
+            if not counts[FAULT]:
+                print_next(*next_step(checkpoint, recording))
     except (ValueError, InputError) as error:
         print(error_line("zoo.doctor", error), file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
         print("zoo.doctor: stopped", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reading program closed the pipe, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
-    if counts[FAULT]:
-        return 1
-    print_next(*next_step(checkpoint, recording))
-    return 0
+    return 1 if counts[FAULT] else 0
 
 
 def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
     """Return the command after a check without faults, and its purpose."""
     if checkpoint is not None:
-        return shlex.join(["drivezoo", "evaluate", checkpoint]), "let it drive"
+        return command_line(["drivezoo", "evaluate", checkpoint]), "let it drive"
     if recording is not None:
         check = ["drivezoo", "check", recording]
-        return shlex.join(check), "what it teaches badly"
+        return command_line(check), "what it teaches badly"
     return "drivezoo demo", "record, train and drive a demo"
 
 

@@ -16,15 +16,15 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
     """Check that a checkpoint loads; report its input and its time for a frame."""
     import numpy as np
 
-    from datamodules.errors import InputError
     from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+    from zoo.base.errors import InputError
     from zoo.checkpoints.policy import load_policy
 
     what = "checkpoint"
     try:
         policy = load_policy(path)
     except InputError as error:
-        yield from_error(what, error, "name a checkpoint that python -m zoo wrote, or train again")
+        yield from_error(what, error, "name a checkpoint that drivezoo train wrote, or train again")
         return
     view = policy.view
     name = policy.config.get("model", {}).get("name") or policy.name
@@ -56,8 +56,8 @@ def check_checkpoint(path: str, recording: str | None = None) -> Iterator[Findin
 
 
 def _trained_on(policy: object, recording: str | None) -> Finding:
-    from datamodules.errors import InputError
     from datamodules.recording import read_recordings
+    from zoo.base.errors import InputError
 
     data = policy.data
     root = policy.config.get("data", {}).get("root")
@@ -78,9 +78,9 @@ def check_recording(folder: str) -> Iterator[Finding]:
     """Check that a recording's log can be read, and a sample of its images."""
     import numpy as np
 
-    from datamodules.errors import InputError
     from datamodules.image import read_image
     from datamodules.recording import read_recordings
+    from zoo.base.errors import InputError
 
     what = "recording"
     try:

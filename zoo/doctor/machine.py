@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+from zoo.base.cores import usable_cores
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding
 
 FULL_GB, LOW_GB = 0.2, 2.0  # a training run on the lake writes about 0.2 GB, with its cache
@@ -60,13 +61,6 @@ def _check_cuda() -> Iterator[Finding]:
     yield Finding(OK, "GPU", f"{name}, {free:.1f} of {total:.1f} GB free")
 
 
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def check_disk() -> Iterator[Finding]:
     """Check free space and write permission in the folder of runs."""
     folder = OUTPUTS.absolute() if OUTPUTS.is_dir() else Path.cwd()
@@ -113,14 +107,14 @@ def check_port(port: int) -> Iterator[Finding]:
             if error.errno not in (errno.EADDRINUSE, errno.EACCES):
                 raise
             if error.errno == errno.EACCES:
-                yield Finding(FAULT, what, "not allowed to this user", "drive with drive.port=4567")
+                yield Finding(FAULT, what, "not allowed to this user", "drive with port=4567")
                 return
             holder = port_holder(port)
             if holder and "zoo.drive" in holder:
                 fix = "simulators connect to that driver; end it to drive another checkpoint"
                 yield Finding(WARNING, what, f"used by another driver: {holder}", fix)
                 return
-            fix = "end that process, or drive with drive.port=4568"
+            fix = "end that process, or drive with port=4568"
             by = f"used by {holder}" if holder else "used by another user's process"
             yield Finding(FAULT, what, by, fix)
             return

@@ -9,8 +9,9 @@ import ctypes
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
+from zoo.base.child_process import child_environment
+from zoo.base.module_start import module_command
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding
 
 TIMEOUT_S = 20.0
@@ -54,12 +55,12 @@ def _findings(started: dict[str, subprocess.Popen]) -> Iterator[Finding]:
 
 def _start(name: str) -> subprocess.Popen:
     return subprocess.Popen(
-        [sys.executable, "-m", "zoo.doctor.renderer", name],
-        # The user's current folder need not be the one that contains `zoo`.
-        cwd=Path(__file__).parents[2],
+        module_command("zoo.doctor.renderer", name),
+        env=child_environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
+        encoding="utf-8",
         errors="replace",
     )
 
@@ -68,12 +69,12 @@ def draw(name: str) -> str:
     """Draw a card on a background with a renderer; return what failed, or an empty text."""
     from panda3d import core
 
-    from simulator.errors import SimulatorError
     from simulator.pictures import open_buffer
+    from zoo.base.errors import InputError
 
     try:
         engine, buffer, _ = open_buffer(name, 32, 16)
-    except SimulatorError as error:
+    except InputError as error:
         return str(error).partition("; ")[0]
     texture = core.Texture()
     buffer.addRenderTexture(texture, core.GraphicsOutput.RTMCopyRam)

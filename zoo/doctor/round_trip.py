@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import queue
 import re
-import signal
 import statistics
 import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
+from zoo.base.module_process import interrupt_module, start_module
 from zoo.doctor.finding import FAULT, OK, Finding
 
 TIMEOUT_S = 30.0
@@ -25,13 +23,15 @@ def check_round_trip(checkpoint: str) -> Iterator[Finding]:
     what = "round trip"
     fix = f"start it yourself to see its output: drivezoo drive {checkpoint}"
     with tempfile.TemporaryDirectory() as folder:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "zoo.drive", str(Path(checkpoint).absolute()), "drive.port=0"]
-            + [f"drive.record={folder}/drive"],
-            cwd=Path(__file__).parents[2],
+        process = start_module(
+            "zoo.drive",
+            checkpoint,
+            "drive.port=0",
+            f"drive.record={folder}/drive",
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            encoding="utf-8",
             errors="replace",
         )
         try:
@@ -110,7 +110,7 @@ def _wait_for_url(process: subprocess.Popen) -> tuple[str | None, list[str]]:
 
 def _end(process: subprocess.Popen) -> None:
     if process.poll() is None:
-        process.send_signal(signal.SIGINT)
+        interrupt_module(process)
     try:
         process.wait(5)
     except subprocess.TimeoutExpired:

@@ -5,7 +5,6 @@ become an ensemble. The steering is the mean, the spread its standard deviation.
 drives takes the file.
 """
 
-import hashlib
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +13,20 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-from zoo.runs.result_table import Cell, ResultTable, check_table, write_table
+from zoo.runs.result_table import ResultTable, TableColumn, check_table, write_table
 
 if TYPE_CHECKING:
     from zoo.checkpoints.dropout_policy import DropoutPolicy
     from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 
+TABLE_COLUMNS = ("checkpoint", "network", "parameters", "sees")
 COMMAND = Command(__doc__, {"CKPT...": "checkpoint: a .ckpt file, a run's folder, or latest"})
 
 # torch, a slow import, comes late: --help and typos answer at once.
@@ -39,6 +40,7 @@ class DoubtOptions:
     samples: Annotated[int, Field(ge=2, le=100)]
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     table: str | None
+    columns: str | None
 
 
 def doubt(arguments: list[str]) -> None:
@@ -48,50 +50,46 @@ def doubt(arguments: list[str]) -> None:
         InputError: a checkpoint cannot be used or is named twice, or a file cannot be written.
     """
     names, options = COMMAND.read(arguments, DoubtOptions)
-    check_table(options.table)
+    check_table(options.table, options.columns, TABLE_COLUMNS)
     paths = [find_checkpoint(one) for one in names]
     with loading():
-        from zoo.checkpoints.checkpoint import doubt_members, load_plain
         from zoo.checkpoints.doubt_file import doubt_contents
         from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
         from zoo.checkpoints.policy import doubt_policy
 
-        def is_own(path: Path) -> bool:
-            try:
-                return doubt_members(load_plain(path)) is not None
-            except InputError:
-                return False
-
-        out = checked_out(Path(options.out).expanduser(), "drivezoo doubt", is_own)
+        out = checked_out(Path(options.out).expanduser(), paths)
         contents = doubt_contents(paths, options.samples, options.seed)
         _check_distinct(paths)
         policy = doubt_policy(contents, paths[0] if len(paths) == 1 else out)
         write_checkpoint(out, contents)
     table = members_table(paths, policy)
     print_table(table, f"{policy.name}: {policy.parameters:,} parameters")
-    written = [out, *([] if options.table is None else [write_table(table, options.table)])]
+    written = [out]
+    if options.table is not None:
+        written.append(write_table(table, options.table, options.columns))
     print_written(written, ["evaluate", out, "track=lake"])
 
 
 def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> ResultTable:
     """Return a row for each checkpoint: its file, its network, and the view that it sees."""
-    rows: list[dict[str, Cell]] = []
-    cells = []
-    for path, one in zip(paths, getattr(policy, "members", [policy]), strict=True):
-        height, width, _ = one.view.shape
-        rows.append(
-            {
-                "checkpoint": str(path),
-                "network": one.name,
-                "parameters": one.parameters,
-                "width": width,
-                "height": height,
-                "colour": one.view.colour,
-            }
-        )
-        sees = f"{width} x {height} {one.view.colour}"
-        cells.append([short_name(path), one.name, f"{one.parameters:,}", sees])
-    return ResultTable(rows, ["checkpoint", "network", "parameters", "sees"], cells)
+    members = getattr(policy, "members", [policy])
+    names, files = [short_name(one) for one in paths], [str(one) for one in paths]
+    counts = [one.parameters for one in members]
+    views = {
+        "width": [one.view.shape[1] for one in members],
+        "height": [one.view.shape[0] for one in members],
+        "colour": [one.view.colour for one in members],
+    }
+    sees = [f"{wide} x {high} {colour}" for wide, high, colour in zip(*views.values(), strict=True)]
+    columns = [
+        TableColumn("checkpoint", "checkpoint", names, {"checkpoint": files}),
+        TableColumn("network", "network", [one.name for one in members]),
+        TableColumn(
+            "parameters", "parameters", [f"{one:,}" for one in counts], {"parameters": counts}
+        ),
+        TableColumn("sees", "sees", sees, views),
+    ]
+    return ResultTable(columns, f"Networks of {policy.name}")
 
 
 def print_table(table: ResultTable, title: str) -> None:
@@ -108,7 +106,7 @@ def print_table(table: ResultTable, title: str) -> None:
 
 def _check_distinct(paths: Sequence[Path]) -> None:
     """Raise InputError for a checkpoint that is named twice."""
-    hashes = [hashlib.sha256(one.read_bytes()).hexdigest() for one in paths]
+    hashes = [hash_file(one) for one in paths]
     for number, one in enumerate(hashes):
         if one in hashes[:number]:
             raise InputError(

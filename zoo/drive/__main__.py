@@ -16,8 +16,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
@@ -125,8 +125,9 @@ class StopOnSignal:
 
     def __init__(self) -> None:
         self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
+        for name in ("SIGINT", "SIGTERM", "SIGBREAK"):  # the last on Windows only
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), self._ask)
 
     def _ask(self, number: int, frame: object) -> None:
         if self.asked and number == signal.SIGINT:
@@ -152,9 +153,9 @@ def open_port(host: str, port: int) -> "GreenSocket":
         if error.errno == errno.EADDRINUSE:
             holder = port_holder(port)
             by = f"held by {holder}: end it" if holder else "taken: end what holds it"
-            reason = f"port {port} is {by}, or add drive.port=0 for a free one"
+            reason = f"port {port} is {by}, or add port=0 for a free one"
         else:
-            reason = f"drive.host={host} drive.port={port}: {error.strerror}; try another"
+            reason = f"host={host} port={port}: {error.strerror}; try another"
         raise InputError(reason) from None
 
 
@@ -188,8 +189,8 @@ def load_warm_policy(
         command = call_policy(watched, np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
     if needs_spread and command.spread is None:
         raise InputError(
-            f"drive.speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
-            "model=nvidia_gaussian or of drivezoo doubt, or use drive.speed=pi"
+            f"speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
+            "model=nvidia_gaussian or of drivezoo doubt, or use speed=pi"
         )
     reset_policy(policy)
     # A new guard, which has not seen the black frames.

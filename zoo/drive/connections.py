@@ -12,7 +12,7 @@ import eventlet
 from eventlet.greenio import GreenSocket
 from eventlet.greenthread import GreenThread, getcurrent
 
-from zoo.drive.fast_socket import COPIES, ENVIRON_KEY, HOLD_KEY, MAX_MESSAGE
+from zoo.drive.fast_socket import COPIES, ENVIRON_KEY, FLOOD_KEY, HOLD_KEY, MAX_MESSAGE
 from zoo.drive.held_bytes import HeldBytes
 from zoo.drive.notices import Notices
 
@@ -133,6 +133,7 @@ class Connections:
         connection = self._open[task]
         connection.environ = environ
         environ[HOLD_KEY] = functools.partial(self._hold, task)
+        environ[FLOOD_KEY] = functools.partial(self._close_flood, connection)
         if connection.quiet_websocket:
             self._limit_quiet(connection.host)
         body = environ.get("CONTENT_LENGTH") or ""
@@ -162,6 +163,11 @@ class Connections:
         for oldest in alike[:-MOST_QUIET_WEBSOCKETS]:
             self._notices.report("oldest WebSocket without telemetry closed: too many", host)
             self._close(oldest)
+
+    def _close_flood(self, connection: Connection) -> None:
+        kind = "connection closed: more than 2,000 small messages or fragments in a second"
+        self._notices.report(kind, connection.host)
+        self._close(connection)
 
     def _close_holder(self, task: Hashable) -> None:
         holder = self._open[task]

@@ -10,9 +10,8 @@ from hydra.errors import HydraException
 from hydra.utils import instantiate
 from pydantic import Field
 
-from datamodules.errors import InputError, UsageError
-from simulator.errors import SimulatorError
 from simulator.track_file import read_track
+from zoo.base.errors import InputError, UsageError
 from zoo.cli.command_config import check_options, read_keys
 from zoo.drive.origin import is_loopback
 from zoo.drives.speed_controller import SpeedController
@@ -64,12 +63,12 @@ def read_settings(arguments: Sequence[str]) -> DriveSettings:
     if found.sim is not None:
         try:
             read_track(found.sim)  # before the port is opened
-        except SimulatorError as error:
-            raise InputError(f"drive.sim={found.sim}: {error}") from None
+        except InputError as error:
+            raise InputError(f"sim={found.sim}: {error}") from None
     if not found.expose and not is_loopback(found.host):
         raise UsageError(
-            f"drive.host={found.host}: other machines could connect and drive; to allow it, add "
-            "drive.expose=true"
+            f"host={found.host}: other machines could connect and drive; to allow it, add "
+            "expose=true"
         )
     return found
 

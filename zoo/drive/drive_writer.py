@@ -8,7 +8,9 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.new_folder import written_folder
+from zoo.base.whole_file import write_new
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import (
     LOG_NAME,
@@ -43,10 +45,11 @@ class BackgroundWriter:
         for name in ("drive.csv", RECORDING_LOG):
             if (folder / name).exists():
                 raise InputError(
-                    f"{folder}: holds a {name} already; name another folder with drive.record="
+                    f"{folder}: holds a {name} already; name another folder with record="
                 )
         self.folder, self.notices = folder.absolute(), notices
         self.recorded = 0
+        self._held, self._is_open = contextlib.ExitStack(), False
         self._queue: queue.Queue[tuple[DriveRow, bytes | None] | None] = queue.Queue(WAITING)
         self._writer: DriveWriter | None = None
         self._recording: AppendedFile | None = None
@@ -63,13 +66,19 @@ class BackgroundWriter:
             InputError: the folder cannot be written to.
         """
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            self._open_folder()
             with tempfile.TemporaryFile(dir=self.folder):
                 pass
         except OSError as error:
             raise InputError(
-                f"drive.record={self.folder}: {error.strerror}; name another folder"
+                f"record={self.folder}: {error.strerror}; name another folder"
             ) from None
+
+    def _open_folder(self) -> None:
+        """Create, mark and lock the folder, once."""
+        if not self._is_open:
+            self._held.enter_context(written_folder(self.folder, "drives", "drive.record="))
+            self._is_open = True
 
     def put(self, row: DriveRow, image: bytes | None) -> None:
         """Queue a row for writing.
@@ -98,18 +107,17 @@ class BackgroundWriter:
         if self._thread.is_alive():
             self.notices.report("the end of the drive is not written: the disk does not answer")
             return False
-        if self._writer is None:
-            with contextlib.suppress(OSError):  # it does not exist, or is not empty
-                self.folder.rmdir()
-            return False
-        summary = {"drive": SOCKET, **summary, "recorded_rows": self.recorded}
-        try:
-            write_summary(self.folder, summary)  # before the metrics, which take some seconds
-            if (self.folder / LOG_NAME).stat().st_size <= MEASURED_BYTES:
-                write_summary(self.folder, measure(read_drive(self.folder)) | summary)
-        except (OSError, InputError) as error:
-            self._failed(error)
-        return True
+        with self._held:
+            if self._writer is None:
+                return False
+            summary = {"drive": SOCKET, **summary, "recorded_rows": self.recorded}
+            try:
+                write_summary(self.folder, summary)  # before the metrics, which take some seconds
+                if (self.folder / LOG_NAME).stat().st_size <= MEASURED_BYTES:
+                    write_summary(self.folder, measure(read_drive(self.folder)) | summary)
+            except (OSError, InputError) as error:
+                self._failed(error)
+            return True
 
     def _write_all(self) -> None:
         while (item := self._queue.get()) is not None:
@@ -119,6 +127,7 @@ class BackgroundWriter:
             rows = [self._record(*one) for one in items if one is not None]
             try:
                 if self._writer is None:
+                    self._open_folder()
                     self._writer = DriveWriter(self.folder)
                 self._writer.add(rows)
             except (OSError, InputError) as error:
@@ -136,20 +145,18 @@ class BackgroundWriter:
         # The old client's two loops send most images twice.
         if image == self._last_image:
             return replace(row, frame=self._last_frame)
-        path = None
         try:
             if self._recording is None:
-                (self.folder / IMAGE_FOLDER).mkdir(parents=True, exist_ok=True)
+                self._open_folder()
+                (self.folder / IMAGE_FOLDER).mkdir(exist_ok=True)
                 self._recording = AppendedFile(self.folder / RECORDING_LOG)
             path = self.folder / IMAGE_FOLDER / f"center_{self._stamp()}.jpg"
-            path.write_bytes(image)
+            write_new(path, image)
             brake = max(-row.throttle, 0.0)
             numbers = (row.steering, max(row.throttle, 0.0), brake, row.speed_mph)
             # There is one camera, so that the columns of the side cameras stay empty.
             self._recording.append([[path, "", "", *map(number_text, numbers)]])
-        except OSError as error:
-            if path is not None:
-                path.unlink(missing_ok=True)
+        except (OSError, InputError) as error:
             self._failed(error)
             return row
         self.recorded += 1

@@ -273,7 +273,7 @@ class Driver:
             ValueError: the controller holds no speed, or the speed is out of range.
         """
         if self.set_mph is None:
-            raise ValueError("this drive.speed holds no speed; restart with drive.speed=pi")
+            raise ValueError("this speed= holds no speed; restart with speed=pi")
         if not (math.isfinite(set_mph) and 0 <= set_mph <= 100):
             raise ValueError(f"set_mph={set_mph}: must be in 0..100")
         for controller in (self._controller, *(one.controller for one in self.sessions.values())):

@@ -1,8 +1,8 @@
 """The embedded simulator as a child process that connects to the driver."""
 
-import signal
 import subprocess
-import sys
+
+from zoo.base.module_process import interrupt_module, start_module
 
 _PATIENCE_S = 5.0
 
@@ -28,8 +28,7 @@ class EmbeddedClient:
     def start(self) -> None:
         """Start the process, if there is a track."""
         if self._track is not None:
-            command = [sys.executable, "-m", "simulator", "client", *self._options]
-            self._process = subprocess.Popen(command)
+            self._process = start_module("simulator", "client", *self._options)
 
     @property
     def ended(self) -> bool:
@@ -42,7 +41,7 @@ class EmbeddedClient:
             return 0
         if self.ended:
             return self._process.returncode
-        self._process.send_signal(signal.SIGINT)  # the process then closes its film
+        interrupt_module(self._process)  # the process then closes its film
         try:
             self._process.wait(_PATIENCE_S)
         except subprocess.TimeoutExpired:

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from types import MethodType
 
+import eventlet
 from engineio import Server
 from engineio.socket import Socket
 from eventlet.greenio import GreenSocket
@@ -24,12 +25,18 @@ from eventlet.websocket import ConnectionClosedError, RFC6455WebSocket, WebSocke
 MAX_MESSAGE = 2 << 20  # bytes; the largest allowed image, 1 MB, takes 1.33 MB in base64
 ENVIRON_KEY = "drivezoo.websocket"  # key of a session's WebSocket in its environ
 HOLD_KEY = "drivezoo.hold"  # key of the function that counts the bytes that a WebSocket holds
+FLOOD_KEY = "drivezoo.flood"  # key of the function that closes a connection that floods
 COPIES = 3  # copies of a message during its answer: eventlet's, engineio's and the JSON's
 
 BINARY = 2  # the opcode
 
 _TELEMETRY = re.compile(rb'42\d*\s*\[\s*"telemetry"')
 _READ = 1 << 16
+SMALL_FRAME = 512  # bytes; below, a frame takes as long to read as an empty one
+# Small frames in a second. A telemetry has one or two; two loops at 60 fps send 120 a second.
+MOST_SMALL = 2000
+SMALL_TURN = 32  # small frames of a message that are read before other clients run
+
 _SMALL = 4096  # characters; eventlet and engineio may keep a shorter message until the next
 _QUICKACK = getattr(socket, "TCP_QUICKACK", None)  # exists, and is needed, only on Linux
 
@@ -55,6 +62,8 @@ class EagerSocket:
             return b""
         if not self._ahead:
             self._ahead = memoryview(self._sock.recv(_READ))
+            if len(self._ahead) > _READ // 2:  # more waits, which would never give way
+                eventlet.sleep(0)
             if _QUICKACK is not None and self._ahead:
                 # Set again after each read, since the kernel resets it. Otherwise the kernel delays
                 # the acknowledgement by 40 ms, and the client's Nagle algorithm waits for it.
@@ -83,10 +92,11 @@ class EagerSocket:
 
 
 class FastWebSocket(RFC6455WebSocket):
-    """eventlet's WebSocket with five changes.
+    """eventlet's WebSocket with six changes.
 
     It reads ahead, unmasks a message in one operation, answers the Engine.IO PING of the clients of
-    2016, drops bytes above `MAX_MESSAGE` on arrival, and frees a large message after its answer.
+    2016, drops bytes above `MAX_MESSAGE` on arrival, and frees a large message after its answer. It
+    lets other clients run after every message, and ends a flood of small frames.
 
     Attributes:
         received_s: time at which the last message had arrived, by `time.perf_counter`.
@@ -100,9 +110,10 @@ class FastWebSocket(RFC6455WebSocket):
         hold = environ.get(HOLD_KEY, lambda size: None)
         super().__init__(EagerSocket(sock, hold), environ, version, max_frame_length=1 << 62)
         environ[ENVIRON_KEY] = self
+        self._flood = environ.get(FLOOD_KEY, self.hang_up)
+        self._small, self._counted_s = 0, time.monotonic()
         self._large = False  # whether the last message was large
-        self._takes = select.poll()
-        self._takes.register(sock.fileno(), select.POLLOUT)
+        self._takes = _readiness(sock)
 
     class Message(RFC6455WebSocket.Message):
         """A message that keeps only its beginning once it is too long."""
@@ -146,6 +157,24 @@ class FastWebSocket(RFC6455WebSocket):
             data += more
         return data
 
+    def _recv_frame(self, message: Message | None = None) -> Message:
+        before = message.size if message else 0
+        received = super()._recv_frame(message)
+        if received.size - (before if received is message else 0) < SMALL_FRAME:
+            self._count_small()
+        return received
+
+    def _count_small(self) -> None:
+        """Let other clients run now and then; close the connection after too many in a second."""
+        self._small += 1
+        if self._small % SMALL_TURN == 0:
+            eventlet.sleep(0)
+        if self._small == MOST_SMALL:
+            now_s = time.monotonic()
+            if now_s - self._counted_s < 1:
+                self._flood()
+            self._small, self._counted_s = 0, now_s
+
     @staticmethod
     def _apply_mask(
         data: bytes, mask: tuple[int, ...], length: int | None = None, offset: int = 0
@@ -164,6 +193,7 @@ class FastWebSocket(RFC6455WebSocket):
             return "6"
         self.socket.finished(0)
         while True:
+            eventlet.sleep(0)  # let other clients and the page run, however fast this one sends
             message = super().wait()
             # In Engine.IO 4 only the server sends PINGs, so that engineio rejects a client's "2".
             # "2probe" belongs to the change from polling to a WebSocket.
@@ -186,7 +216,7 @@ class FastWebSocket(RFC6455WebSocket):
             False if the system does not accept it at once; then nothing is sent.
         """
         try:
-            if self._sendlock.locked() or not self._takes.poll(0):
+            if self._sendlock.locked() or not self._takes():
                 return False
             self.send(f"42{json.dumps([name, argument], separators=(',', ':'))}")
         except OSError:  # disconnected; the reader notices it, too
@@ -227,3 +257,13 @@ class FastWebSocketWSGI(WebSocketWSGI):
             # would stay open and never answer again.
             server.logger.exception("malformed packet")
             server.drop(session.sid)
+
+
+def _readiness(sock: GreenSocket) -> Callable[[], object]:
+    """Return a function that returns whether the system accepts bytes of a socket at once."""
+    descriptor = sock.fileno()
+    if not hasattr(select, "poll"):  # Windows
+        return lambda: select.select([], [descriptor], [], 0)[1]
+    poll = select.poll()  # `select` takes no descriptor above 1,023
+    poll.register(descriptor, select.POLLOUT)  # type: ignore[attr-defined,unused-ignore]
+    return functools.partial(poll.poll, 0)

@@ -8,7 +8,7 @@ from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.drive.background_call import call_in_thread
 from zoo.drive.driver import Driver

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 
-from datamodules.terminal import printable
+from zoo.base.terminal import printable
 
 MOST_DETAIL = 300  # characters
 

@@ -24,10 +24,10 @@ def is_loopback(host: str) -> bool:
 class OriginGuard:
     """WSGI middleware that refuses requests that a page of another site makes a browser send.
 
-    A simulator sends no Origin. A browser does, and it must be the Origin of the driver's own page.
-    For a plain image or link, a browser sends Sec-Fetch-Site instead: a request from another site
-    may then open the page, but not a session. On loopback the Host must be a loopback name, too,
-    since another site can point its own name to this address (DNS rebinding).
+    A simulator sends no Origin. A browser does, and it must be the Origin of the server's own page.
+    For a plain image or link, a browser sends Sec-Fetch-Site instead: a link of another site may
+    open the page, and nothing else. On loopback the Host must be a loopback name, too, since
+    another site can point its own name to this address (DNS rebinding).
 
     Args:
         exposed: whether other machines may reach the server, under any name.
@@ -47,11 +47,12 @@ class OriginGuard:
         host = environ.get("HTTP_HOST")
         if origin and origin not in (f"http://{host}", f"https://{host}"):
             return False
+        if environ.get("HTTP_SEC_FETCH_SITE", "none") not in OWN_SITES:
+            is_link = environ.get("HTTP_SEC_FETCH_MODE") == "navigate"
+            if not is_link or environ.get("PATH_INFO") != "/":
+                return False
         if self.exposed:
             return True
-        site = environ.get("HTTP_SEC_FETCH_SITE", "none")
-        if site not in OWN_SITES and environ.get("PATH_INFO", "").startswith("/socket.io"):
-            return False
         return host is None or is_loopback(urlsplit(f"//{host}").hostname or "")
 
     def __call__(self, app: Callable) -> Callable:

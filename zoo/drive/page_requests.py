@@ -84,7 +84,7 @@ def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:
     """Return the name and value of a posted command, an object with one key.
 
     Raises:
-        RequestError: the command is no JSON, too long or unknown.
+        RequestError: the command is no JSON, too long, unknown, or does not arrive in time.
     """
     # A form of another site cannot send JSON. Its script can, but with an Origin, which the
     # guard refuses.
@@ -97,6 +97,8 @@ def read_command(environ: dict, known: Collection[str]) -> tuple[str, object]:
         raise RequestError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, line)
     try:
         command = json.loads(environ["wsgi.input"].read(int(length)))
+    except OSError:
+        raise RequestError(HTTPStatus.REQUEST_TIMEOUT, "the command did not arrive") from None
     except (ValueError, RecursionError):
         raise RequestError(HTTPStatus.BAD_REQUEST, "the command is no JSON") from None
     if not isinstance(command, dict) or len(command) != 1 or not set(command) & {*known}:

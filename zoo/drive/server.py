@@ -1,11 +1,11 @@
 """The server of the driver: it accepts connections and sends replies."""
 
 import logging
-import resource
 import socket
 import time
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
+from typing import Any
 
 import engineio
 import eventlet
@@ -19,14 +19,13 @@ from zoo.drive.driver import Driver
 from zoo.drive.fast_socket import ENVIRON_KEY
 from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
-from zoo.drive.socketio_server import SimulatorServer
+from zoo.drive.socketio_server import MOST_UNSENT, SimulatorServer
 
 BACKLOG = 1024
 CLOSING = 64  # connections that may be closing while new ones are accepted
 OTHER_FILES = 128 + CLOSING  # files that the process may have open besides its connections
 TEND_EVERY_S = 1.0
 PATIENCE_S = 20.0  # a client that sends neither telemetry nor PONG is disconnected after this time
-MOST_UNSENT = 64  # replies that a client has not read; the original leaves one or two
 
 WsgiApp = Callable[[dict, Callable], Iterable[bytes]]
 
@@ -182,19 +181,13 @@ class DriveServer:
         sent_s = websocket.sent_s if websocket is not None else 0.0
         sent_s = sent_s if sent_s > began_s else time.perf_counter()
         self.driver.sent(reply, 1000 * (sent_s - began_s))
-        if at_once:
-            eventlet.sleep(0)  # let other simulators and the page run
 
     def _hung_up(self, sid: str) -> bool:
         """Disconnect a client that reads no replies; return whether it was."""
         if self._unsent(sid) < MOST_UNSENT:
             return False
         self.driver.notices.report("a simulator was disconnected: it reads no replies")
-        websocket = self.sio.get_environ(sid).get(ENVIRON_KEY)
-        if websocket is not None:
-            websocket.hang_up()
-        else:
-            self._engine(sid).close(wait=False, abort=True)
+        self.sio.hang_up(self.sio.manager.eio_sid_from_sid(sid, "/"))
         return True
 
     def _unsent(self, sid: str) -> int:
@@ -221,6 +214,11 @@ def listen(host: str, port: int) -> GreenSocket:
 
 def _connection_limit() -> int:
     """Return how many connections the limit of open files allows, after raising it if possible."""
+    try:
+        import resource as module
+    except ImportError:  # Windows, which has no such limit for sockets
+        return MOST_CONNECTIONS
+    resource: Any = module  # whose names mypy does not find for Windows
     infinite, wanted = resource.RLIM_INFINITY, MOST_CONNECTIONS + OTHER_FILES
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft == infinite or soft >= wanted:

@@ -11,13 +11,14 @@ import re
 import socketio
 
 from zoo.drive.fast_engine import FastEngine
-from zoo.drive.fast_socket import MAX_MESSAGE
+from zoo.drive.fast_socket import ENVIRON_KEY, MAX_MESSAGE
 from zoo.drive.polling_sessions import PollingSessions
 
 # Start of an event in the default namespace, with or without attachments and an id.
 _EVENT = re.compile(r"(?:2|5\d+-)\d*\s*\[")
 _TELEMETRY = re.compile(_EVENT.pattern + r'\s*"telemetry"')
 _UNREADABLE = '2["telemetry","unreadable"]'
+MOST_UNSENT = 64  # replies that a client has not read; the original leaves one or two
 MOST_ATTACHMENTS = 4  # of an event; a telemetry has one image
 MOST_UNFINISHED = 8  # events of all clients that wait for attachments
 MOST_COMMAS = 1000  # of an event; 2 MiB of empty lists take 43 MB once parsed
@@ -48,9 +49,20 @@ class SimulatorServer(socketio.Server):
         self._polling.heard(eio_sid)
 
     def tend(self) -> None:
-        """Close overdue sessions without telemetry, and send PINGs; called each second."""
+        """Close overdue sessions, and those that read no replies; send PINGs; once a second."""
         self._polling.close_overdue()
+        for eio_sid, session in list(self.eio.sockets.items()):
+            if session.queue.qsize() >= MOST_UNSENT:
+                self.hang_up(eio_sid)
         self.eio.send_pings()
+
+    def hang_up(self, eio_sid: str) -> None:
+        """Close a session now, whatever the client does."""
+        websocket = self.environ.get(eio_sid, {}).get(ENVIRON_KEY)
+        if websocket is not None:
+            websocket.hang_up()
+        else:
+            self.eio.drop(eio_sid)
 
     def _engineio_server_class(self) -> type[FastEngine]:
         return FastEngine

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from datamodules.driving_log import MAX_STEERING_DEG
 from datamodules.image import (
     FRAME_HEIGHT,
     FRAME_WIDTH,
@@ -18,7 +19,6 @@ from datamodules.image import (
     find_scan_fault,
     jpeg_size,
 )
-from datamodules.samples import MAX_STEERING_DEG
 
 NUMBERS = ("steering_angle", "throttle", "speed")
 # Limits of an image, checked before it is decoded in the thread that answers all clients: a

@@ -8,6 +8,8 @@ import numpy as np
 from scipy import special
 
 CONFIDENCE = 0.95
+FEWEST_ROADS = 3  # of two, Student's t has one degree of freedom: an interval says nothing
+MOST_VALUES = 4_000_000  # of an array; more are drawn in parts
 _TAIL = (1 - CONFIDENCE) / 2
 _NORMAL = float(special.ndtri(1 - _TAIL))
 
@@ -81,7 +83,8 @@ def bootstrap(
         limits: smallest and greatest possible value, such as (0, 1) for a share.
 
     Returns:
-        The estimate; NaN for a NaN or infinite value or no value, without bounds for one value.
+        The estimate; NaN for a NaN or infinite value or no value, without bounds for fewer than
+        three roads.
 
     >>> bootstrap(np.array([[0.5]]), mean)
     Estimate(value=0.5, low=nan, high=nan)
@@ -90,29 +93,58 @@ def bootstrap(
         return Estimate(math.nan)
     roads = values.shape[-1]
     each_axis = range(values.ndim - 1)
+    per_road = values.mean(axis=tuple(each_axis))
+    value = float(statistic(per_road))
+    if roads < FEWEST_ROADS:
+        return Estimate(value)
     rng = np.random.default_rng(seed)
     # How often each draw takes each training seed, as a share: [draws, seeds].
     shares = [rng.multinomial(n, np.full(n, 1 / n), draws) / n for n in values.shape[:-1]]
-    drawn = rng.integers(roads, size=(draws, roads)) if roads > 1 else np.zeros((draws, 1), int)
-
-    per_road = values.mean(axis=tuple(each_axis))
-    value = float(statistic(per_road))
     seeds_alone = [
         shares[axis] @ values.mean(axis=tuple(one for one in each_axis if one != axis))
         for axis in each_axis
     ]
-    alone = [_reduced(statistic, one) for one in (*seeds_alone, per_road[drawn])]
+    of_roads, of_both = [], []
+    for part in np.array_split(np.arange(draws), math.ceil(draws * values[0].size / MOST_VALUES)):
+        drawn = rng.integers(roads, size=(len(part), roads))
+        of_roads.append(_reduced(statistic, per_road[drawn]))
+        means = _seed_means(values, [one[part] for one in shares])
+        of_both.append(_reduced(statistic, np.take_along_axis(means, drawn, axis=-1)))
+    alone = [*(_reduced(statistic, one) for one in seeds_alone), np.concatenate(of_roads)]
     factor = _widening([float(one.var()) for one in alone], values.shape)
-    if math.isnan(factor):
-        return Estimate(value)
-    both = np.take_along_axis(_seed_means(values, shares), drawn, axis=-1)
-    low, high = np.quantile(_reduced(statistic, both), [_TAIL, 1 - _TAIL])
+    low, high = np.quantile(np.concatenate(of_both), [_TAIL, 1 - _TAIL])
     smallest, greatest = limits
     return Estimate(
         value,
         max(smallest, value + factor * (float(low) - value)),
         min(greatest, value + factor * (float(high) - value)),
     )
+
+
+def mean_over_seeds(
+    value: float,
+    deviation: float | None,
+    seeds: int,
+    limits: tuple[float, float] = (-math.inf, math.inf),
+) -> Estimate:
+    """Return a mean over training seeds with its interval by Student's t.
+
+    Args:
+        value: the mean.
+        deviation: sample standard deviation over the seeds; without one, or for 0, the estimate has
+            no bounds.
+        seeds: number of training seeds.
+        limits: smallest and greatest possible value, such as (0, 1) for a share.
+
+    >>> found = mean_over_seeds(0.95, 0.05, 3, (0, 1))
+    >>> round(found.low, 3), found.high
+    (0.826, 1)
+    """
+    if not deviation or seeds < 2:
+        return Estimate(value)
+    half = float(special.stdtrit(seeds - 1, 1 - _TAIL)) * deviation / math.sqrt(seeds)
+    smallest, greatest = limits
+    return Estimate(value, max(smallest, value - half), min(greatest, value + half))
 
 
 def poisson_rate(count: int, exposure: float) -> Estimate:
@@ -153,15 +185,13 @@ def _reduced(statistic: Statistic, values: np.ndarray) -> np.ndarray:
 
 
 def _widening(variances: list[float], counts: tuple[int, ...]) -> float:
-    """Return the factor of an interval's width; NaN if there is one seed and one road.
+    """Return the factor of an interval's width.
 
     Args:
         variances: variance of the draws that resample one axis alone, for each axis.
         counts: length of each axis.
     """
     resampled = [(one, n) for one, n in zip(variances, counts, strict=True) if n > 1]
-    if not resampled:
-        return math.nan
     total = sum(one for one, _ in resampled)
     if not total:
         return 1.0

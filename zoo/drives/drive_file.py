@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic import create_model
 
+from zoo.base.bounded_files import read_json
 from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
 from zoo.drives.metrics import METRICS
-from zoo.runs.bounded_files import read_json
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 
@@ -40,8 +40,10 @@ def read_summary_file(path: Path) -> dict:
     Raises:
         InputError: the file cannot be read, or a value has the wrong type.
     """
-    found = read_json(path)
-    return plain(check_fields(Summary, _upgraded(found), path))
+    found = plain(check_fields(Summary, _upgraded(read_json(path)), path))
+    if found.get("driven_m") == 0 and not found.get("interventions"):
+        found["autonomy"] = None  # earlier versions wrote 1 where the car did not move
+    return found
 
 
 def _upgraded(found: object) -> object:

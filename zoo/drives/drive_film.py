@@ -8,7 +8,7 @@ from types import TracebackType
 import cv2
 import numpy as np
 
-from datamodules.errors import InputError
+from datamodules.exchange.driven_rows import write_frame
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import autonomy
@@ -101,7 +101,7 @@ class WorstMoments:
         (folder / "frames").mkdir(parents=True, exist_ok=True)
         for number, _, frame in self.moments:
             names[number] = f"frames/{number:06d}.jpg"
-            cv2.imwrite(str(folder / names[number]), frame[..., ::-1])
+            write_frame(frame, folder / names[number])
         return names
 
 
@@ -135,8 +135,6 @@ class DriveFilm(AbstractContextManager):
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
-        from simulator.errors import SimulatorError
-
         self.interventions += row.intervention
         self.number += 1
         if (self.number - 1) % self.every:
@@ -151,10 +149,7 @@ class DriveFilm(AbstractContextManager):
             row.cross_track_m,
             spread=row.spread,
         )
-        try:
-            self._film.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))
-        except SimulatorError as error:
-            raise InputError(str(error)) from None
+        self._film.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))
 
     def __exit__(
         self,
@@ -162,9 +157,4 @@ class DriveFilm(AbstractContextManager):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        from simulator.errors import SimulatorError
-
-        try:
-            self._film.__exit__(kind, error, trace)
-        except SimulatorError as failure:
-            raise InputError(str(failure)) from None
+        self._film.__exit__(kind, error, trace)

@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.log_text import replace_undecoded
-from datamodules.regular_file import open_text
+from zoo.base.errors import InputError
+from zoo.base.regular_file import open_text
+from zoo.base.whole_file import json_text, write_whole
+from zoo.base.written_files import note_files
 from zoo.drives.drive_record import TYPES, Drive, DriveRow
 from zoo.drives.metrics import measure
-from zoo.runs.whole_file import json_text, write_whole
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
 VERSION = 1  # of drive.json; files of drivezoo 0.1.0 have none
@@ -63,6 +64,7 @@ class AppendedFile:
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb", buffering=0)
+        note_files(path)
 
     def append(self, rows: Iterable[Iterable[object]]) -> None:
         """Append rows, all or none.
@@ -165,8 +167,7 @@ def _rows(path: Path) -> list[list[str]]:
         try:
             return list(reader)
         except csv.Error as error:
-            line = reader.line_num + 1
-            reason = f"{path}, row {line}: cannot be read ({error}); delete the row"
+            reason = f"{path}, row {reader.line_num}: cannot be read ({error}); delete the row"
             raise InputError(reason) from None
 
 

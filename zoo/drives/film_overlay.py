@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from datamodules.samples import MAX_STEERING_DEG
+from datamodules.driving_log import MAX_STEERING_DEG
 from zoo.drives.drive_record import BAND
 
 SCALE = 3  # 960 x 480

@@ -2,27 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from typing import Protocol
 
 from matplotlib.figure import Figure
 
+from zoo.runs.notebook_figure import NotebookFigure
 from zoo.runs.plots import BLUE, GREY
-
-
-class Bounded(Protocol):
-    """A figure with its bounds; None or NaN where one is unknown."""
-
-    @property
-    def value(self) -> float | None:
-        """Return the figure."""
-
-    @property
-    def low(self) -> float | None:
-        """Return the lower bound."""
-
-    @property
-    def high(self) -> float | None:
-        """Return the upper bound."""
+from zoo.runs.table_text import Bounded
 
 
 def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None = None) -> Figure:
@@ -34,7 +19,7 @@ def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None
         line: share to mark by a line; None for none.
     """
     rows = max(len(figures), 1)  # an axis needs a height without figures, too
-    figure = Figure(figsize=(6, 0.9 + 0.35 * rows), layout="constrained")
+    figure = NotebookFigure(figsize=(6, 0.9 + 0.35 * rows), layout="constrained")
     axis = figure.subplots()
     if line is not None:
         axis.axvline(100 * line, color=GREY, ls=":", lw=1)

@@ -3,6 +3,10 @@
 import math
 from statistics import NormalDist
 
+# A network does not vary and neither does a track: with other start seeds it fails in the same
+# places (docs/scoring.md), so that an interval over them would count one observation several times.
+ONE_TRACK = "Drives of one track fail in the same places: no interval."
+
 
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the Wilson score interval of a share, from 0 to 1.

@@ -44,8 +44,11 @@ def autonomy(drive: Drive) -> float:
     Formula: `max(0, 1 - 6 * interventions / driven_s)`.
 
     The rule of interventions is that of `interventions` below. Unknown on a socket if the simulator
-    sends no cross-track error and no person took over.
+    sends no cross-track error and no person took over, and where the car did not move and no
+    intervention was counted.
     """
+    if driven_m(drive) == 0 and not interventions(drive):
+        return math.nan
     judged = np.isfinite(drive.cross_track_m[drive.driver == POLICY]).all()
     if not judged and not drive.intervention[drive.driver == PERSON].any():
         return math.nan

@@ -3,7 +3,7 @@
 import math
 from typing import Protocol
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 LONGEST_STEP_S = 0.5  # longest step that the integral counts; a longer one is a pause
 LIMIT_GAIN = 0.2  # throttle per mph below a speed limit; above it, brake per mph
@@ -128,7 +128,7 @@ class Doubt(PI):
         _check("sure", sure, least=0)
         _check("unsure", unsure, least=sure)
         if unsure == sure:
-            raise InputError(f"drive.speed.unsure={unsure}: must be above sure={sure}")
+            raise InputError(f"speed.unsure={unsure}: must be above sure={sure}")
         self.doubt_mph, self.sure, self.unsure = doubt_mph, sure, unsure
 
     def target_mph(self, steering: float, spread: float | None = None) -> float:
@@ -228,4 +228,4 @@ def _check(key: str, value: float, least: float, most: float = math.inf) -> None
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):
         bounds = f"a number, {least:g} or more" if most == math.inf else f"in {least:g}..{most:g}"
-        raise InputError(f"drive.speed.{key}={value}: must be {bounds}")
+        raise InputError(f"speed.{key}={value}: must be {bounds}")

@@ -2,7 +2,7 @@
 
 import math
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 
 class SteeringFilter:

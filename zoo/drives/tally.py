@@ -75,9 +75,11 @@ class Tally:
 
         Without a cross-track error from the simulator, nobody knows whether the car is on the
         road. A takeover shows that a person watches the drive; then autonomy is measured from the
-        takeovers.
+        takeovers. A car that did not move, and needed no intervention, was not measured either.
         """
         if self.unjudged_s and not self.counts[TAKEOVER]:
+            return math.nan
+        if not self.speed_s and not self.interventions:
             return math.nan
         return autonomy(self.interventions, self.driven_s)
 
@@ -145,11 +147,11 @@ def autonomy_line(figures: dict) -> str:
     counted += f" ({', '.join(parts)})" if parts else ""
     if math.isfinite(figures["autonomy"]):
         return f"autonomy {figures['autonomy']:.1%}: {counted}"
-    reason = (
-        "this simulator sends no cross-track error, and nobody took over"
-        if figures["driven_s"]
-        else "the drive ended with its first telemetry"
-    )
+    reason = "this simulator sends no cross-track error, and nobody took over"
+    if not figures["driven_s"]:
+        reason = "the drive ended with its first telemetry"
+    elif figures["mean_speed_mph"] == 0:
+        reason = "the car did not move"
     return f"autonomy: not measured ({reason}){f'; {counted}' if count else ''}"
 
 

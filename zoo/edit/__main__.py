@@ -9,13 +9,12 @@ recording. The recorded folder stays as it is. Several folders become one record
 
 import contextlib
 import errno
-import shlex
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
-from datamodules.terminal import printable
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
@@ -39,10 +38,10 @@ def edit(arguments: list[str]) -> None:
     folders, options = COMMAND.read(arguments, EditOptions)
     from rich.console import Console
 
-    from datamodules.new_folder import refuse_existing
     from datamodules.recording import read_recordings
     from datamodules.recording_edits import typed_edits
     from datamodules.recording_report import report_lines
+    from zoo.base.new_folder import print_unfinished, refuse_existing
     from zoo.cli.console_progress import progress_bar
     from zoo.edit.edit_session import EditSession
 
@@ -54,6 +53,7 @@ def edit(arguments: list[str]) -> None:
     for line in report_lines(recording):
         print(printable(line))
     session = EditSession(recording, edits, options.out, print_result)
+    print_unfinished(session.out)
     if not options.page:
         with progress_bar("writing", Console(stderr=True)) as report:
             session.write(report)
@@ -61,7 +61,7 @@ def edit(arguments: list[str]) -> None:
     serve_page(session, options)
     if session.unsaved:
         print("the edits are not written; to resume with them:")
-        print_next(shlex.join(resume_words(folders, options, session)))
+        print_next(command_line(resume_words(folders, options, session)))
 
 
 def serve_page(session: "EditSession", options: EditOptions) -> None:

@@ -1,7 +1,11 @@
 """The editing page: the files of `static/`, the recording's columns and images, and commands."""
 
+import contextlib
+import io
 import math
+import socket
 import socketserver
+import time
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from pathlib import Path
@@ -9,12 +13,12 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.image import HEAD, MOST_IMAGE_BYTES, TAIL, find_fault
 from datamodules.recording import file_name
-from datamodules.regular_file import read_regular
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
+from zoo.base.errors import InputError
+from zoo.base.regular_file import read_regular
 from zoo.drive.notices import Notices
 from zoo.drive.origin import OriginGuard
 from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
@@ -22,7 +26,9 @@ from zoo.edit.edit_session import EditSession
 from zoo.edit.frame_analysis import FrameAnalysis
 
 HOST = "127.0.0.1"
-PATIENCE_S = 20.0  # for a request to arrive
+PATIENCE_S = 20.0  # for a whole request to arrive
+MOST_REQUEST = 64 << 10  # bytes of a request's head and body
+MOST_REQUESTS = 64  # that are answered at a time; a browser sends six
 STATIC = Path(__file__).parent / "static"
 FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
@@ -188,6 +194,7 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
 
     def __init__(self, port: int, notices: Notices) -> None:
         self.guard = OriginGuard(exposed=False, notices=notices)
+        self._open: dict[socket.socket, None] = {}  # the oldest first
         super().__init__((HOST, port), _Handler)
 
     def server_bind(self) -> None:
@@ -200,12 +207,53 @@ class PageServer(socketserver.ThreadingMixIn, WSGIServer):
         """Answer requests with a page from now on."""
         self.set_app(self.guard(page))
 
+    def process_request(self, request: socket.socket, client_address: object) -> None:
+        """Answer a request in a thread; close the oldest when too many are unfinished."""
+        self._open[request] = None
+        if len(self._open) > MOST_REQUESTS:
+            oldest, *_ = list(self._open)  # at once, because threads remove theirs
+            self._open.pop(oldest, None)
+            with contextlib.suppress(OSError):  # it has just ended
+                oldest.shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: socket.socket) -> None:
+        """Close a connection after its answer."""
+        self._open.pop(request, None)
+        super().shutdown_request(request)
+
     def handle_error(self, request: object, client_address: object) -> None:
         """Ignore a browser that has closed its connection."""
 
 
+class _Request(io.RawIOBase):
+    """The bytes of a request, which must be few and arrive before a deadline."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._ends_s, self._left = time.monotonic() + PATIENCE_S, MOST_REQUEST
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:
+        left_s = self._ends_s - time.monotonic()
+        if left_s <= 0:
+            raise TimeoutError("the request did not arrive in time")
+        self._connection.settimeout(left_s)
+        size = self._connection.recv_into(buffer)
+        self._left -= size
+        if self._left < 0:
+            raise ConnectionError("the request is too long")
+        return size
+
+
 class _Handler(WSGIRequestHandler):
     timeout = PATIENCE_S
+
+    def setup(self) -> None:
+        super().setup()
+        self.rfile = io.BufferedReader(_Request(self.connection))
 
     def log_message(self, text: str, *values: object) -> None:
         pass  # a line for each image would hide the others

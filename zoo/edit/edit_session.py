@@ -7,10 +7,10 @@ from pathlib import Path
 
 from datamodules import recording_edits
 from datamodules.edited_recording import WrittenRecording, write_edited
-from datamodules.errors import InputError
-from datamodules.new_folder import free_folder
 from datamodules.recording import Recording
 from datamodules.recording_edits import Edits
+from zoo.base.errors import InputError
+from zoo.base.new_folder import free_folder
 
 MOST_UNDO = 1000  # steps
 
@@ -53,6 +53,7 @@ class EditSession:
         report: function called with each written recording.
 
     Attributes:
+        out: folder to write first.
         written: recording that was written last; None before.
     """
 
@@ -65,7 +66,7 @@ class EditSession:
     ) -> None:
         self.recording, self._report = recording, report
         first = Path(recording.names[0]).absolute()
-        self._out = (out or first.with_name(f"{first.name}_edited")).expanduser().absolute()
+        self.out = (out or first.with_name(f"{first.name}_edited")).expanduser().absolute()
         self.written: WrittenRecording | None = None
         self._history = History(edits)
         self._saved = Edits(len(recording))
@@ -107,7 +108,7 @@ class EditSession:
             InputError: see `write_edited`.
         """
         edits = self._history.now
-        self.written = write_edited(self.recording, edits, free_folder(self._out), progress)
+        self.written = write_edited(self.recording, edits, free_folder(self.out), progress)
         self._saved = edits
         self._report(self.written)
 
@@ -151,7 +152,7 @@ class EditSession:
             "undo": len(history.past),
             "redo": len(history.future),
             "unsaved": self.unsaved,
-            "out": str(free_folder(self._out)),
+            "out": str(free_folder(self.out)),
             "writing": self._share,
             "finished": self._finished,
             "failure": self._failure,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
@@ -41,9 +41,11 @@ def evaluate(
     if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
         checkpoint = str(find_checkpoint(checkpoint))
     with loading():
+        from zoo.base.new_folder import command_folder
         from zoo.checkpoints.command import policy_name
         from zoo.checkpoints.policy import load_policy
-        from zoo.evaluate.drives_table import nan_line
+        from zoo.drives.metrics import METRICS
+        from zoo.evaluate.drives_table import COUNTS, nan_line
         from zoo.evaluate.evaluate_options import check_world
         from zoo.evaluate.evaluation import Evaluation, curves
         from zoo.evaluate.guard_effect import guard_effect, unguarded
@@ -52,7 +54,6 @@ def evaluate(
         from zoo.evaluate.track_scores import score_on_tracks
         from zoo.monitor.guarded_policy import guarded
         from zoo.runs.metrics_file import write_metrics_file
-        from zoo.runs.new_folder import new_folder
         from zoo.runs.plots import save_figure
         from zoo.runs.result_table import check_plot, check_table
         from zoo.verdict.evidence import Evidence, read_evidence
@@ -62,7 +63,7 @@ def evaluate(
         policy = load_policy(checkpoint) if isinstance(checkpoint, str) else checkpoint
         check_world(options)
         check_throttle(policy, options.throttle)
-        check_table(options.table)
+        check_table(options.table, options.columns, ("track", *COUNTS, *METRICS))
         check_plot(options.plot)
         if options.guard and not isinstance(checkpoint, str):
             raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
@@ -71,35 +72,35 @@ def evaluate(
     names = perturbations_named(options.perturb, options.throttle)
     usual = Setup.of(options, options.tracks[0], 0)
     swept = sweeps(names, usual)
-    folder = new_folder(options.out, "evaluations")
-    more = [one for by_value in swept.values() for one in by_value.values()]
-    more += unguarded(options)
-    scores = score_on_tracks(checkpoint, options, folder, console, more)
-    name = checkpoint if isinstance(checkpoint, str) else policy_name(policy)
-    metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}
-    if options.guard:
-        without = [scores.by_setup[one] for one in unguarded(options)]
-        metrics["guard"] = guard_effect(options.guard, scores.drives, without)
-    results = {
-        name: {value: scores.by_setup[one] for value, one in by_value.items()}
-        for name, by_value in swept.items()
-    }
-    if names:
-        metrics["perturbed"] = {
-            name: [{"value": value, **one} for value, one in by_value.items()]
-            for name, by_value in results.items()
+    with command_folder(options.out, "evaluations") as folder:
+        more = [one for by_value in swept.values() for one in by_value.values()]
+        more += unguarded(options)
+        scores = score_on_tracks(checkpoint, options, folder, console, more)
+        name = checkpoint if isinstance(checkpoint, str) else policy_name(policy)
+        metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}
+        if options.guard:
+            without = [scores.by_setup[one] for one in unguarded(options)]
+            metrics["guard"] = guard_effect(options.guard, scores.drives, without)
+        results = {
+            name: {value: scores.by_setup[one] for value, one in by_value.items()}
+            for name, by_value in swept.items()
         }
-        save_figure(curves(results, usual), folder / "robustness.png")
-    config = getattr(policy, "config", {})
-    evidence = Evidence(None, config)
-    if isinstance(checkpoint, str):
-        evidence = read_evidence(checkpoint, config)
-    verdict = judge(scores.drives, evidence, options.tracks)
-    metrics["verdict"] = verdict.plain()
-    write_metrics_file(folder, metrics)
-    nan = nan_line(list(scores.by_setup.values()))
-    problem = f"{name}: {nan}" if nan else ""
-    return Evaluation(folder, metrics, verdict, usual, results, problem)
+        if names:
+            metrics["perturbed"] = {
+                name: [{"value": value, **one} for value, one in by_value.items()]
+                for name, by_value in results.items()
+            }
+            save_figure(curves(results, usual), folder / "robustness.png")
+        config = getattr(policy, "config", {})
+        evidence = Evidence(None, config)
+        if isinstance(checkpoint, str):
+            evidence = read_evidence(checkpoint, config, getattr(policy, "data", None))
+        verdict = judge(scores.drives, evidence, options.tracks)
+        metrics["verdict"] = verdict.plain()
+        write_metrics_file(folder, metrics)
+        nan = nan_line(list(scores.by_setup.values()))
+        problem = f"{name}: {nan}" if nan else ""
+        return Evaluation(folder, metrics, verdict, usual, results, problem)
 
 
 def command(arguments: list[str]) -> None:
@@ -122,7 +123,8 @@ def command(arguments: list[str]) -> None:
         from zoo.runs.result_table import write_asked
 
         print_evaluation(result, console)
-        print_end(result, write_asked(result, options.table, options.plot), console)
+        written = write_asked(result, options.table, options.plot, options.columns)
+        print_end(result, written, console)
         if result.problem:
             raise InputError(result.problem)
         return

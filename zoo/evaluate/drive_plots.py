@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from simulator.track import Track
 from zoo.drives.drive_record import Drive
+from zoo.runs.notebook_figure import NotebookFigure
 from zoo.runs.plots import BLUE, GREY, ORANGE
 
 
@@ -17,7 +18,9 @@ def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
     road = np.vstack([track.xyz, track.xyz[:1]]) if track.closed else track.xyz
     extent = np.maximum(np.ptp(road[:, :2], axis=0), 1.0)
     width, height = extent * min(5.2 / extent)  # inches, without colour bar and title
-    figure = Figure(figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained")
+    figure = NotebookFigure(
+        figsize=(max(width, 3) + 1.8, max(height, 2) + 0.9), layout="constrained"
+    )
     axis = figure.subplots()
     axis.plot(road[:, 0], road[:, 1], color=GREY, lw=7, alpha=0.25, solid_capstyle="round")
     way = drive.xy
@@ -42,7 +45,7 @@ def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
 
 def error_over_distance(drive: Drive, title: str) -> Figure:
     """Draw the cross-track error along the drive, positive right, with the limits of the lane."""
-    figure = Figure(figsize=(8, 3), layout="constrained")
+    figure = NotebookFigure(figsize=(8, 3), layout="constrained")
     axis = figure.subplots()
     step = np.diff(drive.distance_m, prepend=drive.distance_m[0])
     if math.isfinite(drive.length_m):  # a lap begins at 0 again
@@ -70,7 +73,7 @@ def figures_by_track(drives: Sequence[Mapping]) -> Figure:
         drives: figures of each drive, with `track`.
     """
     tracks = list(dict.fromkeys(str(one["track"]) for one in drives))
-    figure = Figure(figsize=(7, 0.9 + 0.45 * len(tracks)), layout="constrained")
+    figure = NotebookFigure(figsize=(7, 0.9 + 0.45 * len(tracks)), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     panels = (("autonomy", 100, "autonomy (%)"), ("cte_mean_m", 1, "mean cross-track error (m)"))
     for axis, (key, factor, label) in zip(axes, panels, strict=True):
@@ -100,7 +103,9 @@ def degradation_curves(
     """
     columns = min(4, len(curves))
     rows = -(-len(curves) // columns)
-    figure = Figure(figsize=(max(4.5, 3.4 * columns), 2.7 * rows + 0.6), layout="constrained")
+    figure = NotebookFigure(
+        figsize=(max(4.5, 3.4 * columns), 2.7 * rows + 0.6), layout="constrained"
+    )
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
     worst = max(one["cte_mean_m"] for by_value in curves.values() for one in by_value.values())
     for axis in axes[len(curves) :]:

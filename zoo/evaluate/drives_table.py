@@ -7,10 +7,14 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from zoo.drives.intervals import count_with_interval
+from zoo.drives.intervals import ONE_TRACK
 from zoo.drives.metrics import DRIVES, METRICS
+from zoo.runs.result_table import TableColumn
+from zoo.runs.table_text import two_lines
 from zoo.runs.track_figures import Spread
 
+DEVIATION = f"±: sample standard deviation over start seeds. {ONE_TRACK}"
+SHORT = ("autonomy", "drives_without_intervention", "drives", "cte_mean_m")  # in TeX
 # Rows of the table of drives that are counts over drives, not metrics of a drive.
 COUNTS = {
     "drives_without_intervention": ("drives without intervention", ""),
@@ -88,15 +92,6 @@ def with_deviation(figure: Spread, form: str, drives: int | None = None) -> str:
     )
 
 
-def two_lines(count: str) -> str:
-    r"""Return a count with its interval, broken before the interval for a narrow column.
-
-    >>> two_lines("3 of 3 (95 %: 44 % or more)")
-    '3 of 3 (95 %:\n44 % or more)'
-    """
-    return count.replace(": ", ":\n")
-
-
 def table_rows(table: str = DRIVES) -> dict[str, tuple[str, str]]:
     """Return the rows of a table in order: heading and format of the value, by key.
 
@@ -117,28 +112,42 @@ def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
         tracks: figures of each track by its name, as `mean_and_spread` returns them.
         table: DRIVES or REPLAYS.
     """
-    rows, caption = figure_cells(tracks, table), None
+    caption = None
     if table == DRIVES and any(one.get("drives", 1) > 1 for one in tracks.values()):
-        caption = "±: sample standard deviation over start seeds"
+        caption = DEVIATION
     shown = Table(caption=caption, caption_justify="left")
     shown.add_column("driving", no_wrap=True)
     for track in tracks:
         shown.add_column(Text(track))
-    for row in rows:
-        shown.add_row(*row)
+    rows = table_rows(table)
+    for one in figure_columns(tracks, table):
+        if one.name in rows:
+            narrow = one.name == "drives_without_intervention" and len(tracks) > 1
+            shown.add_row(one.heading, *(map(two_lines, one.cells) if narrow else one.cells))
     return shown
 
 
-def figure_cells(tracks: dict[str, dict], table: str = DRIVES) -> list[list[str]]:
-    """Return the rows of `drives_table`: heading, then a text for each track."""
-    rows = []
-    for key, (label, form) in table_rows(table).items():
+def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[TableColumn]:
+    """Return a column for each figure that a track has, with a row for each track.
+
+    Args:
+        tracks: figures of each track by its name, as `mean_and_spread` returns them.
+        table: table whose rows come first, DRIVES or REPLAYS.
+    """
+    rows = table_rows(table)
+    rows |= {key: one.row(table) for key, one in METRICS.items() if key not in rows}
+    columns = []
+    for key, (label, form) in rows.items():
         if any(key in figures for figures in tracks.values()):
-            cells = [_cell(figures, key, form) for figures in tracks.values()]
-            if key == "drives_without_intervention" and len(tracks) > 1:
-                cells = [two_lines(one) for one in cells]
-            rows.append([label, *cells])
-    return rows
+            texts = [_cell(figures, key, form) for figures in tracks.values()]
+            found = [figures.get(key) for figures in tracks.values()]
+            values: dict[str, Sequence[float | int | None]] = {key: found}
+            if key in METRICS:
+                pairs = [one or (None, None) for one in found]
+                means, deviations = zip(*pairs, strict=True)
+                values = {key: means, f"{key}_std": deviations}
+            columns.append(TableColumn(key, label, texts, values, short=key in SHORT))
+    return columns
 
 
 def _cell(figures: Mapping, key: str, form: str) -> str:
@@ -147,5 +156,5 @@ def _cell(figures: Mapping, key: str, form: str) -> str:
     if key == "drives":
         return str(figures[key])
     if key == "drives_without_intervention":
-        return count_with_interval(figures[key], figures["drives"])
+        return f"{figures[key]} of {figures['drives']}"
     return with_deviation(figures[key], form)

@@ -5,9 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from datamodules.errors import UsageError
-from simulator.errors import SimulatorError
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError, UsageError
 from zoo.drives.interventions import LEAST_MARGIN_M
 
 Laps = Annotated[float, Field(gt=0, le=1000)]
@@ -34,6 +33,7 @@ class EvaluateOptions(WorldSettings):
     guard: str | None
     out: str | None
     table: str | None
+    columns: str | None
     plot: str | None
     workers: Workers
 
@@ -61,5 +61,5 @@ def check_world(options: WorldSettings) -> None:
         options.check()
         for name in names:
             open_world(renderer="none", **replace(options, track=name).place)
-    except SimulatorError as error:
+    except InputError as error:
         raise UsageError(str(error)) from None

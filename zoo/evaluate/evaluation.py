@@ -1,6 +1,5 @@
 """The result of `drivezoo evaluate`: its figures, table and plot, and how it is printed."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,15 +8,13 @@ from rich.console import Console
 
 from simulator.track_names import short_name
 from zoo.cli.closing_lines import print_written
-from zoo.drives.metrics import METRICS
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
-from zoo.evaluate.drives_table import drives_table, figure_cells
+from zoo.evaluate.drives_table import DEVIATION, drives_table, figure_columns
 from zoo.evaluate.guard_effect import guard_line
 from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
 from zoo.evaluate.track_scores import how_well
-from zoo.runs.result_table import Result, ResultTable
-from zoo.runs.track_figures import Spread
+from zoo.runs.result_table import Result, ResultTable, TableColumn
 from zoo.verdict.judgement import Verdict, print_verdict
 
 By = dict[str, dict[float, dict]]
@@ -58,30 +55,17 @@ class Evaluation(Result):
         return "\n".join([f"Evaluation in {self.folder}: {self.verdict.headline}", *lines])
 
     def result_table(self) -> ResultTable:
-        """Return a row of figures for each track; printed, a column for each track."""
-        rows = [{"track": name, **flat_figures(one)} for name, one in self.tracks.items()]
-        return ResultTable(rows, ["driving", *self.tracks], figure_cells(self.tracks))
+        """Return a row of figures for each track."""
+        columns = [TableColumn("track", "track", list(self.tracks)), *figure_columns(self.tracks)]
+        name = Path(str(self.metrics["checkpoint"])).name
+        caption = f"{name} in the embedded world, {_how(self.usual)}. {DEVIATION}."
+        return ResultTable(columns, caption)
 
     def plot(self) -> Figure:
         """Return a figure of the drives on each track, or of the perturbations' values."""
         if self.swept:
             return curves(self.swept, self.usual)
         return figures_by_track(self.drives)
-
-
-def flat_figures(figures: Mapping[str, Spread | int | None]) -> dict[str, float | int | None]:
-    """Return means by metric, and sample deviations by `METRIC_std`.
-
-    >>> flat_figures({"drives": 2, "autonomy": (0.75, 0.25), "lap_s": None})
-    {'drives': 2, 'autonomy': 0.75, 'autonomy_std': 0.25, 'lap_s': None, 'lap_s_std': None}
-    """
-    found: dict[str, float | int | None] = {}
-    for name, one in figures.items():
-        if name in METRICS:
-            found[name], found[f"{name}_std"] = (None, None) if one is None else one
-        else:
-            found[name] = one
-    return found
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

@@ -31,17 +31,19 @@ def guard_effect(guard: str, guarded: Sequence[dict], without: Sequence[dict]) -
 
     Returns:
         Alarms, interventions and mean speed with and without the guard, and the interventions that
-        it prevented per drive, with a 95 % interval over the drives.
+        it prevented per drive, with a 95 % interval over three tracks or more.
     """
     lost, lost_without = (
         np.array([one["interventions"] for one in drives], float) for drives in (guarded, without)
     )
+    tracks = np.array([one["track"] for one in guarded])
+    by_track = [(lost_without - lost)[tracks == one].mean() for one in dict.fromkeys(tracks)]
     return {
         "guard": guard,
         "alarms": sum(one["guard_alarms"] for one in guarded),
         "interventions": int(lost.sum()),
         "interventions_without": int(lost_without.sum()),
-        "prevented_per_drive": asdict(bootstrap((lost_without - lost)[None], mean)),
+        "prevented_per_drive": asdict(bootstrap(np.array([by_track]), mean)),
         "speed_mph": float(np.mean([one["speed_mph"] for one in guarded])),
         "speed_mph_without": float(np.mean([one["speed_mph"] for one in without])),
     }

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from datamodules.errors import InputError
-from simulator.errors import SimulatorError
 from simulator.expert import Expert
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world import World, open_world
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError
+from zoo.base.process_pool import drive_in_processes
 from zoo.checkpoints.command import PolicyFunction, call_policy, own_session
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_film import KeptFrames
@@ -25,7 +25,6 @@ from zoo.drives.speed_controller import PI, Network, SpeedController
 from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.embedded_drive import drive_closed_loop, start_of
 from zoo.evaluate.evaluate_options import EvaluateOptions
-from zoo.evaluate.process_pool import drive_in_processes
 from zoo.runs.plots import save_figure
 
 
@@ -179,10 +178,7 @@ def open_setup(setup: Setup, renderer: str) -> World:
     Raises:
         InputError: the world cannot be opened, for example without a renderer.
     """
-    try:
-        return open_world(renderer=renderer, **setup.place)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    return open_world(renderer=renderer, **setup.place)
 
 
 def drive_setup(

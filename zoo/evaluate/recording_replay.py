@@ -21,16 +21,16 @@ of the replay's interventions with those of the same lap driven is 0.93 at 30 mp
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
+from zoo.base.errors import InputError
 from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import INTERVENTION_S
@@ -110,6 +110,7 @@ def replay(
     margin_m: float = MARGIN_M,
     frame_rate: float | None = None,
     show: Callable[[np.ndarray, DriveRow], None] | None = None,
+    speed_mph: float | None = None,
 ) -> Drive:
     """Let a policy steer a virtual car along a recording, at the recorded speed.
 
@@ -122,12 +123,15 @@ def replay(
         margin_m: distance from the recorded path in metres above which an intervention begins.
         frame_rate: rows per second, for a recording whose image names hold no time.
         show: function called with every warped frame, uint8 [160, 320, 3] RGB, and its row.
+        speed_mph: speed of every row, for a recording that holds none.
 
     Raises:
-        InputError: the recording has no times or is too short, or an image cannot be read.
+        InputError: the recording has no times or no speed or is too short, or an image cannot be
+            read.
     """
     if not 0 < margin_m <= GREATEST_MARGIN_M:
         raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
+    recording = with_speed(recording, speed_mph)
     elapsed = seconds_of_rows(recording, frame_rate)
     driven_s = float(np.nansum(elapsed))
     if driven_s < SHORTEST_S:
@@ -193,6 +197,23 @@ def replay(
         xy=np.array(xy),
         distance_m=np.array(distance_m),
     )
+
+
+def with_speed(recording: Recording, speed_mph: float | None = None) -> Recording:
+    """Return the recording, driven at a given speed in each row.
+
+    Raises:
+        InputError: `speed_mph` is None and a recording's speed is 0 in each row, as in a tub of a
+            car without an odometer: nothing would be driven.
+    """
+    if speed_mph is not None:
+        return replace(recording, speed_mph=np.full(len(recording), speed_mph))
+    if still := recording.without_speed:
+        raise InputError(
+            f"{still[0]}: its speed is 0 mph in each row, so that nothing would be driven; add "
+            "speed=9 if the car drove at 9 mph"
+        )
+    return recording
 
 
 def seconds_of_rows(recording: Recording, frame_rate: float | None = None) -> np.ndarray:

@@ -1,24 +1,26 @@
 """Score of a checkpoint on a recording; see `zoo.evaluate.recording_replay`."""
 
-import datetime
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from datamodules.errors import InputError
+from datamodules.exchange.driven_rows import write_frame
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
+from zoo.base.errors import InputError
+from zoo.base.new_folder import command_folder
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import DriveRow
+from zoo.drives.metrics import METRICS, REPLAYS, measure
+from zoo.evaluate.evaluate_options import SpeedMph
 from zoo.runs.result_table import Result, ResultTable, check_table, write_asked
 
 if TYPE_CHECKING:
@@ -33,9 +35,11 @@ class ReplayOptions:
 
     margin: float
     frame_rate: float | None
+    speed: SpeedMph | None
     frames: bool
     out: str | None
     table: str | None
+    columns: str | None
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,12 +65,18 @@ class Replay(Result):
         return f"Replay in {self.folder}: autonomy {self.figures['autonomy']:.1%}, {lost}"
 
     def result_table(self) -> ResultTable:
-        """Return one row with all figures; printed, a row for each figure."""
-        from zoo.drives.metrics import REPLAYS
-        from zoo.evaluate.drives_table import figure_cells, mean_and_spread
+        """Return one row with all figures."""
+        from zoo.evaluate.drives_table import figure_columns, mean_and_spread
 
-        cells = figure_cells({"replay": mean_and_spread([self.figures])}, REPLAYS)
-        return ResultTable([self.figures], ["driving", "replay"], cells)
+        columns = figure_columns({"replay": mean_and_spread([self.figures])}, REPLAYS)
+        return ResultTable(
+            [
+                replace(one, figures={one.name: [self.figures[one.name]]})
+                for one in columns
+                if one.name in self.figures
+            ],
+            f"Replay in {self.folder.name}",
+        )
 
 
 def replay_recording(
@@ -87,7 +97,7 @@ def replay_recording(
         InputError: the checkpoint or recording does not exist, the recording cannot be replayed, or
             an option is wrong.
     """
-    check_table(options.table)
+    check_table(options.table, options.columns, METRICS)
     if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
         checkpoint = str(find_checkpoint(checkpoint))
     with loading():
@@ -95,7 +105,6 @@ def replay_recording(
 
         from zoo.checkpoints.command import policy_name
         from zoo.checkpoints.policy import load_policy
-        from zoo.drives.metrics import measure
         from zoo.evaluate.drive_plots import error_over_distance
         from zoo.evaluate.drives_table import nan_line
         from zoo.evaluate.recording_replay import replay
@@ -107,26 +116,29 @@ def replay_recording(
         name = checkpoint if is_file else policy_name(policy)
         recording = read_recordings(recording_folder)
     torch.set_num_threads(1)  # one frame is too little work for two threads
-    with _Shown(recording, options, console) as shown:
-        drive = replay(policy, recording, options.margin, options.frame_rate, shown)
-    figures = measure(drive)
-    figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
-    about = {"checkpoint": name, "recording": list(recording.names)}
-    kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
-    write_drive(shown.folder, kept, **about)
-    metrics = about | {"margin_m": options.margin, "replay": figures}
-    write_metrics_file(shown.folder, metrics)
-    title = (
-        f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
-        f"{figures['interventions']} interventions"
-    )
-    save_figure(error_over_distance(drive, title), shown.folder / "error.png")
-    replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
-    nan = nan_line([replayed])
-    problem = f"{name}: {nan}" if nan else ""
-    found = Replay(shown.folder, figures, keyboard_lines(recording), problem)
-    found.written.extend(write_asked(found, options.table))
-    return found
+    with command_folder(options.out, "replays") as folder:
+        with _Shown(recording, folder, options, console) as shown:
+            drive = replay(
+                policy, recording, options.margin, options.frame_rate, shown, options.speed
+            )
+        figures = measure(drive)
+        figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
+        about = {"checkpoint": name, "recording": list(recording.names)}
+        kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
+        write_drive(folder, kept, **about)
+        metrics = about | {"margin_m": options.margin, "replay": figures}
+        write_metrics_file(folder, metrics)
+        title = (
+            f"replay of {Path(recording.names[0]).name}: autonomy {figures['autonomy']:.1%}, "
+            f"{figures['interventions']} interventions"
+        )
+        save_figure(error_over_distance(drive, title), folder / "error.png")
+        replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
+        nan = nan_line([replayed])
+        problem = f"{name}: {nan}" if nan else ""
+        found = Replay(folder, figures, keyboard_lines(recording), problem)
+        found.written.extend(write_asked(found, options.table, columns=options.columns))
+        return found
 
 
 def replay_and_print(
@@ -139,7 +151,6 @@ def replay_and_print(
     """
     checkpoint = str(find_checkpoint(checkpoint))
     found = replay_recording(checkpoint, recording_folder, options, console)
-    from zoo.drives.metrics import REPLAYS
     from zoo.evaluate.drives_table import drives_table, mean_and_spread
 
     console.print(drives_table({"replay": mean_and_spread([found.figures])}, REPLAYS))
@@ -165,13 +176,13 @@ def keyboard_lines(recording: Recording) -> list[str]:
 class _Shown:
     """A callback of `replay` that shows progress and keeps rows and, optionally, frames."""
 
-    def __init__(self, recording: Recording, options: ReplayOptions, console: Console) -> None:
-        now = datetime.datetime.now()
-        out = options.out or f"outputs/replays/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}"
-        self.folder, self.keep = Path(out).expanduser(), options.frames
+    def __init__(
+        self, recording: Recording, folder: Path, options: ReplayOptions, console: Console
+    ) -> None:
+        self.folder, self.keep = folder, options.frames
         self.rows: list[DriveRow] = []
-        if self.folder.exists() and not (self.folder.is_dir() and not any(self.folder.iterdir())):
-            raise InputError(f"{self.folder}: is not empty; name another folder with out=")
+        if self.keep:
+            (self.folder / FRAMES).mkdir()
         self.progress = Progress(console=console, transient=True, disable=not console.is_terminal)
         self.task = self.progress.add_task("replaying", total=len(recording))
 
@@ -183,17 +194,9 @@ class _Shown:
         self.progress.stop()
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        if not self.rows:  # created late: a recording that cannot be replayed leaves no folder
-            self._make_folder()
         if self.keep:
             name = f"{FRAMES}/{len(self.rows):06d}.jpg"
-            cv2.imwrite(str(self.folder / name), frame[..., ::-1])
+            write_frame(frame, self.folder / name)
             row = replace(row, frame=name)
         self.rows.append(row)
         self.progress.update(self.task, advance=1)
-
-    def _make_folder(self) -> None:
-        try:
-            (self.folder / FRAMES if self.keep else self.folder).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{self.folder}: cannot be written ({error.strerror})") from None

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from rich.table import Table
 
-from datamodules.errors import InputError, UsageError
 from simulator.rig import CameraOffset
 from simulator.weather import Weather, random_weather
+from zoo.base.errors import InputError, UsageError
 from zoo.cli.nearest import hint
 from zoo.evaluate.many_drives import Setup
 

@@ -1,6 +1,5 @@
 """Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -10,13 +9,13 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 from rich.console import Console
 
-from datamodules.errors import InputError
 from simulator.track_names import file_name
+from zoo.base.errors import InputError
+from zoo.base.written_files import remove_written
 from zoo.checkpoints.command import PolicyFunction
 from zoo.cli.command_config import check_options, compose_keys
 from zoo.cli.console_progress import working
 from zoo.cli.nearest import hint
-from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.evaluate.many_drives import Setup, drive_all, expert_steering_per_s
@@ -140,7 +139,7 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
         return None
     best, last = (folder / "checkpoints" / f"{name}.ckpt" for name in ("best", "last"))
     drives = folder / "drives"
-    shutil.rmtree(drives, ignore_errors=True)  # from before the run was resumed
+    remove_written(drives)  # from before the run was resumed
     try:
         found = score_on_tracks(str(best if best.is_file() else last), options, drives, console)
     except InputError as error:  # a missing library must not fail a training of hours
@@ -168,7 +167,7 @@ def how_well(figures: dict) -> str:
     count = figures["drives"]
     autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
     lost = with_deviation(figures["interventions"], "{:.3g}", count)
-    kept = count_with_interval(figures["drives_without_intervention"], count)
+    kept = f"{figures['drives_without_intervention']} of {count}"
     return (
         f"autonomy {autonomy}, {lost} interventions, drives without intervention {kept}, "
         f"cross-track error {with_deviation(figures['cte_mean_m'], '{:.2f}', count)} m on average, "

@@ -16,7 +16,9 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.whole_file import output_path
+from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.onnx_policy import (
     CARD,
@@ -86,18 +88,11 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
         checkpoint = load_checkpoint(path)
         frames = take_frames(options.frames, checkpoint.config)
         contents = onnx_bytes(checkpoint)
-    part = out.with_name(f"{out.name}.part")
-    try:
-        try:
-            part.write_bytes(contents)
-            exported = OnnxPolicy(part)
-            parity = compare(Policy(checkpoint), exported, frames)
-            _check_parity(path, parity)
-            part.replace(out)
-        finally:
-            part.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"out={out}: {error.strerror}; name another file") from None
+    with output_path(out, inputs=[path]) as part:
+        part.write_bytes(contents)
+        exported = OnnxPolicy(part)
+        parity = compare(Policy(checkpoint), exported, frames)
+        _check_parity(path, parity)
     height, width, _ = checkpoint.view.shape
     lines = [
         f"{out}: {exported.name} of {exported.parameters:,} parameters, sees {width} x {height} "
@@ -176,15 +171,16 @@ def _graph_bytes(network: "torch.nn.Module", inputs: "dict[str, torch.Tensor]") 
     import torch
     from torch.onnx.errors import OnnxExporterError
 
+    from zoo.checkpoints.frozen_graph import quiet_tracing
+
     buffer = io.BytesIO()
     outputs = [CONTROLS, *(name.replace(STATE, NEXT) for name in inputs if name.startswith(STATE))]
     try:
-        with warnings.catch_warnings():
+        with quiet_tracing(), warnings.catch_warnings():
             # Ignored: this exporter is deprecated, and sizes computed in Python become constants,
             # as they should. PyTorch 2.4 to 2.14 has it; the new one needs PyTorch 2.5 and
             # onnxscript, and takes 4 s instead of 0.1 s.
             warnings.simplefilter("ignore", DeprecationWarning)
-            warnings.simplefilter("ignore", torch.jit.TracerWarning)
             # Of unequal padding; the exported file is compared with the network.
             warnings.filterwarnings("ignore", message="Constant folding", category=UserWarning)
             torch.onnx.export(
@@ -211,9 +207,9 @@ def _checked_out(path: Path, name: str) -> Path:
         raise InputError(f"{path}: is ONNX already; name the checkpoint")
     if not is_onnx(out):
         raise InputError(f"out={out}: must end in {SUFFIX}; name such a file")
-    if out.is_dir() or not out.parent.is_dir():
-        reason = "is a folder" if out.is_dir() else f"there is no folder {out.parent}"
-        raise InputError(f"out={out}: {reason}; name another file")
+    if not out.parent.is_dir():
+        raise InputError(f"out={out}: there is no folder {out.parent}; name another file")
+    check_output(out, inputs=[path])
     missing = [one for one in ("onnx", "onnxruntime") if importlib.util.find_spec(one) is None]
     if missing:
         raise InputError(f"exporting needs {' and '.join(missing)}: {INSTALL}")

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import read_recordings
+from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy
@@ -152,12 +152,11 @@ def _known_recordings(config: dict) -> list[tuple[str | list[str], str | None]]:
 
 def _rendered_frames() -> Frames:
     """Return frames all around the embedded lake, on the centreline and 1 m off each side."""
-    from simulator.errors import SimulatorError
     from simulator.world import Start, open_world
 
     try:
         world = open_world("lake", "auto")
-    except SimulatorError as error:
+    except InputError as error:
         raise InputError(f"cannot render frames ({error}); add frames=RECORDING") from None
     frames, speeds_mph = [], np.linspace(0, 30, RENDERED).tolist()
     for number, speed_mph in enumerate(speeds_mph):

@@ -8,19 +8,20 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from datamodules.terminal import printable
+from zoo.base.regular_file import hash_file
+from zoo.base.terminal import printable
+from zoo.base.whole_file import json_text, write_whole
 from zoo.guard import guard_tables
 from zoo.guard.guard_plot import score_histograms
 from zoo.guard.guard_result import GuardResult
 from zoo.guard.published import LINES
 from zoo.guard.scored_drives import ScoredDrive
-from zoo.monitor.guard_file import file_hash
 from zoo.monitor.scores import METHODS
 from zoo.report import blocks
 from zoo.report.report_page import to_html
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
-from zoo.runs.whole_file import json_text, write_whole
+from zoo.runs.table_text import two_lines
 
 VERSION = 1
 JSON, PAGE, PLOT = "guard.json", "guard.html", "guard.png"
@@ -47,7 +48,7 @@ def plain_result(result: GuardResult) -> dict:
     return {
         "version": VERSION,
         "code": code_fingerprint(),
-        "checkpoint": {"file": result.checkpoint, "sha256": file_hash(result.checkpoint)},
+        "checkpoint": {"file": result.checkpoint, "sha256": hash_file(result.checkpoint)},
         "options": asdict(result.options),
         "scores": {
             method: {
@@ -93,20 +94,10 @@ def print_result(result: GuardResult, console: Console) -> None:
         for number, heading in enumerate(table.headings):
             shown.add_column(heading, justify="right" if number else "left", no_wrap=not number)
         for row in table.rows:
-            shown.add_row(*[Text(_narrow(one)) for one in row])
+            shown.add_row(*[Text(two_lines(one)) for one in row])
         console.print(shown)
     for line in _lines(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
-
-
-def _narrow(cell: str) -> str:
-    r"""Return a cell in two lines, for a narrow column.
-
-    >>> _narrow("90 (80 to 95)")
-    '90\n80..95'
-    """
-    value, bracket, interval = cell.rstrip(")").partition(" (")
-    return f"{value}\n{interval.replace(' to ', '..')}" if bracket else cell
 
 
 def _lines(result: GuardResult) -> list[str]:

@@ -5,9 +5,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from datamodules.errors import UsageError
 from simulator.weather import read_weather
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import UsageError
 from zoo.cli.nearest import hint
 from zoo.evaluate.evaluate_options import (
     Count,
@@ -43,6 +43,7 @@ class GuardOptions(WorldSettings):
     paired: bool
     out: str | None
     table: str | None
+    columns: str | None
     workers: Workers
 
     def check(self) -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.new_folder import command_folder
+from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.policy import Policy, load_policy
 from zoo.cli.closing_lines import print_written
@@ -18,17 +20,16 @@ from zoo.guard.conditions import DEGRADED, WEATHER, Condition, shifted_condition
 from zoo.guard.guard_files import print_result, write_files
 from zoo.guard.guard_options import GuardOptions
 from zoo.guard.guard_result import NOMINAL, Fitted, GuardResult, Pairs, of_group
-from zoo.guard.guard_tables import all_warnings
+from zoo.guard.guard_tables import TABLE_COLUMNS, all_warnings
 from zoo.guard.labelled_windows import LEADS_S, WINDOW_S
 from zoo.guard.observed_drive import ObservedDrive
 from zoo.guard.paired_drives import Driven, drive_pairs
 from zoo.guard.scored_drives import Fleet, ScoredDrive, score_drive
 from zoo.guard.warning_figures import warning_figures
-from zoo.monitor.guard_file import Guard, file_hash, write_guard
+from zoo.monitor.guard_file import Guard, write_guard
 from zoo.monitor.scores import METHODS, Score, fit_score
 from zoo.monitor.signals import ENSEMBLE, signal_sources
 from zoo.monitor.threshold import Threshold, fit_threshold
-from zoo.runs.new_folder import new_folder
 from zoo.runs.result_table import check_table, write_table
 
 GUARD = "guard.pt"
@@ -42,7 +43,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         InputError: a checkpoint or track does not exist, an option is wrong, or the network fails
             too often on nominal drives to fit a threshold.
     """
-    check_table(options.table)
+    check_table(options.table, options.columns, TABLE_COLUMNS)
     usual = options.usual()
     members = tuple(str(find_checkpoint(one)) for one in options.members)
     policy = load_policy(checkpoint)
@@ -53,46 +54,48 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     if degraded and type(policy) is not Policy:
         notes.append("no degraded networks: needs a checkpoint of one network")
         degraded = 0
-    folder = new_folder(options.out, "guards")
-    fleet = Fleet(checkpoint, members, options.samples, options.workers, console)
-    fitted = fit_nominal(fleet, options, usual, notes)
-    if options.method is not None and options.method not in fitted.scores:
-        raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
-    conditions = shifted_conditions(
-        replace(usual, seed=3 * options.nominal + 1, laps=options.laps), options.levels, degraded
-    )
-    shifted = drive_shifted(fleet, conditions, fitted)
-    figures = count_warnings(shifted, fitted)
-    method = options.method or best_method(figures)
-    guard = Guard(
-        fitted.scores[method],
-        fitted.thresholds[method].value,
-        max(1, round(WINDOW_S * options.frame_rate)),
-        options.slow,
-        options.samples,
-        file_hash(checkpoint),
-    )
-    path = write_guard(folder / GUARD, guard)
-    result = GuardResult(
-        checkpoint,
-        options,
-        fitted,
-        shifted,
-        figures,
-        alarms_in_shift(shifted, fitted),
-        method,
-        notes=notes,
-    )
-    written = write_files(folder, result)  # kept, if the paired drives are interrupted
-    if options.paired:
-        result = replace(result, pairs=drive_paired(path, result, usual, console))
-        write_files(folder, result)
-    print_result(result, console)
-    if options.table is not None:
-        written.append(write_table(all_warnings(result), options.table))
-    following = ["evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
-    print_written([path, *written], following, console)
-    return result
+    with command_folder(options.out, "guards") as folder:
+        fleet = Fleet(checkpoint, members, options.samples, options.workers, console)
+        fitted = fit_nominal(fleet, options, usual, notes)
+        if options.method is not None and options.method not in fitted.scores:
+            raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
+        conditions = shifted_conditions(
+            replace(usual, seed=3 * options.nominal + 1, laps=options.laps),
+            options.levels,
+            degraded,
+        )
+        shifted = drive_shifted(fleet, conditions, fitted)
+        figures = count_warnings(shifted, fitted)
+        method = options.method or best_method(figures)
+        guard = Guard(
+            fitted.scores[method],
+            fitted.thresholds[method].value,
+            max(1, round(WINDOW_S * options.frame_rate)),
+            options.slow,
+            options.samples,
+            hash_file(checkpoint),
+        )
+        path = write_guard(folder / GUARD, guard)
+        result = GuardResult(
+            checkpoint,
+            options,
+            fitted,
+            shifted,
+            figures,
+            alarms_in_shift(shifted, fitted),
+            method,
+            notes=notes,
+        )
+        written = write_files(folder, result)  # kept, if the paired drives are interrupted
+        if options.paired:
+            result = replace(result, pairs=drive_paired(path, result, usual, console))
+            write_files(folder, result)
+        print_result(result, console)
+        if options.table is not None:
+            written.append(write_table(all_warnings(result), options.table, options.columns))
+        following = ["evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
+        print_written([path, *written], following, console)
+        return result
 
 
 def fit_nominal(fleet: Fleet, options: GuardOptions, usual: Setup, notes: list[str]) -> Fitted:

@@ -12,8 +12,10 @@ from zoo.guard.guard_result import NOMINAL, GuardResult, Pairs, of_group
 from zoo.guard.labelled_windows import LEADS_S
 from zoo.guard.published import THIRDEYE
 from zoo.guard.warning_figures import FIGURES
-from zoo.runs.result_table import Cell, ResultTable
+from zoo.runs.result_table import ResultTable, TableColumn
+from zoo.runs.table_text import interval_figures, with_interval
 
+TABLE_COLUMNS = ("group", "score", "lead_s", *FIGURES)
 HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC %")
 TITLES = {WEATHER: "Fog, rain and light", DEGRADED: "Degraded networks"}
 
@@ -38,27 +40,34 @@ def warning_table(result: GuardResult, group: str) -> Cells:
     rows = []
     for method, by_lead in result.figures[group].items():
         for lead, figures in by_lead.items():
-            texts = [with_interval(figures[name], 100) for name in FIGURES]
+            texts = [with_interval(figures[name], "{:.0f}", 100) for name in FIGURES]
             rows.append([method if lead == LEADS_S[0] else "", str(lead), *texts])
     return Cells(TITLES[group], ["score", "lead s", *HEADINGS], rows)
 
 
 def all_warnings(result: GuardResult) -> ResultTable:
     """Return the figures of all groups as one table for a file, shares as 0..1."""
-    rows: list[dict[str, Cell]] = []
-    cells = []
-    for group, by_method in result.figures.items():
-        for method, by_lead in by_method.items():
-            for lead, figures in by_lead.items():
-                row: dict[str, Cell] = {"group": group, "score": method, "lead_s": lead}
-                for name in FIGURES:
-                    one = figures[name]
-                    bounds = {"": one.value, "_low": one.low, "_high": one.high}
-                    row |= {f"{name}{part}": _known(value) for part, value in bounds.items()}
-                rows.append(row)
-                texts = [with_interval(figures[name], 100) for name in FIGURES]
-                cells.append([group, method, str(lead), *texts])
-    return ResultTable(rows, ["group", "score", "lead s", *HEADINGS], cells)
+    found = [
+        (group, method, lead, figures)
+        for group, by_method in result.figures.items()
+        for method, by_lead in by_method.items()
+        for lead, figures in by_lead.items()
+    ]
+    columns = [
+        TableColumn("group", "group", [one for one, *_ in found]),
+        TableColumn("score", "score", [one for _, one, *_ in found]),
+        TableColumn(
+            "lead_s",
+            "lead s",
+            [str(one[2]) for one in found],
+            {"lead_s": [one[2] for one in found]},
+        ),
+    ]
+    for name, heading in zip(FIGURES, HEADINGS, strict=True):
+        figures = [one[-1][name] for one in found]
+        texts = [with_interval(one, "{:.0f}", 100) for one in figures]
+        columns.append(TableColumn(name, heading, texts, interval_figures(name, figures)))
+    return ResultTable(columns, "Warnings before failures, in brackets 95 % intervals over drives.")
 
 
 def published_table() -> Cells:
@@ -124,8 +133,8 @@ def prevented_line(pairs: Pairs) -> str:
     alarms = sum(one.alarms for one in pairs.guarded)
     return (
         f"{without} interventions without the guard, {guarded} with it, after {alarms} alarms: "
-        f"prevented per drive {with_interval(guard, 1)}; the same mean speed without a guard "
-        f"prevents {with_interval(slower, 1)}"
+        f"prevented per drive {with_interval(guard, '{:.2f}')}; the same mean speed without a "
+        f"guard prevents {with_interval(slower, '{:.2f}')}"
     )
 
 
@@ -155,33 +164,12 @@ def method_line(result: GuardResult) -> str:
     )
 
 
-def with_interval(figure: Estimate, factor: float) -> str:
-    """Return a figure with its 95 % interval, both times a factor.
-
-    >>> with_interval(Estimate(0.9, 0.8, 1.0), 100)
-    '90 (80 to 100)'
-    >>> with_interval(Estimate(math.nan), 100)
-    '-'
-    """
-    form = "{:.0f}" if factor == 100 else "{:.2f}"
-    if not math.isfinite(figure.value):
-        return "-"
-    value, low, high = (
-        form.format(factor * one) for one in (figure.value, figure.low, figure.high)
-    )
-    return f"{value} ({low} to {high})" if math.isfinite(figure.low) else value
-
-
 def all_tables(result: GuardResult) -> Sequence[Cells]:
     """Return the tables in the order of the terminal and the page."""
     failed = {one.condition.group for one in result.shifted if one.windows.failures}
     tables = [warning_table(result, group) for group in result.figures if group in failed]
     tables += [published_table(), score_table(result)]
     return [*tables, *([] if result.pairs is None else [pair_table(result.pairs)])]
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _percent(share: float) -> str:

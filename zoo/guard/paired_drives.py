@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from zoo.base.process_pool import drive_in_processes
 from zoo.drives.metrics import measure
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
-from zoo.evaluate.process_pool import drive_in_processes
 from zoo.guard.conditions import Condition, conditioned_policy
 from zoo.guard.observed_drive import one_thread
 from zoo.monitor.guard_file import read_guard

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from rich.console import Console
 
+from zoo.base.process_pool import drive_in_processes
 from zoo.cli.console_progress import progress_bar
-from zoo.evaluate.process_pool import drive_in_processes
 from zoo.guard.conditions import Condition
 from zoo.guard.labelled_windows import LabelledWindows, label_windows, window_scores
 from zoo.guard.observed_drive import ObservedDrive, observe_drive

@@ -8,13 +8,12 @@ writes to a folder, repo=./card. It needs `pip install 'drivezoo[hub]'`.
   drivezoo hub pull user/name
 """
 
-import shlex
 import sys
 
 from rich.console import Console
 
-from datamodules.errors import UsageError
-from datamodules.terminal import printable
+from zoo.base.errors import UsageError
+from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.command import CHECKPOINT, Command
@@ -42,7 +41,7 @@ def push(named: str, options: HubOptions) -> None:
 
     if is_folder(options.repo):
         print_written(write_files(shared_files(path, None, options.license), options.repo))
-        command = shlex.join(["drivezoo", "hub", PUSH, named, "repo=USER/NAME"])
+        command = command_line(["drivezoo", "hub", PUSH, named, "repo=USER/NAME"])
         print_next(command, "show it for a repository")
         return
     from zoo.hub.repository import send, writable_hub
@@ -72,7 +71,7 @@ def pull(repo: str, options: HubOptions) -> None:
 
     written = fetch(repo, options.file, options.out, Console(emoji=False))
     print_written(written)
-    command = shlex.join(["drivezoo", "evaluate", str(written[0]), "track=lake"])
+    command = command_line(["drivezoo", "evaluate", str(written[0]), "track=lake"])
     print_next(command, "let it drive")
 
 

@@ -8,7 +8,6 @@ import yaml
 
 from datamodules.view import View
 from zoo.checkpoints.lean_checkpoint import without_folders
-from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text
 from zoo.report.card_section import INTENDED_USE
@@ -138,7 +137,7 @@ def _scores(of: Described) -> list[Block]:
     rows = []
     for name, figures in of.tracks.items():
         drives, kept = figures.get("drives"), figures.get("drives_without_intervention")
-        counted = count_with_interval(kept, drives) if drives and kept is not None else "-"
+        counted = f"{kept} of {drives}" if drives and kept is not None else "-"
         cells = [with_deviation(figures["autonomy"], "{:.1%}", drives), counted]
         for key, form in (("interventions", "{:.3g}"), ("cte_mean_m", "{:.2f} m")):
             cells.append(with_deviation(figures[key], form, drives) if figures.get(key) else "-")

@@ -4,9 +4,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 
 PUSH, PULL = "push", "pull"
+HUB = "hub"  # kind of folder
 CARD = "README.md"
 _OWN = {PUSH: ("repo", "send", "license", "private"), PULL: ("file", "out")}
 _PART = r"[A-Za-z0-9](?:[\w.-]{0,94}[A-Za-z0-9])?"

@@ -4,20 +4,19 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from datamodules.errors import InputError, UsageError
+from zoo.base.errors import InputError, UsageError
+from zoo.base.new_folder import print_unfinished, refuse_existing, whole_folder
 from zoo.checkpoints.checkpoint import MOST_BYTES, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_card import check_card
 from zoo.cli.console_progress import progress_bar
 from zoo.hub.card import described_hash
-from zoo.hub.hub_options import CARD
-from zoo.runs.new_folder import new_folder
-from zoo.runs.whole_file import write_whole
+from zoo.hub.hub_options import CARD, HUB
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -78,7 +77,7 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
     Raises:
         InputError: the repository cannot be read, or has not that one checkpoint; the checkpoint
             is larger than announced, another one than the card describes, or damaged; or the
-            folder is not empty.
+            folder exists.
     """
     api = _api()
     with _one_line_errors(repo, api.endpoint):
@@ -89,24 +88,18 @@ def fetch(repo: str, file: str | None, out: str | None, console: Console) -> lis
     size = sizes[name]
     if not isinstance(size, int) or not 0 < size <= MOST_BYTES:
         raise InputError(f"{repo}: {name} has {size} bytes, not 1..{MOST_BYTES:,}; it is not read")
-    folder = new_folder(out or f"outputs/hub/{repo}", "hub")
-    part = folder / f".{name}.part"
-    try:
+    folder = Path(out or f"outputs/hub/{repo}").expanduser()
+    refuse_existing(folder)
+    print_unfinished(folder)
+    with whole_folder(folder, HUB) as part:
         with progress_bar(f"fetching {name}", console) as progress:
-            digest = _download(api, repo, name, size, part, progress)
-        card = _card(api, repo, folder) if CARD in sizes else b""
+            digest = _download(api, repo, name, size, part / name, progress)
+        if CARD in sizes:
+            _download(api, repo, CARD, MOST_CARD_BYTES, part / CARD)
+        card = (part / CARD).read_bytes() if CARD in sizes else b""
         _check_hash(repo, name, digest, hashes.get(name), card)
-        _check(part, f"{repo}: {name}")
-        part.replace(folder / name)
-    except BaseException as error:
-        part.unlink(missing_ok=True)
-        with suppress(OSError):
-            folder.rmdir()
-        if isinstance(error, OSError):
-            raise InputError(f"{folder}: {error.strerror}; name another folder") from None
-        raise
-    written = [folder / name]
-    return [*written, write_whole(folder / CARD, card)] if card else written
+        _check(part / name, f"{repo}: {name}")
+    return [folder / one for one in (name, CARD) if one == name or card]
 
 
 def _api() -> "HfApi":
@@ -165,15 +158,6 @@ def _chosen(repo: str, file: str | None, sizes: Mapping[str, Any]) -> str:
 
 def _listed(names: list[str]) -> str:
     return ", ".join(names[:10]) if names else "no .ckpt file in its top folder"
-
-
-def _card(api: "HfApi", repo: str, folder: Path) -> bytes:
-    part = folder / f".{CARD}.part"
-    try:
-        _download(api, repo, CARD, MOST_CARD_BYTES, part)
-        return part.read_bytes()
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _download(

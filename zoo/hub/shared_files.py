@@ -5,13 +5,13 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.new_folder import command_folder
+from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
 from zoo.hub.card import Described, card_text
-from zoo.hub.hub_options import CARD
-from zoo.runs.new_folder import new_folder
-from zoo.runs.whole_file import write_whole
+from zoo.hub.hub_options import CARD, HUB
 from zoo.verdict.evidence import read_evidence
 
 
@@ -54,8 +54,8 @@ def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
     Raises:
         InputError: the folder is not empty, or cannot be written to.
     """
-    folder = new_folder(out, "hub")
-    try:
-        return [write_whole(folder / name, data) for name, data in files.items()]
-    except OSError as error:
-        raise InputError(f"{folder}: {error.strerror}; name another folder") from None
+    with command_folder(out, HUB) as folder:
+        try:
+            return [write_whole(folder / name, data) for name, data in files.items()]
+        except OSError as error:
+            raise InputError(f"{folder}: {error.strerror}; name another folder") from None

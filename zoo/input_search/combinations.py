@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from datamodules.view import CONVERSIONS, RESIZES, View
+from zoo.base.errors import InputError
 
 Scale = tuple[float, float]
 Pair = tuple[int, int]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 from zoo.input_search.trial_frames import LEAST_ROWS
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]

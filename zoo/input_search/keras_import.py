@@ -7,11 +7,11 @@ from typing import NamedTuple
 from rich.console import Console
 from torch import nn
 
-from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
 from datamodules.view import View
-from zoo.checkpoints.checkpoint import PREFIX, make_card, read_checkpoint_file
-from zoo.checkpoints.keras_file import KerasModel, read_keras
+from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import PREFIX, make_card
+from zoo.checkpoints.keras_file import KerasModel, read_keras_apart
 from zoo.checkpoints.keras_layers import ConvertedKeras, convert
 from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
 from zoo.cli.closing_lines import print_written
@@ -56,8 +56,9 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     """
     path = Path(file).expanduser()
     out = Path(options.out).expanduser() if options.out else Path(path.stem + SUFFIX)
-    out = checked_out(out, "import", _is_imported)
-    model = read_keras(path, Path(options.weights).expanduser() if options.weights else None)
+    inputs = [path, *([options.weights] if options.weights else [])]
+    out = checked_out(out, inputs)
+    model = read_keras_apart(path, Path(options.weights).expanduser() if options.weights else None)
     recording = read_recordings(options.recording) if options.recording else None
     known = _known(model, options, searches=recording is not None)
     console.print(architecture_table(path.name, known.converted.notes, console.width))
@@ -71,7 +72,7 @@ def import_network(file: str, options: ImportOptions, console: Console) -> Path:
     for line in _guesses(path, known, found) if recording is None else []:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     _write(out, path, known.converted, found, recording)
-    print_written([out], ["evaluate", out, "track=lake", "seeds=3"], console)
+    print_written([out], ["evaluate", out, "track=udacity_lake"], console)
     return out
 
 
@@ -195,10 +196,3 @@ def _write(
     state = {f"{PREFIX}{name}": one for name, one in converted.state.items()}
     card = make_card(config, found.view, data)
     write_checkpoint(out, {"drivezoo": card, "state_dict": state, IMPORTED: path.name})
-
-
-def _is_imported(out: Path) -> bool:
-    try:
-        return IMPORTED in read_checkpoint_file(out)
-    except InputError:
-        return False

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
 from datamodules.recording import Recording
+from zoo.base.errors import InputError
 
 MOVING_MPH = 1.0
 BEND = 0.05  # least |steering| of a row that shows which way the road bends

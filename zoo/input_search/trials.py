@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from datamodules.cores import usable_cores
 from datamodules.view import View
+from zoo.base.cores import usable_cores
 from zoo.input_search.combinations import (
     SCALES,
     Combination,

@@ -1,18 +1,20 @@
 """`drivezoo leaderboard [FOLDER...] [key=value ...]`: rank all runs, the best driver first.
 
 Prints the ranking and writes it as a page, leaderboard.html, into the first folder. In a folder
-without runs, ranks evaluations, the `out=` of drivezoo evaluate, and drives: outputs/drives
-has those of drivezoo drive.
+without runs, ranks evaluations and benchmarks, the `out=` of drivezoo evaluate and drivezoo
+benchmark, and drives: outputs/drives has those of drivezoo drive. Drives of less than a lap come
+last, with their length.
 """
 
-import shlex
+import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
@@ -35,6 +37,7 @@ class LeaderboardOptions:
     """Options of a leaderboard; `conf/leaderboard.yaml` has their meanings and defaults."""
 
     table: str | None
+    columns: str | None
 
 
 def leaderboard(
@@ -54,7 +57,7 @@ def leaderboard(
     from zoo.leaderboard.ranking_page import write_page
     from zoo.runs.result_table import check_table, write_asked
 
-    check_table(options.table)
+    check_table(options.table, options.columns)
     named = [Path(one) for one in names]
     roots = named or [OUTPUTS]
     for root in roots:
@@ -64,16 +67,13 @@ def leaderboard(
     drives = sorted({one for root in named for one in drive_folders(root)})
     if not folders and not drives:
         raise InputError(f"{', '.join(map(str, roots))}: no runs found; {_remedy(roots)}")
-    ranking = Ranking.read(folders, roots[0], drives)
-    try:
-        page = write_page(
-            roots[0] / PAGE, "Leaderboard", ranking.entries, ranking.unranked, roots[0]
-        )
-    except OSError as error:
-        raise InputError(f"{roots[0] / PAGE}: cannot write the page ({error.strerror})") from None
+    ranking = Ranking.read(folders, _common_folder(roots), drives)
+    page = write_page(
+        roots[0] / PAGE, "Leaderboard", ranking.entries, ranking.unranked, ranking.under
+    )
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
-    title += f", {len(drives)} evaluations or drives" if drives else ""
-    return ranking, title, [page, *write_asked(ranking, options.table)]
+    title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
+    return ranking, title, [page, *write_asked(ranking, options.table, columns=options.columns)]
 
 
 def show_leaderboard(arguments: list[str]) -> None:
@@ -99,22 +99,30 @@ def run_folders(roots: Iterable[Path]) -> Iterator[Path]:
         yield from run_folders(_inside(root, SKIPPED))
 
 
+def _common_folder(roots: Sequence[Path]) -> Path:
+    """Return the folder that contains all folders, the first on different drives of Windows."""
+    try:
+        return Path(os.path.commonpath([one.resolve() for one in roots]))
+    except ValueError:
+        return roots[0]
+
+
 def _remedy(roots: Iterable[Path]) -> str:
     """Return what to type for folders without runs: a score of a checkpoint in them, if any."""
     for root in roots:
         for path in sorted([*root.glob("*.ckpt"), *root.glob("*.onnx")]):
             score = ["drivezoo", "evaluate", str(path), f"out=scores/{path.stem}"]
-            return f"score each checkpoint: {shlex.join(score)}; then rank the folder scores"
-    return "train one: python -m zoo"
+            return f"score each checkpoint: {command_line(score)}; then rank the folder scores"
+    return "train one: drivezoo train"
 
 
 def drive_folders(root: Path) -> list[Path]:
-    """Return every evaluation's and other drive's folder below a folder that contains no run."""
-    from zoo.leaderboard.ranked_drive import is_drive, is_evaluation
+    """Return the folders of evaluations, benchmarks and drives below a folder without runs."""
+    from zoo.leaderboard.ranked_drive import is_benchmark, is_drive, is_evaluation
 
     if any(run_folders([root])):
         return []
-    if is_drive(root) or is_evaluation(root):
+    if is_drive(root) or is_benchmark(root) or is_evaluation(root):
         return [root]
     return [one for inner in _inside(root, SKIPPED - OF_DRIVES) for one in drive_folders(inner)]
 

@@ -1,4 +1,4 @@
-"""Evaluations and single drives as entries of the ranking.
+"""Evaluations, results of the benchmark and single drives as entries of the ranking.
 
 An evaluation is a folder of `drivezoo evaluate`; a drive is from a socket, the embedded world
 or a replay.
@@ -8,11 +8,13 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive
 from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
 from zoo.leaderboard.ranking import (
+    BENCHMARK,
+    LENGTHS,
     Count,
     Run,
     Unranked,
@@ -28,11 +30,15 @@ UNKNOWN = "unknown track"
 
 
 def read_drives(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
-    """Return drives and evaluations that can be ranked, and damaged ones with the reason."""
+    """Return drives, evaluations and results of the benchmark, and damaged ones with the reason."""
     found, unranked = [], []
     for folder in folders:
         try:
-            found.append(load_drive(folder) if is_drive(folder) else load_evaluation(folder))
+            if is_drive(folder):
+                found.append(load_drive(folder))
+            else:
+                load = load_benchmark if is_benchmark(folder) else load_evaluation
+                found.append(load(folder))
         except InputError as error:
             reason = str(error).removeprefix(f"{folder}/")
             unranked.append(Unranked(folder, "damaged", reason))
@@ -51,7 +57,7 @@ def load_drive(folder: Path) -> Run:
 
     path = folder / SUMMARY_NAME
     summary = read_summary_file(path) if path.is_file() else {}
-    shown = [*(one.name for one in leaderboard_metrics()), "driven_s"]
+    shown = [*(one.name for one in leaderboard_metrics()), *LENGTHS]
     if any(name not in summary for name in shown):
         summary = measure(read_drive(folder)) | summary
     figures = {
@@ -111,6 +117,55 @@ def load_evaluation(folder: Path) -> Run:
         curves={},
         source=EMBEDDED,
     )
+
+
+def load_benchmark(folder: Path) -> Run:
+    """Return the figures of an entry of the benchmark, in the form of a ranked run.
+
+    Its autonomy is the headline: the interquartile mean over all roads but the laps. The suite with
+    the digest of its roads stands for the track.
+
+    Raises:
+        InputError: `result.json` cannot be read.
+    """
+    from zoo.benchmark.checked_result import read_result
+    from zoo.benchmark.suite import LAPS
+
+    result = read_result(folder)
+    drives = [one.figures for one in result.drives if one.group != LAPS]
+    drives = drives or [one.figures for one in result.drives]
+    figures = {
+        name: sum(float(one[name] or 0) for one in drives) / len(drives)
+        for name in ("cte_mean_m", "interventions", "driven_s")
+    }
+    if result.headline.value is not None:
+        figures["autonomy"] = result.headline.value
+    suite = f"{result.suite} {result.roads[:6]}"
+    clean = sum(not one["interventions"] for one in drives)
+    return Run(
+        folder=folder,
+        name=result.entry,
+        overrides={},
+        settings=f"the benchmark in {folder.resolve()}",  # unique: no other one repeats it
+        seed=None,
+        trained_on=TrainedOn(),
+        parameters=None,
+        autonomy=figures.get("autonomy"),
+        cte_m=figures["cte_mean_m"],
+        tracks={suite: figures},
+        counts={suite: Count(clean, len(drives))},
+        mph=None,
+        val_mse=None,
+        test_mse=None,
+        wall_s=None,
+        curves={},
+        source=BENCHMARK,
+    )
+
+
+def is_benchmark(folder: Path) -> bool:
+    """Return whether `drivezoo benchmark` wrote a folder."""
+    return (folder / "result.json").is_file()
 
 
 def is_evaluation(folder: Path) -> bool:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import mean_and_deviation
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 
 IGNORED_KEYS = ("seed",)  # runs whose configs differ only here are repeats
 LAST = float("inf")  # sorts after every figure
+BENCHMARK = "benchmark"  # source of drives on the roads of a suite
+WHOLE_LAP = 0.95  # laps; a drive that ends a little before its start counts as a lap
+LAP_M = 1000.0  # where the laps are unknown; the included circuits are longer
+LENGTHS = ("laps", "driven_m", "driven_s")  # figures beside the leaderboard's metrics
 CURVES = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
 
 
@@ -51,7 +55,7 @@ class Run:
         mph: speed that the controller held; None for the network's own throttle, or no drive.
         wall_s: seconds of training; None for a single drive.
         curves: by name (`val/mse`, `train/loss`, `drive/autonomy`), values by epoch from 1 on.
-        source: source of the drives, as in `Drive`; empty for a run without a drive.
+        source: source of the drives, as in `Drive`, or BENCHMARK; empty for a run without a drive.
     """
 
     folder: Path
@@ -89,6 +93,24 @@ class Entry:
     def first(self) -> Run:
         """Return the run with the lowest training seed."""
         return self.runs[0]
+
+    def short_drive(self, track: str | None = None) -> str:
+        """Return the length of the shortest drives of less than a lap, such as `0.1 laps`.
+
+        Args:
+            track: track of the drives; None for any.
+
+        Returns:
+            The length; empty if all drives are as long as a lap, or their length is unknown.
+        """
+        driven = [
+            one for run in self.runs for name, one in run.tracks.items() if track in (None, name)
+        ]
+        laps = [one["laps"] for one in driven if "laps" in one]
+        metres = [one["driven_m"] for one in driven if "laps" not in one and "driven_m" in one]
+        if laps and min(laps) < WHOLE_LAP:
+            return f"{min(laps):.2g} laps"
+        return f"{min(metres):.0f} m" if metres and min(metres) < LAP_M else ""
 
 
 @dataclass(frozen=True)
@@ -186,6 +208,7 @@ def read_runs(folders: Iterable[Path]) -> tuple[list[Run], list[Unranked]]:
 def rank(runs: Sequence[Run]) -> list[Entry]:
     """Sort runs by autonomy, then cross-track error, then validation MSE.
 
+    Drives of less than a lap come after all that are longer: most roads are easy at their start.
     Repeats with other training seeds form one entry. Where runs were driven on different tracks,
     only the tracks that all of them share count.
     """
@@ -213,7 +236,11 @@ def _conditions(run: Run) -> str:
     """Return where a run was driven, and at what speed."""
     if run.source == REPLAY:
         return "in a replay"
+    if run.source == BENCHMARK:
+        return "in the benchmark"
     how = f"at {run.mph:g} mph" if run.mph else "with its own throttle"
+    if not run.mph and run.val_mse is None:
+        how = "at a speed that its file does not name"  # an evaluation
     return f"on a socket {how}" if run.source == SOCKET else how
 
 
@@ -222,12 +249,16 @@ def _driven(drive: dict | None) -> tuple[dict[str, dict], float | None]:
     if not drive or not drive.get("tracks"):
         return {}, None
     tracks = {name: one for name, one in drive["tracks"].items() if one}
+    for name, one in tracks.items():
+        for key in ("autonomy", "cte_mean_m"):
+            if key not in one:
+                raise InputError(f"metrics.json: drive.tracks.{name}.{key}: is missing")
     return tracks, drive.get("speed_mph")
 
 
 def track_means(tracks: dict[str, dict]) -> dict[str, dict[str, float]]:
     """Return the leaderboard's metrics by track, without the deviations."""
-    shown = (*_shown_metrics(), "driven_s")
+    shown = (*_shown_metrics(), *LENGTHS)
     return {
         name: {key: float(one[key][0]) for key in shown if one.get(key)}
         for name, one in tracks.items()
@@ -259,7 +290,7 @@ def _entry(runs: Sequence[Run], shared: Sequence[str]) -> Entry:
         values = [_over_tracks(run, shared, track_key) for run in runs]
         figures[key] = _spread(values)
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
-        for key in _shown_metrics():
+        for key in (*_shown_metrics(), *LENGTHS[:2]):
             values = [run.tracks.get(track, {}).get(key) for run in runs]
             figures[f"{track}/{key}"] = _spread(values)
         counts = [run.counts.get(track) for run in runs]
@@ -275,8 +306,9 @@ def _shown_metrics() -> list[str]:
 
 
 def _over_tracks(run: Run, shared: Sequence[str], key: str) -> float | None:
-    values = [one[key] for name, one in run.tracks.items() if not shared or name in shared]
-    return float(np.mean(values)) if values else None
+    tracks = [one for name, one in run.tracks.items() if not shared or name in shared]
+    values = [one[key] for one in tracks if key in one]  # null where nothing was driven
+    return float(np.mean(values)) if values and len(values) == len(tracks) else None
 
 
 def _spread(values: Sequence[float | None]) -> Spread | None:
@@ -288,6 +320,8 @@ def _spread(values: Sequence[float | None]) -> Spread | None:
 def _order(entry: Entry) -> tuple:
     autonomy, cte, mse = (entry.figures[key] for key in ("autonomy", "cte_m", "val_mse"))
     return (
+        autonomy is None,
+        bool(entry.short_drive()),
         -autonomy[0] if autonomy else LAST,
         cte[0] if cte else LAST,
         mse[0] if mse else LAST,
@@ -315,5 +349,7 @@ def _configs(folder: Path) -> tuple[dict, dict[str, str], "Runtime"]:
     if isinstance(config.get("callbacks"), dict):
         config["callbacks"].pop("pruning", None)
     pairs = [one.lstrip("+~").partition("=") for one in overrides]
-    typed = {key: value for key, _, value in pairs if not key.startswith(("hydra", "callbacks.pr"))}
+    words = ("true", "false", "null")  # which Hydra takes in capitals, too
+    pairs = [(key, one.lower() if one.lower() in words else one) for key, _, one in pairs]
+    typed = {key: value for key, value in pairs if not key.startswith(("hydra", "callbacks.pr"))}
     return config, typed, read_hydra_file(folder)

@@ -5,9 +5,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-from zoo.drives.intervals import count_with_interval
+from zoo.base.whole_file import write_output
 from zoo.evaluate.drives_table import with_deviation
 from zoo.leaderboard.ranking import Count, Entry, Unranked
 from zoo.leaderboard.ranking_table import (
@@ -15,6 +13,7 @@ from zoo.leaderboard.ranking_table import (
     figure_columns,
     figure_text,
     folder_label,
+    length_text,
     named_columns,
     run_name,
     setting_columns,
@@ -23,8 +22,7 @@ from zoo.leaderboard.ranking_table import (
     unranked_lines,
     value_of,
 )
-from zoo.report.report_page import hash_source
-from zoo.runs.whole_file import write_whole
+from zoo.runs.page import Page
 
 CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
 
@@ -45,7 +43,7 @@ def write_page(
         OSError: the file cannot be written.
     """
     figures, settings = figure_columns(entries), setting_columns(entries)
-    # Counts have no axis: it could not show their intervals.
+    # Counts have no axis: it could not show of how many drives they are.
     axes = [one for one in figures if one.form]
     data = {
         "axes": [*map(_setting_axis, settings), *map(_figure_axis, axes)],
@@ -62,7 +60,7 @@ def write_page(
         data=data,
         unranked=unranked_lines(unranked, under),
     )
-    return write_whole(path, page)
+    return write_output(path, page, key="")
 
 
 def render_page(
@@ -85,23 +83,13 @@ def render_page(
         data: `axes`, `entries` and `curves` that the page's script draws.
         unranked: lines below the table.
     """
-    parts = Path(__file__).parent / "static"
-    environment = Environment(
-        loader=FileSystemLoader(parts), autoescape=True, undefined=StrictUndefined
-    )
-    style, script = ((parts / name).read_text() for name in ("style.css", "page.js"))
-    return environment.get_template("page.html").render(
-        policy=f"default-src 'none'; style-src {hash_source(style)}; "
-        f"script-src {hash_source(script)}; "
-        "base-uri 'none'; form-action 'none'",
+    return Page(Path(__file__).parent / "static", script="page.js").render(
         title=title,
         where=where,
         lead=lead,
         heads=heads,
         rows=rows,
         unranked=unranked,
-        style=style,
-        script=script,
         data=data,
     )
 
@@ -109,7 +97,7 @@ def render_page(
 def _counts_text(entry: Entry) -> str:
     """Return by track how many of an entry's drives had no intervention, as text."""
     texts = [
-        f"{count_with_interval(one.without_intervention, one.drives)} on {Path(key).parent.stem}"
+        f"{one.without_intervention} of {one.drives} on {Path(key).parent.stem}"
         for key, one in entry.figures.items()
         if isinstance(one, Count)
     ]
@@ -132,6 +120,7 @@ def _lead(entries: Sequence[Entry], under: Path) -> str:
     ):
         if best.figures.get(column.key):
             figure = with_deviation(best.figures[column.key], column.form, len(best.runs))
+            figure += length_text(best, column)
             name = best.first.name if best in trained else run_name(best, under)
             counts = _counts_text(best)
             return f"{what}. The best, {name}: {column.heading} {figure}{counts}."
@@ -156,7 +145,7 @@ def _table(
         texts += [setting_text(entry.first.overrides.get(key)) for key in settings]
         texts.append(training_seeds(entry))
         row = [(text, None) for text in texts]
-        row += [(figure_text(entry.figures, one), value_of(entry, one)) for one in figures]
+        row += [(figure_text(entry, one), value_of(entry, one)) for one in figures]
         rows.append(row)
     return {"heads": heads, "rows": rows}
 

@@ -1,5 +1,6 @@
 """The ranking as a table for the terminal, and its columns as the HTML page shows them."""
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,14 +9,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.terminal import printable
+from zoo.base.terminal import printable
 from zoo.cli.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
+from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.drive_record import EMBEDDED
-from zoo.drives.intervals import count_with_interval
 from zoo.drives.metric_registry import LOWER, Metric
 from zoo.drives.metrics import leaderboard_metrics
-from zoo.evaluate.drives_table import two_lines, with_deviation
+from zoo.evaluate.drives_table import with_deviation
 from zoo.leaderboard.ranking import Count, Entry, Unranked
+from zoo.runs.table_text import two_lines
 from zoo.runs.trained_recordings import recording_names
 
 ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
@@ -40,6 +42,11 @@ class Column:
     form: str
     less: bool = False
 
+    @property
+    def has_interval(self) -> bool:
+        """Return whether the figure has an interval over training seeds: the autonomy."""
+        return self.key.rpartition("/")[2] == "autonomy"
+
 
 def figure_columns(entries: Sequence[Entry]) -> list[Column]:
     """Return the figures that at least one entry has, the most important first."""
@@ -57,6 +64,10 @@ def figure_columns(entries: Sequence[Entry]) -> list[Column]:
         found += drives
     for track, label in labels.items():
         found += [_column(one, track, label) for one in others]
+        laps = Column(f"laps, {label}", f"{track}/laps", "{:.1f}")
+        driven = Column(f"driven, {label} (m)", f"{track}/driven_m", "{:,.0f}")
+        unknown = [one for one in entries if not one.figures.get(laps.key)]
+        found += [laps, *([driven] if any(one.figures.get(driven.key) for one in unknown) else [])]
     found += [
         Column("val MSE", "val_mse", "{:.4f}", less=True),
         Column("test MSE", "test_mse", "{:.4f}", less=True),
@@ -70,14 +81,38 @@ def _column(metric: Metric, track: str, label: str) -> Column:
     return Column(heading, f"{track}/{metric.name}", metric.form, metric.direction == LOWER)
 
 
-def figure_text(figures: dict, column: Column) -> str:
+def short_figures(columns: Sequence[Column]) -> set[str]:
+    """Return the keys of the figures that a TeX table shows by default.
+
+    They are the autonomy, on one track also the drives and the error; or the errors of the steering
+    of runs without drives.
+    """
+    driven = [one.key for one in columns if one.has_interval]
+    if len(driven) == 1:
+        driven += [one.key for one in columns if one.key.endswith(("/drives", "/cte_mean_m"))]
+    return set(driven or ("val_mse", "test_mse"))
+
+
+def figure_text(entry: Entry, column: Column) -> str:
     """Return a figure as text, such as `98.2% ± 0.4%`; a dash where there is none."""
-    value = figures.get(column.key)
+    value = entry.figures.get(column.key)
     if value is None:
         return "-"
     if isinstance(value, Count):
-        return count_with_interval(value.without_intervention, value.drives)
-    return with_deviation(value, column.form)
+        return f"{value.without_intervention} of {value.drives}"
+    return with_deviation(value, column.form) + length_text(entry, column)
+
+
+def length_text(entry: Entry, column: Column) -> str:
+    """Return what stands behind an autonomy over less than a lap, such as ` of 0.1 laps`."""
+    length = column.has_interval and entry.short_drive(column.key.rpartition("/")[0] or None)
+    return f" of {length}" if length else ""
+
+
+def interval_of(entry: Entry, column: Column) -> Estimate:
+    """Return a share of an entry with its 95 % interval over the training seeds."""
+    value, deviation = entry.figures.get(column.key) or (math.nan, None)
+    return mean_over_seeds(value, deviation, len(entry.runs), (0, 1))
 
 
 def value_of(entry: Entry, column: Column) -> float | None:
@@ -189,11 +224,11 @@ def ranking_table(
 
 
 def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cells:
-    """Return a figure's cells; narrow ones have deviation and interval in a second line."""
-    cells = [figure_text(entry.figures, column) for entry in entries]
+    """Return a figure's cells; narrow ones have the deviation in a second line."""
+    cells = [figure_text(entry, column) for entry in entries]
     heading = column.heading.replace(", ", ",\n").replace("without ", "without\n")
     if narrow:
-        cells = [two_lines(one).replace(" ±", "\n±") for one in cells]
+        cells = [two_lines(one).replace(" of ", "\nof ", column.has_interval) for one in cells]
     return Cells(heading, tuple(cells), "right")
 
 

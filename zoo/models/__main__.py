@@ -11,6 +11,7 @@ from rich.table import Table
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import Command
 from zoo.cli.compose import choices, compose_config
+from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
 COMMAND = Command(__doc__)
@@ -46,12 +47,13 @@ def zoo_table() -> tuple[Table, dict[str, str]]:
 def print_zoo(arguments: list[str]) -> None:
     """Print the table and the sources."""
     COMMAND.split(arguments)
-    table, sources = zoo_table()
+    with loading("building the networks"):
+        table, sources = zoo_table()
     console = Console(soft_wrap=True)
     console.print(table)
     for name, source in sources.items():
         console.print(f"{name}: {source}", highlight=False)
-    print_next("python -m zoo model=NAME data.root=FOLDER", "train one", console)
+    print_next("drivezoo train model=NAME data.root=FOLDER", "train one", console)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Read the spec of a layer, plain values from an untrusted file, with a check of each value."""
 
-import math
 from collections.abc import Mapping, Sequence
+
+from zoo.base.limits import is_ordinary
 
 MOST_TEXT = 40  # characters of a value in a message
 
@@ -109,6 +110,6 @@ class LayerSpec:
         return value
 
     def _number(self, key: str, value: object, most: float) -> float:
-        if type(value) not in (int, float) or not math.isfinite(value) or abs(value) > most:
+        if not is_ordinary(value, most=most):
             raise self.wrong(key, f"is not a number in {-most:g}..{most:g}")
         return float(value)

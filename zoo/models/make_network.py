@@ -7,10 +7,10 @@ import torch
 from torch import nn
 from torch.overrides import TorchFunctionMode
 
-from datamodules.errors import InputError
 from datamodules.view import View
-from zoo.cli.parts import part_class, part_of, unknown_part
-from zoo.models.part_network import check_network, part_errors
+from zoo.base.errors import InputError
+from zoo.cli.parts import part_class, part_errors, part_of, unknown_part
+from zoo.models.part_network import check_network
 from zoo.runs.allowed_classes import ALLOWED, own_class
 
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
@@ -34,11 +34,16 @@ def published_view(config: dict) -> View:
     return view_of(model, crop)
 
 
-def make_network(model: dict, view: View) -> nn.Module:
+def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Module:
     """Return the network that a model's config names, for a view.
 
     A config can come from an untrusted checkpoint, so its `_target_` must be in `zoo.models` or in
     a part that the user names.
+
+    Args:
+        model: section `model` of the config.
+        view: network's input.
+        most: number of parameters that the network may have.
 
     Raises:
         InputError: the target is no network of the zoo or of a part, or the network refuses a
@@ -56,7 +61,7 @@ def make_network(model: dict, view: View) -> nn.Module:
     height, width, channels = view.shape
     shape = (channels, height, width)
     try:
-        with LimitedParameters(), part_errors(part):
+        with LimitedParameters(most), part_errors(part):
             network = network_class(shape, **settings)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(str(error)) from None
@@ -66,10 +71,11 @@ def make_network(model: dict, view: View) -> nn.Module:
 
 
 class LimitedParameters(TorchFunctionMode):
-    """A context that refuses a network of more than `MOST_PARAMETERS` before it takes memory."""
+    """A context that refuses a network of more than `most` parameters before it takes memory."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST_PARAMETERS) -> None:
         super().__init__()
+        self.most = min(most, MOST_PARAMETERS)
         self.count = 0
 
     def __torch_function__(
@@ -78,9 +84,9 @@ class LimitedParameters(TorchFunctionMode):
         """Count the parameters that layers allocate: each starts as `torch.empty(sizes)`."""
         if function is torch.empty:
             self.count += math.prod(args[0] if isinstance(args[0], Sequence) else args)
-            if self.count > MOST_PARAMETERS:
+            if self.count > self.most:
                 raise InputError(
                     f"model: its settings need {self.count:,} parameters or more, the limit is "
-                    f"{MOST_PARAMETERS:,}; set a smaller size or width"
+                    f"{self.most:,}; set a smaller size or width"
                 )
         return function(*args, **(kwargs or {}))

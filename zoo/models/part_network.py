@@ -1,32 +1,13 @@
 """Check of a network that a user's part defines, before it is trained or drives."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import torch
 from torch import nn
 
-from datamodules.errors import InputError
-from zoo.cli.parts import Part, error_place
+from zoo.base.errors import InputError
+from zoo.cli.parts import Part, part_errors
 from zoo.models.memory import Memory
 
 FRAMES = 2  # more than one: a missing dimension would otherwise be broadcast
-
-
-@contextmanager
-def part_errors(part: Part | None) -> Iterator[None]:
-    """Turn any error of a part's code into one line with its file and line."""
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:
-        if part is None:
-            raise
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{error_place(error, part)}: {type(error).__name__}: {reason:.300}; correct it"
-        ) from error
 
 
 def check_network(network: nn.Module, shape: tuple[int, int, int], part: Part) -> None:

@@ -49,7 +49,7 @@ class Transfer(nn.Module):
         self.normalize = normalize
         self.features = features
         self.reduce = reduce
-        for layer in self.features[:frozen_layers]:
+        for layer in self.features[:frozen_layers]:  # type: ignore[attr-defined]
             layer.requires_grad_(False)
         layers = features if reduce is None else nn.Sequential(features, reduce)
         self.head = nn.Sequential(

@@ -1,17 +1,19 @@
 """Guard files: a fitted score and its threshold, in plain containers."""
 
-import hashlib
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 
-from datamodules.errors import InputError
-from zoo.checkpoints.checkpoint import load_plain
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
+from zoo.base.whole_file import write_whole
+from zoo.checkpoints.checkpoint import FORMAT, check_format, load_plain
 from zoo.monitor.scores import METHODS, Score, make_score
 from zoo.monitor.signals import IMAGE, MOST_SAMPLES
 
-KEY, FORMAT = "drivezoo_guard", 1
+KEY = "drivezoo_guard"
 REMEDY = "name a file of drivezoo guard"
 
 
@@ -44,8 +46,9 @@ def write_guard(path: Path, guard: Guard) -> Path:
         "state": guard.score.state,
         "sha256": guard.sha256,
     }
-    torch.save({KEY: contents}, path)
-    return path
+    buffer = io.BytesIO()
+    torch.save({KEY: contents}, buffer)
+    return write_whole(path, buffer.getbuffer())
 
 
 def read_guard(path: str | Path) -> Guard:
@@ -59,21 +62,26 @@ def read_guard(path: str | Path) -> Guard:
     found = found.get(KEY) if isinstance(found, dict) else None
     if not isinstance(found, dict):
         raise InputError(f"guard={path}: is not a guard file; {REMEDY}")
-    if found.get("format") != FORMAT:
-        raise InputError(
-            f"guard={path}: has format {found.get('format')}, this version reads {FORMAT}; fit it "
-            "again with drivezoo guard"
-        )
+    check_format(found.get("format"), f"guard={path}", "fit it again with drivezoo guard")
     for key, (kind, most) in _NUMBERS.items():
         value = found.get(key)
         if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value <= most:
-            raise InputError(f"guard={path}: {key}: is {value!r:.40}; {REMEDY}")
+            raise InputError(
+                f"guard={path}: {key}: is {' '.join(repr(value).split()):.40}; {REMEDY}"
+            )
     method, sha256 = found.get("method"), str(found.get("sha256"))
-    if method not in METHODS:
-        raise InputError(f"guard={path}: method: is {method!r:.40}; {REMEDY}")
+    if not isinstance(method, str) or method not in METHODS:
+        raise InputError(f"guard={path}: method: is {' '.join(repr(method).split()):.40}; {REMEDY}")
     try:
         score = make_score(method, found["state"])
-    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        RuntimeError,
+        AttributeError,
+    ) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"guard={path}: state: is damaged ({reason}); {REMEDY}") from None
     return Guard(score, **{key: found[key] for key in _NUMBERS}, sha256=sha256)
@@ -89,16 +97,11 @@ def check_checkpoint(path: str | Path, guard: Guard, checkpoint: str | Path) -> 
     """
     if METHODS[guard.score.method].signal == IMAGE:
         return
-    if file_hash(checkpoint) != guard.sha256:
+    if hash_file(checkpoint) != guard.sha256:
         raise InputError(
             f"guard={path}: was fitted with another checkpoint than {checkpoint}; run "
             "drivezoo guard with this one"
         )
-
-
-def file_hash(path: str | Path) -> str:
-    """Return the SHA-256 of a file's contents."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 # Type and largest value of each number.

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command, call_policy
 from zoo.checkpoints.frozen_graph import network_inputs
 from zoo.checkpoints.onnx_policy import OnnxPolicy

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 LEAST_WINDOWS = 20
 

@@ -2,17 +2,20 @@
 
 import importlib.util
 import keyword
+import os
 import re
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 
-from datamodules.errors import InputError, UsageError
-from zoo.cli.conf_files import choices, shipped_folder
+from zoo.base.errors import InputError, UsageError
+from zoo.base.whole_file import write_new
+from zoo.cli.conf_files import choices, is_conf_folder, shipped_folder
 from zoo.cli.nearest import hint
-from zoo.runs.whole_file import write_whole
 
 TEMPLATES = Path(__file__).parent / "templates"
+IN_A_CHECKOUT = "my_parts/"  # whose folder `conf` is drivezoo's own
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -23,7 +26,8 @@ class Kind:
     Attributes:
         group: group of its YAML file in `conf`; a track is one file outside of it. None for a
             notebook, which has none.
-        files: path of each file to write, by its template; `$name` is the part's name.
+        files: path of each file to write, by its template; `$name` is the part's name, `$here` its
+            folder in a checkout.
         following: commands to type next, with the purpose of each.
     """
 
@@ -38,23 +42,24 @@ def _notebook(name: str) -> Kind:
 
 
 def _kind(name: str, group: str, *following: tuple[str, str]) -> Kind:
-    files = {f"{name}.py": "$name.py", f"{name}.yaml": f"conf/{group}/$name.yaml"}
-    return Kind(group, files | {f"{name}_test.py": "test_$name.py"}, (CHECK, *following))
+    files = {f"{name}.py": "$here$name.py", f"{name}.yaml": f"${{here}}conf/{group}/$name.yaml"}
+    files |= {f"{name}_test.py": "${here}test_$name.py"}
+    return Kind(group, files, (CHECK, *following))
 
 
-CHECK = ("python -m pytest test_$name.py", "check it (pip install pytest)")
-TRAIN = "python -m zoo parts=$name.py"
+CHECK = ("python -m pytest ${here}test_$name.py", "check it (pip install pytest)")
+TRAIN = "drivezoo train parts=$here$name.py"
 KINDS = {
     "model": _kind(
         "model",
         "model",
         (f"{TRAIN} model=$name quick=true", "train it; data.root=FOLDER on your recording"),
-        ("drivezoo evaluate latest parts=$name.py", "let it drive"),
+        ("drivezoo evaluate latest parts=$here$name.py", "let it drive"),
     ),
     "augmentation": _kind(
         "augmentation",
         "augment",
-        ("drivezoo preview parts=$name.py 'augment=[$name]'", "look at the images"),
+        ("drivezoo preview parts=$here$name.py 'augment=[$name]'", "look at the images"),
         (f"{TRAIN} 'augment=[brightness,$name]' quick=true", "train with it"),
     ),
     "loss": _kind("loss", "loss", (f"{TRAIN} loss=$name quick=true", "train with it")),
@@ -63,12 +68,12 @@ KINDS = {
     ),
     "track": Kind(
         "track",
-        {"track.yaml": "$name.yaml", "track_test.py": "test_$name.py"},
+        {"track.yaml": "$here$name.yaml", "track_test.py": "${here}test_$name.py"},
         (
             CHECK,
-            ("drivezoo simulator drive track=$name.yaml", "drive on it"),
-            ("drivezoo simulator record track=$name.yaml out=FOLDER", "record laps"),
-            ("drivezoo evaluate latest track=$name.yaml", "let a network drive on it"),
+            ("drivezoo simulator drive track=$here$name.yaml", "drive on it"),
+            ("drivezoo simulator record track=$here$name.yaml out=FOLDER", "record laps"),
+            ("drivezoo evaluate latest track=$here$name.yaml", "let a network drive on it"),
         ),
     ),
     "notebook": _notebook("quickstart"),
@@ -91,20 +96,24 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
     if not NAME.fullmatch(name) or keyword.iskeyword(name):
         raise UsageError(f"{name}: is no name of a part; use small letters, digits and _: my_net")
     names = {"name": name, "Class": "".join(word.capitalize() for word in name.split("_"))}
+    names["here"] = IN_A_CHECKOUT if is_conf_folder(folder / "conf") else ""
     texts = {
         folder / _filled(path, names): _filled(_template(one).read_text(encoding="utf-8"), names)
         for one, path in KINDS[kind].files.items()
     }
     for path in texts:
-        if path.exists():
+        if os.path.lexists(path):
             raise InputError(f"{path}: exists; choose another name, or move the file")
     _check_free(name, kind)
-    for path, text in texts.items():
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, text)
-        except OSError as error:
-            raise InputError(f"{path}: {error.strerror}; type the command elsewhere") from None
+    with ExitStack() as undo:
+        for path, text in texts.items():
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_new(path, text.encode())
+            except OSError as error:
+                raise InputError(f"{path}: {error.strerror}; type the command elsewhere") from None
+            undo.callback(path.unlink, missing_ok=True)
+        undo.pop_all()
     following = [(_filled(one, names), purpose) for one, purpose in KINDS[kind].following]
     return list(texts), following
 
@@ -114,7 +123,7 @@ def _check_free(name: str, kind: str) -> None:
     group, files = KINDS[kind].group, KINDS[kind].files.values()
     if group is not None and name in choices(group):
         raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
-    if "$name.py" in files and importlib.util.find_spec(name) is not None:
+    if "$here$name.py" in files and importlib.util.find_spec(name) is not None:
         raise UsageError(f"{name}: there is a Python module of that name; choose another name")
 
 

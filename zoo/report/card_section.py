@@ -4,7 +4,6 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from datamodules.recording_report import KEYBOARD_SHARE
-from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Bullets, Code, Fold, Heading, MissingError, Rows, Text, gather
 from zoo.report.reported_run import Run
@@ -99,7 +98,7 @@ def _autonomy(figures: dict) -> str:
     text = with_deviation(figures["autonomy"], "{:.1%}", figures.get("drives"))
     if figures.get("drives_without_intervention") is None:
         return text
-    kept = count_with_interval(figures["drives_without_intervention"], figures["drives"])
+    kept = f"{figures['drives_without_intervention']} of {figures['drives']}"
     return f"{text}, drives without intervention {kept}"
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zoo.drives.drive_film import APART_S, FILM_NAME, MOMENTS
+from zoo.drives.intervals import ONE_TRACK
 from zoo.report.blocks import (
     Block,
     Film,
@@ -58,8 +59,8 @@ def _scores(run: Run) -> list[Block]:
             "intervention puts a car that left its lane or stands still back on the centreline. "
             "A start seed sets the start and any random weather. ± is the sample standard "
             "deviation over start seeds; it does not show how much another training would differ. "
-            "Brackets hold Wilson's 95 % interval. The same start seed gives the same figures to "
-            "the digit, except the latency."
+            f"{ONE_TRACK} The same start seed gives the same figures to the digit, except the "
+            "latency."
         ),
         Rows.of(drives_table(run.tracks), bold=frozenset({0})),
     ]

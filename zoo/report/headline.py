@@ -1,6 +1,5 @@
 """The top of a report: the verdict, a summary and the main figures."""
 
-from zoo.drives.intervals import count_with_interval
 from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Box, Missing, MissingError, Text, Tile, Tiles
 from zoo.report.reported_run import Run
@@ -70,8 +69,8 @@ def _driving(run: Run) -> list[Tile]:
         note = "per drive: " if (count or 1) > 1 else ""
         note += f"{lost:.3g} interventions in {laps:.2f} laps{speed}"
         if figures.get("drives_without_intervention") is not None:
-            kept = count_with_interval(figures["drives_without_intervention"], count)
-            note += f"; drives without intervention: {kept}"
+            kept = figures["drives_without_intervention"]
+            note += f"; drives without intervention: {kept} of {count}"
         autonomy = with_deviation(figures["autonomy"], "{:.1%}", count)
         first.append(Tile(f"Autonomy, {track}", autonomy, note))
         second.append(

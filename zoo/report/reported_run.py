@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.report.blocks import Image, MissingError
 from zoo.runs.status import is_alive
 
@@ -25,7 +25,7 @@ class Run:
         folder: run's folder.
         hydra_config: config as Hydra composed it.
         choices: option of each config group.
-        overrides: arguments of `python -m zoo`.
+        overrides: arguments of `drivezoo train`.
         started_in: folder to which relative paths are relative; None if it was not saved.
         status: contents of `status.json`.
         metrics: contents of `metrics.json`; empty before the run has finished.
@@ -194,7 +194,7 @@ def read_run(folder: Path) -> Run:
     config = OmegaConf.to_container(load_config(folder), resolve=False)
     if not isinstance(config.get("data"), dict) or not isinstance(config.get("model"), dict):
         raise InputError(
-            f"{folder}: is not a run of python -m zoo (its config has no data or no model); name "
+            f"{folder}: is not a run of drivezoo train (its config has no data or no model); name "
             "another run"
         )
     return Run(

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
-from zoo.runs.whole_file import refuse_links_out, write_whole
+from zoo.base.errors import InputError
+from zoo.base.whole_file import refuse_links_out, write_whole
 
 if TYPE_CHECKING:
     from zoo.report.blocks import Section

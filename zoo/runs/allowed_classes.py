@@ -14,66 +14,56 @@ class Allowed:
 
     Attributes:
         own: drivezoo's modules; the class must be defined there, not imported.
-        names: full names of other packages' classes.
-        base: full name of the class that the classes of the user's parts derive from; empty where
-            no part may be named.
+        package: another package's module, whose public classes may be named.
+        base: full name of the class from which those of the package derive.
+        refused: names of the package's classes that read files, or send to a server.
+        part: full name of the class from which those of the user's parts derive; empty where no
+            part may be named.
     """
 
     own: tuple[str, ...] = ()
-    names: frozenset[str] = frozenset()
+    package: str = ""
     base: str = ""
-
-
-def _of(module: str, names: str) -> frozenset[str]:
-    return frozenset(f"{module}.{name}" for name in names.split())
+    refused: frozenset[str] = frozenset()
+    part: str = ""
 
 
 MODULE = "torch.nn.modules.module.Module"
+TRANSFORM = "albumentations.core.transforms_interface.BasicTransform"
+CALLBACK = "lightning.pytorch.callbacks.callback.Callback"
 # By the keys above a `_target_`; * stands for any name.
 ALLOWED = {
-    ("model",): Allowed(own=("zoo.models.*",), base=MODULE),
+    ("model",): Allowed(own=("zoo.models.*",), part=MODULE),
     ("loss",): Allowed(
-        own=("zoo.losses",),
-        names=_of("torch.nn", "HuberLoss L1Loss MSELoss SmoothL1Loss"),
-        base=MODULE,
+        own=("zoo.losses",), package="torch.nn", base="torch.nn.modules.loss._Loss", part=MODULE
     ),
-    ("optim",): Allowed(
-        names=_of("torch.optim", "Adadelta Adagrad Adam Adamax AdamW NAdam RAdam RMSprop SGD")
-    ),
+    ("optim",): Allowed(package="torch.optim", base="torch.optim.optimizer.Optimizer"),
     ("schedule",): Allowed(
-        names=_of(
-            "torch.optim.lr_scheduler",
-            "ConstantLR CosineAnnealingLR CosineAnnealingWarmRestarts ExponentialLR LinearLR "
-            "MultiStepLR OneCycleLR PolynomialLR ReduceLROnPlateau StepLR",
-        )
+        package="torch.optim.lr_scheduler",
+        base="torch.optim.lr_scheduler.LRScheduler",
     ),
-    ("trainer",): Allowed(names=_of("lightning", "Trainer pytorch.Trainer")),
+    ("trainer",): Allowed(package="lightning", base="lightning.pytorch.trainer.trainer.Trainer"),
     ("data",): Allowed(own=("datamodules.driving",)),
-    # Image transforms that read no file and call no function of the config.
     ("data", "augment", "*"): Allowed(
         own=("datamodules.augment", "datamodules.bend"),
-        names=_of(
-            "albumentations",
-            "AdvancedBlur Blur ChannelDropout ChannelShuffle CLAHE CoarseDropout ColorJitter "
-            "Defocus Downscale Emboss Equalize GaussianBlur GaussNoise HueSaturationValue "
-            "ImageCompression ISONoise MedianBlur MotionBlur MultiplicativeNoise PlanckianJitter "
-            "Posterize RandomBrightnessContrast RandomFog RandomGamma RandomRain RandomShadow "
-            "RandomSnow RandomSunFlare RGBShift SaltAndPepper Sharpen ShotNoise Solarize ToGray "
-            "ToSepia ZoomBlur",
-        ),
-        base="albumentations.core.transforms_interface.BasicTransform",
+        package="albumentations",
+        base=TRANSFORM,
+        part=TRANSFORM,
+        # Reference images, a font.
+        refused=frozenset({"FDA", "HistogramMatching", "PixelDistributionAdaptation", "TextImage"}),
     ),
     ("callbacks", "*"): Allowed(
         own=("zoo.callbacks.*", "zoo.sweep.pruning"),
-        names=_of(
-            "lightning.pytorch.callbacks",
-            "DeviceStatsMonitor EarlyStopping LearningRateMonitor ModelCheckpoint ModelSummary "
-            "RichModelSummary RichProgressBar StochasticWeightAveraging Timer TQDMProgressBar",
-        ),
-        base="lightning.pytorch.callbacks.callback.Callback",
+        package="lightning.pytorch.callbacks",
+        base=CALLBACK,
+        part=CALLBACK,
     ),
     # MLflow and Weights & Biases are not here: they send figures to a server of the config.
-    ("logger", "*"): Allowed(names=_of("lightning.pytorch.loggers", "CSVLogger TensorBoardLogger")),
+    ("logger", "*"): Allowed(
+        package="lightning.pytorch.loggers",
+        base="lightning.pytorch.loggers.logger.Logger",
+        refused=frozenset({"CometLogger", "LitLogger", "MLFlowLogger", "WandbLogger"}),
+    ),
 }
 
 
@@ -83,9 +73,29 @@ def is_allowed(place: tuple[str, ...], target: object) -> bool:
         if len(pattern) == len(place) and all(
             one in ("*", name) for one, name in zip(pattern, place, strict=True)
         ):
-            is_known = target in allowed.names or own_class(target, allowed.own) is not None
-            return is_known or _is_of_part(target, allowed.base)
+            if own_class(target, allowed.own) is not None or _is_public(target, allowed):
+                return True
+            return bool(allowed.part) and _derives(part_class(target), allowed.part)
     return False
+
+
+def public_classes(allowed: Allowed) -> dict[str, type]:
+    """Return the public classes of a section's package that a saved config may name."""
+    if not allowed.package:
+        return {}
+    package = importlib.import_module(allowed.package)
+    found = {name: getattr(package, name) for name in dir(package)}
+    return {
+        name: kind
+        for name, kind in found.items()
+        if not name.startswith("_") and name not in allowed.refused and _derives(kind, allowed.base)
+    }
+
+
+def _is_public(target: object, allowed: Allowed) -> bool:
+    """Return whether a text is `PACKAGE.CLASS`; the package is the section's, never the text's."""
+    module, _, name = target.rpartition(".") if isinstance(target, str) else ("", "", "")
+    return module == allowed.package and name in public_classes(allowed)
 
 
 def own_class(target: object, modules: Sequence[str]) -> type | None:
@@ -109,10 +119,7 @@ def own_class(target: object, modules: Sequence[str]) -> type | None:
     return found if inspect.isclass(found) and found.__module__ == module else None
 
 
-def _is_of_part(target: object, base: str) -> bool:
-    """Return whether a class of one of the user's parts derives from a class with a full name."""
-    found = part_class(target) if base else None
-    names = (
-        [f"{one.__module__}.{one.__qualname__}" for one in inspect.getmro(found)] if found else []
-    )
-    return base in names
+def _derives(found: object, base: str) -> bool:
+    """Return whether a class derives from the class with a full name."""
+    classes = inspect.getmro(found) if inspect.isclass(found) else ()
+    return base in [f"{one.__module__}.{one.__qualname__}" for one in classes]

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.errors import InputError
-from zoo.runs.bounded_files import check_text, read_yaml, read_yaml_text
+from zoo.base.bounded_files import check_text, read_yaml, read_yaml_text
+from zoo.base.errors import InputError
 from zoo.runs.moved_targets import with_current_targets
 from zoo.runs.record_fields import Fields, Texts, Whole, check_fields, plain
 
@@ -76,7 +76,7 @@ def read_hydra_file(folder: Path) -> Runtime:
 
 
 def read_overrides_file(folder: Path) -> list[str]:
-    """Return the arguments of `python -m zoo`; raise InputError for a damaged file."""
+    """Return the arguments of `drivezoo train`; raise InputError for a damaged file."""
     path = folder / FOLDER / "overrides.yaml"
     found = read_yaml(path, any_path=True)
     if not isinstance(found, list) or not all(isinstance(one, str) for one in found):

@@ -5,8 +5,8 @@ import itertools
 from collections.abc import Iterable
 from pathlib import Path
 
-from datamodules.errors import InputError
-from datamodules.regular_file import open_text
+from zoo.base.errors import InputError
+from zoo.base.regular_file import open_text
 
 MOST_BYTES = 64_000_000
 

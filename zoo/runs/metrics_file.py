@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from zoo.runs.bounded_files import read_json
+from zoo.base.bounded_files import read_json
+from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.record_fields import Fields, Figures, Number, Whole, check_fields, plain
 from zoo.runs.track_figures import read_figures
-from zoo.runs.whole_file import json_text, write_whole
 
 NAME = "metrics.json"
 VERSION = 1  # older files have none

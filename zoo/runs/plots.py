@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from datamodules.view import view_to_rgb
-from zoo.runs.whole_file import write_whole
+from zoo.base.whole_file import write_whole
 
 BLUE, ORANGE, GREY = "#2a6fbb", "#d9822b", "#8a8a8a"
 

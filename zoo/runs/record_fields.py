@@ -6,7 +6,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 Record = TypeVar("Record", bound=BaseModel)
 LARGEST = 1e300

@@ -5,14 +5,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.written_files import MARK
 from zoo.cli.compose import conf_folder, quote
 from zoo.cli.process_ranks import is_first_process, needs_processes
 from zoo.runs.status import claim_run
 
 KEY = "hydra.run.dir="
-# Files of a run that a second run would overwrite.
-TRACES = (".hydra", "status.json", "checkpoints")
+# Files and folders that a run writes, and would replace.
+TRACES = (
+    *(".hydra", "status.json", "checkpoints", "drives", "plots", "report"),
+    *("metrics.json", "metrics.csv", "split.csv", "hparams.yaml"),
+)
+OWN = (MARK, "status.lock")
 
 
 @contextmanager
@@ -98,7 +103,7 @@ def _refuse_a_run(folder: Path) -> None:
 
 def _remove(folder: Path, created: list[Path]) -> None:
     shutil.rmtree(folder / ".hydra", ignore_errors=True)
-    for name in ("status.json", "status.lock"):
+    for name in ("status.json", *OWN):
         with suppress(OSError):
             (folder / name).unlink()
     for one in created:

@@ -1,8 +1,8 @@
 """Check configs that were read from a file, which may come from an untrusted person.
 
 Hydra calls any function that a `_target_` names. A config that the user typed, or that the package
-contains, may name any. A config from a run's folder or a checkpoint may name only classes of a
-fixed list for each section, and no other module is imported. (Hydra's own blocklist is not a
+contains, may name any. A config from a run's folder or a checkpoint may name only classes by a
+rule for each section, and no other module is imported. (Hydra's own blocklist is not a
 security boundary, as its source says.) It may also name classes of the parts that the user names
 or has installed (see `zoo.cli.parts`), if they are of the section's kind.
 
@@ -21,8 +21,8 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from datamodules.errors import InputError
-from zoo.cli.parts import unknown_part
+from zoo.base.errors import InputError
+from zoo.cli.parts import part_of, unknown_part
 from zoo.runs.allowed_classes import is_allowed
 
 SHIPPED = ("zoo.", "datamodules.", "lightning.", "torch.")  # no user's part is in these modules
@@ -103,7 +103,9 @@ def check_saved_config(
         if one.key == "model._target_" and not str(one.value).startswith("zoo."):
             # `make_network` takes no network of another module, trusted or not.
             remedy = unknown_part(one.value)
-        elif one.key.endswith("._target_") and not str(one.value).startswith(SHIPPED):
+        elif one.key.endswith("._target_") and not (
+            str(one.value).startswith(SHIPPED) or part_of(one.value)
+        ):
             remedy = f"if you trust it, add parts= and its file, or {TRUST}={one.trust:.200}"
         raise InputError(
             f"{source}: {one.key}={one.value!r:.200} {one.reason}, so nothing was run; {remedy}"
@@ -118,7 +120,7 @@ def find_refusals(
 ) -> Iterator[Refusal]:
     """Yield the values that a saved config must not have.
 
-    The rules: a `_target_` contains no interpolation and names a class of its section's list, see
+    The rules: a `_target_` contains no interpolation and names a class that its section allows, see
     `zoo.runs.allowed_classes`; an interpolation names another key; callbacks, loggers and the
     trainer write only in the run's folder; a recording that is made on first use lies below
     `outputs`. The constants of this file name the keys.
@@ -221,7 +223,9 @@ def _is_shipped(place: Keys, config: Mapping) -> bool:
     name = place[1]
     if name not in choices("logger"):
         return False
-    shipped = yaml.safe_load((conf_folder() / "logger" / f"{name}.yaml").read_text())
+    shipped = yaml.safe_load(
+        (conf_folder() / "logger" / f"{name}.yaml").read_text(encoding="utf-8")
+    )
     return bool(shipped.get(name) == config["logger"][name])
 
 

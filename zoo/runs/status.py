@@ -13,11 +13,17 @@ from pathlib import Path
 import psutil
 from filelock import FileLock
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.whole_file import remove_parts, write_whole
+from zoo.base.written_files import mark_folder, note_files
 from zoo.cli.stop_errors import PrunedError
-from zoo.runs.whole_file import remove_parts, write_whole
 
 NAME = "status.json"
+# Files of a run that others write: Hydra, Lightning and this module's lock.
+OTHER_FILES = (
+    *(f".hydra/{one}.yaml" for one in ("config", "hydra", "overrides")),
+    *("hparams.yaml", "metrics.csv", "status.lock"),
+)
 # Every BEAT_S a run touches its file; after GONE_S without it, other machines count it as dead.
 BEAT_S, GONE_S = 20.0, 180.0
 
@@ -39,6 +45,7 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     claim_run(folder)
     for place in (folder, folder / "checkpoints", folder / "report"):
         remove_parts(place)
+    _note_loggers(folder)
     over = threading.Event()
     threading.Thread(target=_beat, args=(folder / NAME, over), daemon=True).start()
     status, reason = "finished", {}
@@ -52,6 +59,7 @@ def run_status(folder: Path, first: bool = True) -> Iterator[None]:
     finally:
         over.set()
         try:
+            _note_loggers(folder)
             write_status(folder, status, **reason)
         except OSError:  # a full disk, or the folder was removed
             if status == "finished":
@@ -79,10 +87,23 @@ def claim_run(folder: Path, check: Callable[[Path], None] = lambda _: None) -> N
                 "wait until it has finished, stop it, or name another folder: hydra.run.dir=FOLDER"
             )
         check(folder)
+        mark_run(folder)
         more = {}
         if before.get("status") == "finished":
             more = {"finished_epochs": read_metrics(folder).get("epochs")}
         write_status(folder, "running", **more)
+
+
+def mark_run(folder: Path) -> None:
+    """Mark a run's folder, and note the files that other programs write there."""
+    mark_folder(folder, "runs")
+    note_files(*(folder / one for one in OTHER_FILES))
+
+
+def _note_loggers(folder: Path) -> None:
+    """Note the files of TensorBoard and the folder of Weights & Biases, whose names they choose."""
+    note_files(*folder.glob("events.out.tfevents.*"))
+    note_files(*folder.glob("wandb/"), library=True)
 
 
 def read_metrics(folder: Path) -> dict:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from zoo.runs.bounded_files import read_json
+from zoo.base.bounded_files import read_json
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 NAME = "status.json"

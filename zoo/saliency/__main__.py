@@ -10,9 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from datamodules.errors import InputError
 from datamodules.image import read_image
 from datamodules.recording import read_recordings
+from zoo.base.errors import InputError
+from zoo.base.whole_file import write_output
+from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import CHECKPOINT, Command
@@ -39,6 +41,8 @@ def draw_saliency(arguments: list[str]) -> None:
     """Write a PNG file of frames, each with the network's saliency to the right."""
     (checkpoint, source), options = COMMAND.read(arguments, SaliencyOptions)
     checkpoint = find_checkpoint(checkpoint)
+    out = Path(options.out).expanduser()
+    check_output(out, inputs=[checkpoint, Path(source).expanduser()])
     with loading():
         from zoo.checkpoints.policy import load_policy
         from zoo.saliency.visual_backprop import Saliency, overlay
@@ -51,13 +55,8 @@ def draw_saliency(arguments: list[str]) -> None:
     columns = 1 if len(pairs) < 3 else 2
     pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % columns)
     rows = [np.hstack(pairs[start : start + columns]) for start in range(0, len(pairs), columns)]
-    out = Path(options.out).expanduser()
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_bytes(cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
-    except OSError as error:
-        raise InputError(f"out={out}: {error.strerror}; name another file") from None
-    print_written([out], ["drive", short_name(checkpoint), "drive.sim=lake"])
+    write_output(out, cv2.imencode(".png", np.vstack(rows)[:, :, ::-1])[1].tobytes())
+    print_written([out], ["drive", short_name(checkpoint), "sim=lake"])
 
 
 def _frames(source: Path) -> list[tuple[np.ndarray, float]]:

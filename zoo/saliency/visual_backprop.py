@@ -10,8 +10,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from datamodules.batches import make_batch
-from datamodules.errors import InputError
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.base.errors import InputError
 from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
 from zoo.checkpoints.policy import Policy

@@ -1,10 +1,6 @@
 """Drives that end at their first intervention, in several processes."""
 
-import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,18 +9,16 @@ from typing import Any
 import numpy as np
 import torch
 
-from datamodules.errors import InputError
-from simulator.errors import SimulatorError
 from simulator.pictures import open_pictures
 from simulator.track import Track
 from simulator.track_content import make_track
 from simulator.weather import Weather
 from simulator.world import Start, World
+from zoo.base.process_pool import opened_runner
 from zoo.checkpoints.policy import load_policy
 from zoo.drives.drive_record import Drive
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
-from zoo.evaluate.process_pool import cancelling_pool
 
 BATCH = 8  # drives that are chosen together, for every number of processes
 TRACK = "mildest"  # name of every road, as of the file that replays one
@@ -74,8 +68,8 @@ class Outcome:
 DriveJobs = Callable[[Sequence[Job]], list[Outcome]]
 
 
-def drive_job(job: Job) -> Outcome:
-    """Drive until the first intervention, or to the end of the road."""
+def drive_job(job: Job, report: Callable[[float], None] | None = None) -> Outcome:
+    """Drive until the first intervention, or to the end of the road; nothing is reported."""
     track = make_track(TRACK, job.content)
     drive = drive_to_failure(job, track)
     failed = bool(drive.intervention.any())
@@ -98,10 +92,7 @@ def drive_to_failure(job: Job, track: Track) -> Drive:
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # one frame is too little work for two threads
-    try:
-        pictures = open_pictures(track, "auto", job.quality)
-    except SimulatorError as error:
-        raise InputError(str(error)) from None
+    pictures = open_pictures(track, "auto", job.quality)
     try:
         return drive_closed_loop(
             _policy(job.checkpoint),
@@ -122,30 +113,14 @@ def drive_to_failure(job: Job, track: Track) -> Drive:
 def opened_drivers(workers: int) -> Iterator[DriveJobs]:
     """Open processes; yield a function that drives jobs and returns outcomes in their order.
 
-    A single process is this one, since starting another takes seconds.
-
     Args:
         workers: number of processes; 0 for one per core. At most 8 are opened.
 
     Raises:
         InputError: a process was killed, for example because memory ran out.
     """
-    processes = min(workers or os.cpu_count() or 1, BATCH)
-    if processes == 1:
-        yield lambda jobs: [drive_job(job) for job in jobs]
-        return
-    # Spawned: PyTorch's and Panda3D's threads do not survive a fork.
-    context = multiprocessing.get_context("spawn")
-    with (
-        ProcessPoolExecutor(processes, context, _begin_process) as pool,
-        cancelling_pool(pool, processes),
-    ):
-        yield lambda jobs: list(pool.map(drive_job, jobs))
-
-
-def _begin_process() -> None:
-    """End without a traceback on Ctrl-C; the parent prints a line."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with opened_runner(workers, most=BATCH) as run:
+        yield lambda jobs: [one for _, one in sorted(run(drive_job, [(job,) for job in jobs]))]
 
 
 _policy = lru_cache(maxsize=1)(load_policy)

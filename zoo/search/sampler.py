@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.search.failure_archive import Archive
 from zoo.search.search_space import DAYS, Candidate, SearchSpace
 

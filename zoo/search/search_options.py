@@ -5,11 +5,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from datamodules.errors import UsageError
-from simulator.errors import SimulatorError
 from simulator.road_family import RANGES, find_family
 from simulator.weather import Weather, read_weather
 from simulator.world_settings import WorldSettings
+from zoo.base.errors import InputError, UsageError
 from zoo.cli.nearest import hint
 from zoo.evaluate.evaluate_options import Count, SpeedMph, Workers
 from zoo.search.failure_archive import Grid
@@ -37,6 +36,7 @@ class SearchOptions:
     seed: Annotated[int, Field(ge=0)]
     out: str | None
     table: str | None
+    columns: str | None
     workers: Workers
 
     def space(self) -> SearchSpace:
@@ -51,7 +51,7 @@ class SearchOptions:
             )
             settings.check()
             return SearchSpace(find_family(self.family), self.length, self._day())
-        except SimulatorError as error:
+        except InputError as error:
             raise UsageError(str(error)) from None
 
     def grid(self, space: SearchSpace) -> Grid:

@@ -10,16 +10,16 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.new_folder import command_folder
+from zoo.base.whole_file import json_text, write_whole
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
-from zoo.runs.new_folder import new_folder
 from zoo.runs.plots import save_figure
-from zoo.runs.result_table import Cell, ResultTable, check_table, write_table
-from zoo.runs.whole_file import json_text, write_whole
+from zoo.runs.result_table import ResultTable, TableColumn, check_table, write_table
 from zoo.search.failure_archive import Archive
 from zoo.search.failure_map import failure_map
 from zoo.search.first_failure import TRACK, opened_drivers
@@ -80,36 +80,37 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         InputError: the checkpoint or family does not exist, or an option is wrong; or the network
             steered NaN, after all files are written.
     """
-    check_table(options.table)
+    check_table(options.table, options.columns, TABLE_COLUMNS)
     space = options.space()
     archive = Archive(options.grid(space))
     load_policy(checkpoint)  # reports a wrong file before processes start
-    folder = new_folder(options.out, "searches")
-    digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
-    report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
-    with (
-        opened_drivers(options.workers) as drive,
-        progress_bar(f"{options.budget} drives", console) as show,
-    ):
+    with command_folder(options.out, "searches") as folder:
+        digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
+        report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
+        with (
+            opened_drivers(options.workers) as drive,
+            progress_bar(f"{options.budget} drives", console) as show,
+        ):
 
-        def keep(drives: list[Driven]) -> None:
-            write_whole(folder / RESULT, json_text(result_of(report, drives)))
-            show(len(drives) / options.budget)
+            def keep(drives: list[Driven]) -> None:
+                write_whole(folder / RESULT, json_text(result_of(report, drives)))
+                show(len(drives) / options.budget)
 
-        drives = search(checkpoint, options, space, archive, drive, keep)
-    result = result_of(report, drives)
-    mildest = report.mildest(drives)
-    written = [folder / RESULT, _draw(report, drives)]
-    if mildest is not None:
-        written.append(_write_mildest(report, mildest))
-    _print_figures(report, drives, console)
-    if options.table is not None:
-        written.append(write_table(features_table(report, drives), options.table))
-    print_written(written, report.replay(mildest) if mildest else [], console)
-    steered_nan = sum(one.outcome.nan_frames > 0 for one in drives)
-    if steered_nan:
-        raise InputError(f"{checkpoint}: steered NaN in {steered_nan} of {len(drives)} drives")
-    return result
+            drives = search(checkpoint, options, space, archive, drive, keep)
+        result = result_of(report, drives)
+        mildest = report.mildest(drives)
+        written = [folder / RESULT, _draw(report, drives)]
+        if mildest is not None:
+            written.append(_write_mildest(report, mildest))
+        _print_figures(report, drives, console)
+        if options.table is not None:
+            table = features_table(report, drives)
+            written.append(write_table(table, options.table, options.columns))
+        print_written(written, report.replay(mildest) if mildest else [], console)
+        steered_nan = sum(one.outcome.nan_frames > 0 for one in drives)
+        if steered_nan:
+            raise InputError(f"{checkpoint}: steered NaN in {steered_nan} of {len(drives)} drives")
+        return result
 
 
 def result_of(report: Report, drives: list[Driven]) -> dict:
@@ -182,25 +183,33 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
     return write_whole(report.folder / MILDEST, text + content)
 
 
+TABLE_COLUMNS = ("feature", "usual", "passed", "failed", "mildest")
+
+
 def features_table(report: Report, drives: list[Driven]) -> ResultTable:
     """Return a row for each feature: its usual value, its quartiles, and the mildest failure's."""
     mildest = report.mildest(drives)
-    rows: list[dict[str, Cell]] = []
-    cells = []
-    for key, one in report.space.features.items():
-        worst = None if mildest is None else mildest.candidate.features[key]
-        row: dict[str, Cell] = {"feature": key, "usual": report.usual[key]}
-        texts = [one.label, f"{report.usual[key]:.3g}"]
-        for name, failed in (("passed", False), ("failed", True)):
-            chosen = [drive for drive in drives if drive.outcome.failed is failed]
-            values = [drive.candidate.features[key] for drive in chosen]
-            quartiles = _quartiles(values)
-            row |= {f"{name}_{part}": value for part, value in quartiles.items()}
-            texts.append(_range(quartiles) if values else "")
-        rows.append(row | {"mildest": worst})
-        cells.append([*texts, "" if worst is None else f"{worst:.3g}"])
-    headings = ["feature", "family's usual", "passed", "failed", "mildest failure"]
-    return ResultTable(rows, headings, cells)
+    features = report.space.features
+    usual = [report.usual[key] for key in features]
+    worst = [None if mildest is None else mildest.candidate.features[key] for key in features]
+    columns = [
+        TableColumn(
+            "feature",
+            "feature",
+            [one.label for one in features.values()],
+            {"feature": list(features)},
+        ),
+        TableColumn("usual", "family's usual", [f"{one:.3g}" for one in usual], {"usual": usual}),
+    ]
+    for name, failed in (("passed", False), ("failed", True)):
+        chosen = [drive.candidate for drive in drives if drive.outcome.failed is failed]
+        found = [_quartiles([one.features[key] for one in chosen]) for key in features]
+        figures = {f"{name}_{part}": [one[part] for one in found] for part in found[0]}
+        texts = [_range(one) if chosen else "" for one in found]
+        columns.append(TableColumn(name, name, texts, figures))
+    texts = ["" if one is None else f"{one:.3g}" for one in worst]
+    columns.append(TableColumn("mildest", "mildest failure", texts, {"mildest": worst}))
+    return ResultTable(columns, "Features of the roads: median and, in brackets, quartiles.")
 
 
 def _print_figures(report: Report, drives: list[Driven], console: Console) -> None:

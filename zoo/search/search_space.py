@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from simulator.errors import SimulatorError
 from simulator.road_family import RoadFamily, draw_content
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by
+from zoo.base.errors import InputError
 
 SEEDS = 2**31  # seeds of roads are below it
 WIDEST = 3.0  # largest radius of a road's bends, as a multiple of its smallest
@@ -137,7 +137,7 @@ class SearchSpace:
         seed = int(rng.integers(SEEDS))
         try:
             drawn, track = draw_content(family, seed)
-        except SimulatorError:
+        except InputError:
             return None
         content = json.loads(json.dumps(drawn))  # numpy's numbers do not fit into YAML
         weather = self._day(parameters)

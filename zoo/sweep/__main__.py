@@ -1,7 +1,7 @@
 """`drivezoo sweep [key=value ...]`: resume a sweep that was stopped, and rank its jobs.
 
   drivezoo sweep resume=outputs/sweeps/DATE/TIME
-  python -m zoo -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   starts a new sweep
+  drivezoo train -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   starts a new sweep
 
 Also takes Hydra's keys: hydra/launcher=NAME chooses another launcher (basic, joblib, slurm, ray),
 hydra.launcher.KEY=VALUE changes its settings (conf/hydra/launcher/NAME.yaml), and
@@ -12,7 +12,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from datamodules.errors import UsageError
+from zoo.base.errors import UsageError
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 from zoo.runs.saved_config import TRUST

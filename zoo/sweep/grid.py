@@ -11,7 +11,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.leaderboard.ranking_table import folder_label
 from zoo.sweep.job_watch import watched
 from zoo.sweep.launch_rounds import Job, launch_all

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.runs.status import is_alive, read_status, write_status
 from zoo.sweep.sweep_job import DONE
 

@@ -5,7 +5,7 @@ import warnings
 import lightning
 import optuna
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.stop_errors import PrunedError
 
 

@@ -16,7 +16,7 @@ from hydra.core.utils import JobReturn, run_job, setup_globals
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.parts import VARIABLE
 
 if TYPE_CHECKING:

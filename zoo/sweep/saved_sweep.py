@@ -15,7 +15,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.compose import choices, config_groups, quote_paths
 from zoo.cli.parts import KEY
 from zoo.runs.saved_config import TRUST, check_saved_config

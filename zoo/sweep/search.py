@@ -14,7 +14,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drives.driving_score import driving_score
 from zoo.leaderboard.ranking import Run, read_run
 from zoo.leaderboard.ranking_table import folder_label

@@ -1,20 +1,20 @@
-"""`python -m zoo -m ...`: start a sweep, or resume it where it was stopped, and rank its jobs."""
+"""`drivezoo train -m ...`: start a sweep, or resume it where it was stopped, and rank its jobs."""
 
-import contextlib
 import importlib.util
 import os
-import shlex
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import hydra
-from filelock import FileLock, Timeout
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.new_folder import is_held, written_folder
+from zoo.base.terminal import command_line
+from zoo.base.whole_file import refuse_links_out
+from zoo.base.written_files import note_files
 from zoo.cli.compose import conf_folder, quote, quote_paths
 from zoo.cli.parts import typed_parts
 from zoo.cli.stop_errors import StoppedError
@@ -22,7 +22,6 @@ from zoo.leaderboard.ranking_table import wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
 from zoo.runs.status import read_status
-from zoo.runs.whole_file import refuse_links_out
 from zoo.sweep import sweep_record as records
 from zoo.sweep.saved_sweep import SavedSweep, check_overrides, resumed_from
 from zoo.sweep.sweep_job import DONE, run_job
@@ -30,6 +29,7 @@ from zoo.sweep.sweep_summary import conclude
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="
+LIBRARY_FILES = ("multirun.yaml", "study.db")  # of Hydra and Optuna
 # The module that a choice needs, and the optional dependency of drivezoo that installs it.
 OPTIONAL_MODULES = {
     "hydra/launcher=joblib": ("hydra_plugins.hydra_joblib_launcher", "joblib"),
@@ -109,7 +109,8 @@ def go_on(folder: Path, more: list[str]) -> None:
 def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bool) -> None:
     """Run the jobs in `folder` that are not done, then rank all jobs."""
     check_name(folder, "hydra.sweep.dir=")
-    with _locked(folder):
+    with written_folder(folder, "sweeps", FOLDER_KEY):
+        note_files(*(folder / one for one in LIBRARY_FILES))
         is_new = not (folder / records.NAME).is_file()
         if is_new:
             records.write_record(folder, records.new_record(arguments))
@@ -119,7 +120,7 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                 _run_hydra([*quote_paths(arguments, sweep=True), named])
             except KeyboardInterrupt:
                 again = ["drivezoo", "sweep", f"resume={folder}", *typed_parts()]
-                again = shlex.join(again)
+                again = command_line(again)
                 raise StoppedError(f"stopped; resume with the same command, or: {again}") from None
             except Exception:
                 if is_new:
@@ -158,7 +159,7 @@ def _check_same(folder: Path, arguments: list[str]) -> None:
     record = records.read_record(folder)
     if not records.is_same(record, arguments):
         raise InputError(
-            f"{folder}: holds another sweep ({shlex.join(record.arguments)}); name another folder"
+            f"{folder}: holds another sweep ({command_line(record.arguments)}); name another folder"
         )
     changed = records.what_changed(record)
     if changed:
@@ -183,7 +184,7 @@ def find_unfinished(arguments: list[str], console: Console) -> Path | None:
             line = f"{folder}: same command, but {changed}; starting a new sweep"
             console.print(line, highlight=False, markup=False)
             return None
-        if record.search and _is_locked(folder):
+        if record.search and is_held(folder):
             continue  # another process uses this folder; processes of one study have one each
         console.print(_resuming_line(folder, record), highlight=False, markup=False)
         return folder
@@ -208,41 +209,6 @@ def _all_done(folder: Path) -> bool:
         return record.jobs is not None
     folders = [folder / str(number) for number in range(len(record.jobs))]
     return all(read_status(job).get("status") in DONE for job in folders)
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Lock a sweep for this process; the system releases the lock when the process ends."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder / "sweep.lock")
-        lock.acquire(timeout=0)
-        if not os.access(folder, os.W_OK):
-            raise PermissionError(13, "Permission denied")
-    except Timeout:
-        raise InputError(
-            f"{folder}: another process runs this sweep; wait for it to end, or name another "
-            f"folder with {FOLDER_KEY}FOLDER"
-        ) from None
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be written ({error.strerror}); name another folder with "
-            f"{FOLDER_KEY}FOLDER"
-        ) from None
-    try:
-        yield
-    finally:
-        lock.release()
-
-
-def _is_locked(folder: Path) -> bool:
-    lock = FileLock(folder / "sweep.lock")
-    try:
-        lock.acquire(timeout=0)
-    except (Timeout, OSError):
-        return True
-    lock.release()
-    return False
 
 
 def _drop_shadowed() -> None:
@@ -271,10 +237,5 @@ def _remove_empty(folder: Path) -> None:
     """Remove a sweep's folder without a job, as a command with a typo leaves it."""
     if records.job_folders(folder):
         return
-    for name in (records.NAME, "study.db", "sweep.lock"):
+    for name in (records.NAME, *LIBRARY_FILES):
         (folder / name).unlink(missing_ok=True)
-    for parent in (folder, *folder.parents):
-        try:
-            parent.rmdir()
-        except OSError:
-            break

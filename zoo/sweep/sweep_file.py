@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from zoo.runs.bounded_files import read_json
+from zoo.base.bounded_files import read_json
 from zoo.runs.record_fields import Fields, Whole, check_fields
 
 

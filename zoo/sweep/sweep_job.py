@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,19 +15,23 @@ from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
-from datamodules.errors import InputError
+from zoo.base.child_process import child_environment, wait_for_parent
+from zoo.base.errors import InputError
+from zoo.base.module_start import module_command
+from zoo.base.whole_file import write_whole
+from zoo.base.written_files import note_files
 from zoo.cli.console_progress import loading
 from zoo.cli.process_ranks import needs_processes
 from zoo.cli.stop_errors import PrunedError, StoppedError
 from zoo.cli.verbosity import is_verbose
 from zoo.runs.saved_config import TRUST, find_refusals
-from zoo.runs.status import is_beating, read_status, write_status
+from zoo.runs.status import is_beating, mark_run, read_status, write_status
 from zoo.sweep.job_result import result_text
 from zoo.sweep.sweep_record import read_record, varying
 
 DONE = ("finished", "pruned")
 SERIAL = "basic"
-POLL_S, ORPHAN_WATCH = 2.0, "orphan watch"
+ORPHAN_WATCH = "orphan watch"
 _training = threading.Lock()
 
 
@@ -65,7 +68,7 @@ def run_job(config: DictConfig) -> float:
         return float("nan")
     except Exception as error:
         if not isinstance(error, InputError):
-            (folder / "error.txt").write_text(traceback.format_exc())
+            write_whole(folder / "error.txt", traceback.format_exc())
         if read_status(folder).get("status") != "failed":
             write_status(folder, "failed", reason=_first_line(error))
         return float("nan")
@@ -103,8 +106,7 @@ def _exit_without_parent(parent: int) -> None:
 
     A pool's process would otherwise wait for work forever after its sweep was killed.
     """
-    while os.getppid() == parent:
-        time.sleep(POLL_S)
+    wait_for_parent(parent)
     with _training:
         os._exit(0)
 
@@ -115,6 +117,7 @@ def _claim(folder: Path) -> bool:
         if read_status(folder).get("status") in DONE or is_beating(folder):
             return False
         (folder / "error.txt").unlink(missing_ok=True)
+        mark_run(folder)
         write_status(folder, "running")
     return True
 
@@ -141,10 +144,12 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
     The command of this process is the sweep's: Lightning would start the whole sweep again.
     """
     # `resume=` works for a new job, too: Hydra has written the job's config to its folder.
-    command = [sys.executable, "-m", "zoo", f"resume={folder}"]
+    command = module_command("zoo", f"resume={folder}")
     if trusted := [one.trust for one in find_refusals(config)]:  # this sweep composed them
         command.append(f"{TRUST}={','.join(trusted)}")
-    result = subprocess.run(command, stdout=sys.stdout, stderr=sys.stderr, check=False)
+    result = subprocess.run(
+        command, env=child_environment(), stdout=sys.stdout, stderr=sys.stderr, check=False
+    )
     if result.returncode in (130, -signal.SIGINT):
         raise StoppedError("stopped")
     if result.returncode:
@@ -160,8 +165,9 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
 @contextlib.contextmanager
 def _output_to(path: Path) -> Iterator[None]:
     """Redirect printed output to a file: a sweep prints one line for each job."""
+    note_files(path)
     with (
-        path.open("a", buffering=1) as log,
+        path.open("a", encoding="utf-8", buffering=1) as log,
         contextlib.redirect_stdout(log),
         contextlib.redirect_stderr(log),
     ):

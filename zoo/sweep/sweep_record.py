@@ -8,10 +8,10 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from datamodules.errors import InputError
 from datamodules.log_text import MOST_LOG_BYTES
-from datamodules.regular_file import read_regular
-from zoo.runs.whole_file import write_whole
+from zoo.base.errors import InputError
+from zoo.base.regular_file import read_regular
+from zoo.base.whole_file import write_whole
 
 NAME = "sweep.json"
 FORMAT = 1

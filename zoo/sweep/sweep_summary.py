@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
 from zoo.leaderboard.ranked_entries import Ranking, following, print_ranking
 from zoo.leaderboard.ranking_page import write_page

@@ -17,25 +17,28 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError, UsageError
 from datamodules.features import load_features
 from datamodules.view import View
+from zoo.base.errors import InputError, UsageError
+from zoo.base.written_files import note_files
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.checkpoints.initial_weights import load_weights
-from zoo.cli.parts import import_part, part_of
+from zoo.cli.parts import import_part, part_errors, part_of
 from zoo.models.make_network import make_network, view_of
 from zoo.training.compilation import compile_step
 from zoo.training.embedded_recording import with_recording
 from zoo.training.layers_of_weights import with_layers
 from zoo.training.plan import TrainingPlan
+from zoo.training.run_loggers import naming_arguments
 from zoo.training.steering_module import SteeringModule
 from zoo.training.window_settings import settle_windows
 
 QUICK_EPOCHS = 3
 QUICK_SAMPLES_BEFORE = 3_200  # for configs without quick_samples, of older versions
 PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
-OWN_KEYS = ("compile",)  # keys of `trainer` that are not arguments of Lightning's Trainer
+# Keys of `trainer` that are not arguments of Lightning's Trainer.
+OWN_KEYS = ("compile", "group_batches")
 
 
 def settle_config(config: DictConfig, console: Console) -> DictConfig:
@@ -188,8 +191,9 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
     loggers = [CSVLogger(folder, name="", version="")]
     for name, settings in (config.logger or {}).items():
         if settings:
-            place = {"save_dir": str(folder)} if name in ("tensorboard", "wandb") else {}
-            loggers.append(_instantiate(f"logger.{name}", settings, **place))
+            named = naming_arguments(name, config, folder)
+            unset = {k: v for k, v in named.items() if k == "save_dir" or k not in settings}
+            loggers.append(_instantiate(f"logger.{name}", settings, **unset))
     plugins = {} if lightnings.get("plugins") else {"plugins": [CheckpointFiles()]}
     return _instantiate(
         "trainer",
@@ -218,7 +222,9 @@ def keep_earlier_log(folder: Path) -> None:
     """Rename a stopped run's `metrics.csv` to `metrics.1.csv` ...: CSVLogger would delete it."""
     log = folder / "metrics.csv"
     if log.is_file():
-        log.rename(folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv")
+        earlier = folder / f"metrics.{len(list(folder.glob('metrics.*.csv'))) + 1}.csv"
+        note_files(earlier)
+        log.rename(earlier)
 
 
 def silence_libraries() -> None:
@@ -262,6 +268,12 @@ def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> objec
         raise UsageError(f"{key}: has keys, but no _target_; add {key}=null")
     if part := part_of(target):  # its own errors, in one line
         import_part(part, target.rpartition(".")[0])
+    with part_errors(part):
+        return _call_target(key, settings, more)
+
+
+def _call_target(key: str, settings: dict | DictConfig, more: dict[str, object]) -> object:
+    """Return what the `_target_` returns; raise InputError that names the key."""
     # Hydra resolves ${ in a path even if it is escaped: such paths are passed at the call.
     late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
     more = {name: one for name, one in more.items() if name not in late}

@@ -11,14 +11,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from datamodules.errors import InputError
 from simulator.track_names import short_name
+from zoo.base.errors import InputError
+from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.drives.driving_score import driving_score
 from zoo.evaluate.many_drives import Setup, drive_all
 from zoo.evaluate.track_scores import RunScore
-from zoo.runs.whole_file import write_whole
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import torch
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 
 
 def resolve_compile(setting: object, device: torch.device, console: Console) -> bool:

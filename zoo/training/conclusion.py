@@ -112,6 +112,14 @@ def save_plots(open_loop: OpenLoop, folder: Path, console: Console) -> None:
 def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     """Print the table of a network's open-loop figures."""
     console.print(metrics_table(name, open_loop.figures, open_loop.baselines))
+    zeros = {part: one["always zero"]["mae"] for part, one in open_loop.baselines.items()}
+    if worse := [part for part, own in open_loop.figures.items() if own["mae"] > zeros[part]]:
+        console.print(
+            f"MAE above that of always zero ({', '.join(worse)} rows): most recorded steering is "
+            "near 0, so that any steering costs there; the balanced MAE counts bends as much",
+            highlight=False,
+            markup=False,
+        )
     if (response := open_loop.responses.get("test")) is not None:
         console.print(
             f"recovery response, test rows: {response:+.3f} (above 0: steers back)",

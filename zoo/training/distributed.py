@@ -13,8 +13,9 @@ from pathlib import Path
 import lightning
 import torch
 
-from datamodules.errors import InputError
-from datamodules.terminal import error_line
+from zoo.base.errors import InputError
+from zoo.base.terminal import error_line
+from zoo.base.whole_file import write_whole
 from zoo.cli.stop_errors import PrunedError, StoppedError
 from zoo.runs.status import write_status
 
@@ -90,7 +91,7 @@ class Watch(lightning.Callback):
         while not self._failed_other() and not self._notes() and time.monotonic() < until:
             time.sleep(0.1)
         for note in self._notes():
-            return note.read_text()
+            return note.read_text(encoding="utf-8")
         for number, process in enumerate(self.others, 1):
             code = process.poll()
             if code:
@@ -145,7 +146,7 @@ def _write_note(folder: Path, trainer: lightning.Trainer, error: Exception) -> N
     reason = str(error)
     if isinstance(error, StoppedError):
         reason = f"process {trainer.global_rank + 1} of the {trainer.world_size} was {error}"
-    (folder / f"process-{trainer.global_rank}.txt").write_text(reason)
+    write_whole(folder / f"process-{trainer.global_rank}.txt", reason)
 
 
 def is_lost_connection(error: Exception) -> bool:

@@ -1,7 +1,6 @@
 """`data=lake`: record with the embedded simulator once, on first use."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +8,11 @@ from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from datamodules.cores import usable_cores
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings
+from zoo.base.cores import usable_cores
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, print_unfinished, whole_folder
+from zoo.base.whole_file import write_whole
 from zoo.cli.compose import escape_interpolation
 from zoo.runs.saved_config import RECIPE
 
@@ -54,9 +55,8 @@ def with_recording(config: DictConfig, console: Console) -> DictConfig:
 
 
 def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> None:
-    """Record into `FOLDER.part`, and rename it when the recording is complete."""
+    """Record into a hidden folder, which gets its name when the recording is complete."""
     # Training on other recordings must work without Panda3D.
-    from simulator.errors import SimulatorError
     from simulator.record import RecordOptions, record_laps
 
     if folder.exists():
@@ -64,30 +64,28 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
             f"{folder}: exists but holds no {RECIPE}; remove it, or name your own recording "
             "with data.root=FOLDER"
         )
-    unfinished = Path(f"{folder}.part")
-    shutil.rmtree(unfinished, ignore_errors=True)
+    print_unfinished(folder)
     console.print(
         f"recording {len(recipe['passes'])} drives with the embedded simulator, once, in {folder}",
         highlight=False,
         markup=False,
     )
     try:
-        common = {"out": str(unfinished), "relative": True}
-        passes = [RecordOptions(**common, **one) for one in recipe["passes"]]
-        if jobs is None:  # half a lap takes less time than starting another process is worth
-            jobs = min(usable_cores(), MOST_JOBS) if sum(one.laps for one in passes) >= 1 else 1
-        record_laps([replace(one, jobs=jobs) for one in passes], console)
-    except SimulatorError as error:
-        shutil.rmtree(unfinished, ignore_errors=True)
+        with whole_folder(folder, RECORDINGS) as unfinished:
+            common = {"out": str(unfinished), "relative": True}
+            passes = [RecordOptions(**common, **one) for one in recipe["passes"]]
+            if jobs is None:  # half a lap takes less time than starting another process is worth
+                jobs = min(usable_cores(), MOST_JOBS) if sum(one.laps for one in passes) >= 1 else 1
+            record_laps([replace(one, jobs=jobs) for one in passes], console)
+            write_whole(unfinished / RECIPE, json.dumps(recipe, indent=1))
+    except InputError as error:
         raise InputError(f"data.record: {error}") from None
     except TypeError as error:
         raise InputError(f"data.record.passes: {error}; see drivezoo simulator record") from None
-    (unfinished / RECIPE).write_text(json.dumps(recipe, indent=1))
-    unfinished.rename(folder)
 
 
 def _check_recipe(folder: Path, recipe: dict) -> None:
-    from zoo.runs.bounded_files import read_json
+    from zoo.base.bounded_files import read_json
 
     path, wanted = folder / RECIPE, json.loads(json.dumps(recipe))
     found = read_json(path)

@@ -15,8 +15,8 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.features import FeaturePlan, Front, plan_features
+from zoo.base.errors import InputError
 
 KEY = "model.cache_features"
 # `auto` uses at most this many bytes of a disk or memory, and at most half of the free bytes.

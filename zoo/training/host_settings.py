@@ -16,7 +16,7 @@ def set_up_process(threads: int) -> None:
     keep_freed_memory()
     # With trainer.deterministic torch would fill all memory that it allocates: 4 to 7 % of a step
     # of PilotNet.
-    torch.utils.deterministic.fill_uninitialized_memory = False
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     torch.set_num_threads(threads)
 
 
@@ -36,7 +36,7 @@ def keep_freed_memory() -> bool:
 def multiplies_bf16(cpuinfo: Path = Path("/proc/cpuinfo")) -> bool | None:
     """Return whether this processor has bfloat16 instructions; None where unknown."""
     try:
-        words = set(cpuinfo.read_text().split())
+        words = set(cpuinfo.read_text(encoding="utf-8").split())
     except OSError:
         return None
     return not words.isdisjoint({"avx512_bf16", "amx_bf16", "bf16"})  # the last is ARM's

@@ -1,14 +1,14 @@
 """Errors of a stopped run or a lost disk: what is kept, and how to resume."""
 
 import io
-import shlex
 import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
 from zoo.cli.parts import typed_parts
 from zoo.cli.stop_errors import StoppedError
 from zoo.runs.status import read_status
@@ -47,7 +47,7 @@ def _open_file(error: OSError) -> str | None:
 
 def resume_command(folder: Path) -> str:
     """Return the command that resumes a run."""
-    return shlex.join(["python", "-m", "zoo", f"resume={folder}", *typed_parts()])
+    return command_line(["drivezoo", "train", f"resume={folder}", *typed_parts()])
 
 
 def kept_without_last(folder: Path) -> str:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import find_checkpoint, read_checkpoint_file
 from zoo.checkpoints.initial_weights import KERAS_SUFFIXES
 from zoo.models.make_network import view_of
@@ -43,12 +43,12 @@ def with_layers(config: DictConfig) -> DictConfig:
 
 
 def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
-    from zoo.checkpoints.keras_file import read_keras
+    from zoo.checkpoints.keras_file import read_keras_apart
     from zoo.checkpoints.keras_layers import convert
 
     imported = "or run drivezoo import on it, and set model.weights to the checkpoint"
     try:
-        found = convert(read_keras(path), scale=scale)
+        found = convert(read_keras_apart(path), scale=scale)
     except InputError as error:
         raise InputError(f"{error}; here, scale is model.scale; {imported}") from None
     rows, columns, channels = found.input_shape

@@ -9,6 +9,7 @@ idle threads switches spinning off at any time.
 
 import ctypes
 import os
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -103,8 +104,10 @@ class IdleTeam:
 
 def _usage() -> tuple[float, float, float]:
     """Return seconds by the clock, of this process, and of all programs on our cores."""
+    if sys.platform != "linux":
+        raise OSError(f"no {STAT} here")
     ours = {f"cpu{number}" for number in os.sched_getaffinity(0)}
-    rows = (line.split() for line in STAT.read_text().splitlines())
+    rows = (line.split() for line in STAT.read_text(encoding="utf-8").splitlines())
     # All columns up to steal, except idle and iowait.
     ticks = sum(sum(map(int, r[1:4])) + sum(map(int, r[6:9])) for r in rows if r[0] in ours)
     return time.perf_counter(), time.process_time(), ticks / os.sysconf("SC_CLK_TCK")

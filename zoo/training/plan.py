@@ -8,16 +8,18 @@ from dataclasses import dataclass
 
 import lightning
 import torch
+from lightning.pytorch.callbacks import EarlyStopping, LearningRateMonitor, ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from omegaconf import DictConfig
 from rich.console import Console
 from torch import nn
 
 from datamodules.balance import share_of
 from datamodules.batch_groups import GROUP
-from datamodules.cores import usable_cores
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.features import FeaturePlan
+from zoo.base.cores import usable_cores
+from zoo.base.errors import InputError
 from zoo.training.compilation import resolve_compile
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
@@ -82,8 +84,8 @@ def make_plan(
         console: console for these lines.
 
     Raises:
-        InputError: `trainer.compile` or `model.cache_features` is wrong, or a batch has fewer
-            samples than there are processes.
+        InputError: `trainer.compile`, `trainer.group_batches` or `model.cache_features` is wrong,
+            or a batch has fewer samples than there are processes.
     """
     world = trainer.world_size
     if data.batch_size < world:
@@ -101,6 +103,9 @@ def make_plan(
             markup=False,
         )
     batch_device = data.choose_batch_device(device, console)
+    grouped = config.trainer.get("group_batches", True)
+    if not isinstance(grouped, bool):
+        raise InputError(f"trainer.group_batches={grouped} is not true or false")
     is_overhead = device.type != "cpu" or parameters < TINY_PARAMETERS
     compiled_batch = None
     if resolve_compile(config.trainer.get("compile", False), device, console):
@@ -114,7 +119,7 @@ def make_plan(
         batch_device=batch_device,
         # Windows take more memory: a group has about as many images as one of single frames.
         batches_per_step=max(1, GROUP // data.windows.sequence)
-        if is_overhead and _may_step_together(trainer)
+        if is_overhead and grouped and _may_group(trainer)
         else 1,
         compiled_batch=compiled_batch,
         features=plan_cached_features(config, network, data, device, console),
@@ -128,10 +133,21 @@ def _threads(parameters: int, processes: int) -> int:
     return int(wanted) if wanted.isdigit() and int(wanted) else max(1, usable_cores() // processes)
 
 
-def _may_step_together(trainer: lightning.Trainer) -> bool:
-    """Return whether no setting needs Lightning to see every optimizer step."""
+def _takes_groups(callback: lightning.Callback) -> bool:
+    """Return whether a callback never looks at batches or steps: ours, or a default one."""
+    if type(callback) is LearningRateMonitor:
+        return callback.logging_interval == "epoch"
+    if type(callback) is ModelCheckpoint:
+        return not callback._every_n_train_steps and not callback._train_time_interval
+    return type(callback) is EarlyStopping or type(callback).__module__.startswith("zoo.")
+
+
+def _may_group(trainer: lightning.Trainer) -> bool:
+    """Return whether no setting, callback or logger needs Lightning to see every optimizer step."""
     return (
-        trainer.world_size == 1
+        all(map(_takes_groups, trainer.callbacks))
+        and {type(one) for one in trainer.loggers} <= {CSVLogger, TensorBoardLogger}
+        and trainer.world_size == 1
         and trainer.accumulate_grad_batches == 1
         and not trainer.gradient_clip_val
         and trainer.precision in ("32-true", "bf16-mixed", "bf16-true")

@@ -1,18 +1,18 @@
-"""`python -m zoo resume=FOLDER`: resume a stopped run, or train a finished run further."""
+"""`drivezoo train resume=FOLDER`: resume a stopped run, or train a finished run further."""
 
 import re
-import shlex
 from pathlib import Path
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
+from zoo.base.whole_file import refuse_links_out
 from zoo.cli.compose import config_groups, quote_paths
 from zoo.cli.console_progress import loading
 from zoo.cli.parts import typed_parts
 from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys, split_trust
-from zoo.runs.whole_file import refuse_links_out
 
 
 def resume(folder: Path, overrides: list[str]) -> None:
@@ -113,9 +113,9 @@ class FinishedRun:
         lines += [f"best checkpoint{after}: {self.best}"] if self.best.is_file() else []
         lines += [f"report: {page}"] if page.is_file() else []
         if self.last.is_file():
-            command = ["python", "-m", "zoo", f"resume={self.folder}", *self._more()]
+            command = ["drivezoo", "train", f"resume={self.folder}", *self._more()]
             command += typed_parts()
-            lines.append(f"train further: {shlex.join(command)}")
+            lines.append(f"train further: {command_line(command)}")
         if self.best.is_file():
             lines.append(f"or start a new run from its weights: model.weights={self.best}")
         return lines

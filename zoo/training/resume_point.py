@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.part_card import check_part
 from zoo.training.interruptions import kept_without_last

@@ -10,14 +10,15 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
+from datamodules.source_format import read_source
 from datamodules.split import rows_per_second, write_split
+from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
 from zoo.cli.process_ranks import is_first_process, needs_processes
 from zoo.evaluate.track_scores import run_options
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.status import run_status
-from zoo.runs.whole_file import refuse_links_out
 from zoo.training.build import (
     build_data,
     build_feed,
@@ -44,8 +45,10 @@ from zoo.training.layers_of_weights import with_layers
 from zoo.training.openmp_threads import spinning_while_quiet
 from zoo.training.plan import make_plan
 from zoo.training.resume_point import ResumePoint, find_resume_point
+from zoo.training.run_loggers import log_config, log_results
 from zoo.training.start_lines import print_start
 from zoo.training.steering_module import SteeringModule
+from zoo.verdict.evidence import no_verdict
 
 
 def run_experiment(
@@ -100,6 +103,11 @@ def _run(
         "rows_per_s": rows_per_second(data.recording),
         "speed_mph": float(np.median(data.recording.speed_mph)),
     }
+    if source := read_source(data.recording.names):
+        recorded["source"] = source
+        if score is not None:
+            console.print(no_verdict(source), highlight=False, markup=False)
+        score = None  # the embedded tracks show another camera and another car
     card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
     resumed = find_resume_point(folder, card, console) if resume else None
 
@@ -114,6 +122,8 @@ def _run(
         resumed.check_optimizer(module)
     if first:
         _prepare_folder(folder, asked if keep_config else None, data, resumed)
+
+    log_config(trainer, card["config"])
 
     set_up_process(plan.threads)
     with spinning_while_quiet(plan.threads):
@@ -132,6 +142,7 @@ def _run(
         drives = drive_best(trained, score, console)
         metrics, found = write_metrics(trained, choice, open_loop, drives, started)
         print_conclusion(folder, metrics, found if verdict else None, console)
+        log_results(trainer, card["config"], metrics, folder, console)
     return open_loop.figures.get("val", {}).get("mse", float("nan"))
 
 

@@ -36,6 +36,7 @@ def print_start(
 def _leak_lines(leaks: dict[str, Leak]) -> list[str]:
     return [
         f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it differs "
-        f"from the most similar one {leak.likeness:.0%} as much as from any other (medians)"
+        f"from the most similar one {leak.likeness:.0%} as much as from any other (medians; near "
+        "0 % they are copies, whose errors say little)"
         for part, leak in leaks.items()
     ]

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from datamodules.batches import Batch
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.models.memory import Memory
 from zoo.training.open_loop import open_loop_metrics
 

@@ -2,7 +2,7 @@
 
 from omegaconf import DictConfig, OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.conf_files import choice_files
 
 # For networks without the key, and for configs of older versions.

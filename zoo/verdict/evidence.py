@@ -1,12 +1,12 @@
 """Evidence on a network besides its drives, and the commands that train it again."""
 
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.runs.status import read_metrics
 
@@ -22,13 +22,15 @@ class Evidence:
             without a checkpoint.
         config: config of the experiment from the checkpoint; another program's may hold anything.
         metrics: content of the run's `metrics.json`; empty without one.
-        overrides: arguments of `python -m zoo` that started the run; None if unknown.
+        source: format that its recording was converted from; None for Udacity's rig.
+        overrides: arguments of `drivezoo train` that started the run; None if unknown.
     """
 
     checkpoint: str | None
     config: Mapping = field(default_factory=dict)
     metrics: Mapping = field(default_factory=dict)
     overrides: tuple[str, ...] | None = None
+    source: str | None = None
 
     def at(self, key: str, otherwise: object = None) -> object:
         """Return a value of the config by its dotted key.
@@ -71,20 +73,45 @@ class Evidence:
         return training_command([FIRST_TRY, *kept], {})
 
 
-def read_evidence(checkpoint: Path | str, config: Mapping) -> Evidence:
-    """Read the evidence from the run's folder of a checkpoint; skip what cannot be read."""
+def read_evidence(checkpoint: Path | str, config: Mapping, data: object = None) -> Evidence:
+    """Read the evidence from the run's folder of a checkpoint; skip what cannot be read.
+
+    Args:
+        checkpoint: path of the checkpoint.
+        config: config of the experiment from the checkpoint.
+        data: facts on the recording from the checkpoint.
+    """
     folder = Path(checkpoint).parent.parent
     metrics = read_metrics(folder)
     is_best = (folder / "checkpoints" / "best.ckpt") == Path(checkpoint)
     name = short_name(folder if is_best else Path(checkpoint))
-    return Evidence(name, config, metrics, read_overrides(folder))
+    return Evidence(name, config, metrics, read_overrides(folder), source_of(data))
 
 
 def evidence_of_run(folder: Path, config: Mapping, metrics: Mapping) -> Evidence:
     """Return the evidence on the best checkpoint of a run, or on its last one."""
     kept = any((folder / "checkpoints" / name).is_file() for name in ("best.ckpt", "last.ckpt"))
     name = short_name(folder) if kept else None
-    return Evidence(name, config, metrics, read_overrides(folder))
+    source = source_of(metrics.get("data"))
+    return Evidence(name, config, metrics, read_overrides(folder), source)
+
+
+def source_of(data: object) -> str | None:
+    """Return the format that a recording was converted from, by a checkpoint's facts on it."""
+    source = data.get("source") if isinstance(data, Mapping) else None
+    return source if isinstance(source, str) else None
+
+
+def no_verdict(source: str) -> str:
+    """Return why drives on the embedded tracks give no verdict, and what does instead."""
+    from datamodules.source_format import NAMES
+
+    name = {**NAMES}.get(source, "recording of another car")
+    return (
+        f"no verdict by driving: it was trained on a {name}, with another camera and another car "
+        "than those of the embedded tracks; score it on drives that it was not trained on: "
+        "drivezoo replay CKPT FOLDER"
+    )
 
 
 def read_overrides(folder: Path) -> tuple[str, ...] | None:
@@ -98,13 +125,26 @@ def read_overrides(folder: Path) -> tuple[str, ...] | None:
 
 
 def training_command(overrides: Sequence[str], changed: Mapping[str, str | None]) -> str:
-    """Return `python -m zoo ...` for the shell, with keys changed, or removed by None.
+    """Return `drivezoo train ...` for the shell, with keys changed, or removed by None.
 
     >>> training_command(["experiment=lenet", "quick=true"], {"quick": None, "seed": "2"})
-    'python -m zoo experiment=lenet seed=2'
+    'drivezoo train experiment=lenet seed=2'
     """
-    # The overrides are quoted for Hydra; a path of plain letters needs no quotes.
-    typed = [re.sub(r"='([\w./-]+)'$", r"=\1", one) for one in overrides]
+    typed = [as_typed(one) for one in overrides]
     kept = [one for one in typed if one.partition("=")[0].lstrip("+~") not in changed]
     kept += [f"{key}={value}" for key, value in changed.items() if value is not None]
-    return shlex.join(["python", "-m", "zoo", *kept])
+    return command_line(["drivezoo", "train", *kept])
+
+
+def as_typed(override: str) -> str:
+    """Return an override without the quotes that a command adds to paths for Hydra.
+
+    >>> as_typed("data.root='/my laps'"), as_typed("model.name='a'")
+    ('data.root=/my laps', "model.name='a'")
+    """
+    from zoo.cli.compose import quote_paths
+
+    plain = re.sub(
+        r"'((?:[^'\\]|\\.)*)'", lambda found: re.sub(r"\\(.)", r"\1", found[1]), override
+    )
+    return plain if quote_paths([plain]) == [override] else override

@@ -1,6 +1,5 @@
 """The verdict on a network: whether it drives, how certain that is, causes, next commands."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -8,18 +7,21 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
+from zoo.base.terminal import command_line
 from zoo.cli.closing_lines import print_next
-from zoo.drives.intervals import count_with_interval
-from zoo.verdict.causes import Cause, likely_causes
-from zoo.verdict.evidence import Evidence
+from zoo.drives.intervals import ONE_TRACK
+from zoo.verdict.causes import likely_causes, train_again
+from zoo.verdict.evidence import Evidence, no_verdict
 
 DRIVES, ALMOST, FAILS, UNKNOWN = "drives", "almost", "fails", "unknown"
 HEADLINES = {
-    DRIVES: "It drives.",
-    ALMOST: "It nearly drives.",
-    FAILS: "It does not drive.",
+    DRIVES: "It drove {track} without an intervention.",
+    ALMOST: "It nearly drives {track}.",
+    FAILS: "It does not drive {track}.",
     UNKNOWN: "Unknown whether it drives.",
 }
+WORDS = {DRIVES: "drove", ALMOST: "nearly drives", FAILS: "does not drive", UNKNOWN: "unknown"}
+WORST_FIRST = (FAILS, ALMOST, UNKNOWN, DRIVES)
 COLOURS = {DRIVES: "green", ALMOST: "yellow", FAILS: "red", UNKNOWN: "yellow"}
 NEARLY = 0.9  # least autonomy of a network that nearly drives
 WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
@@ -27,13 +29,13 @@ WHOLE_LAP = 0.95  # laps; a drive may end just before the end of its last lap
 
 @dataclass(frozen=True)
 class Verdict:
-    """Conclusion from the drives of a network.
+    """Conclusion from the drives of a network: one for each track, the worst first.
 
     Attributes:
-        level: `drives`, `almost`, `fails` or `unknown`.
-        headline: sentence that names the level.
-        tracks: line of figures for each track.
-        certainty: sentence with the number of drives and its confidence interval.
+        level: `drives`, `almost`, `fails` or `unknown`, of the worst track.
+        headline: sentence that names the level and the worst track.
+        tracks: line with level and figures of each track, the worst first.
+        certainty: sentences on what the number of drives can show.
         causes: likely reasons, the likeliest first; empty for a network that drives.
         commands: pairs of a purpose and the next command to type.
     """
@@ -64,18 +66,25 @@ def judge(
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
         by_track.setdefault(str(one["track"]), []).append(one)
-    level = _level(by_track)
-    lost = [name for name, own in by_track.items() if any(one["interventions"] for one in own)]
-    causes = [] if level in (DRIVES, UNKNOWN) else likely_causes(evidence, lost)
+    if evidence.source is not None:
+        return _without_verdict(by_track, evidence, evidence.source)
+    levels = {track: _level(own) for track, own in by_track.items()}
+    names = sorted(
+        levels, key=lambda name: (WORST_FIRST.index(levels[name]), _autonomy(by_track[name]))
+    )
+    level = levels[names[0]] if names else UNKNOWN
+    lost = [track for track in names if levels[track] in (FAILS, ALMOST)]
+    causes = likely_causes(evidence, lost) if lost else []
+    again = train_again(evidence, causes)
     typed = _typed_tracks(evidence.at("score.track") if tracks is None else tracks)
-    shown = [typed.get(one, one) for one in lost or by_track]
+    worst = typed.get(names[0], names[0]) if names else "lake"
     return Verdict(
         level,
-        HEADLINES[level],
-        tuple(_track_line(track, own) for track, own in by_track.items()),
-        _certainty(drives),
+        HEADLINES[level].format(track=f"the {names[0]}" if names else ""),
+        tuple(_track_line(track, levels[track], by_track[track]) for track in names),
+        _certainty(by_track, evidence),
         tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, causes, shown)),
+        tuple(_commands(level, evidence, again, worst)),
     )
 
 
@@ -108,56 +117,84 @@ def _typed_tracks(tracks: object) -> dict[str, str]:
     return {recorded_name(short_name(one)): one for one in names if isinstance(one, str)}
 
 
-def _level(by_track: Mapping[str, Sequence[Mapping]]) -> str:
-    if not by_track:
-        return UNKNOWN
-    drives = [one for own in by_track.values() for one in own]
-    if all(one["interventions"] == 0 for one in drives):
-        whole = all(sum(one["laps"] or 0 for one in own) >= WHOLE_LAP for own in by_track.values())
-        return DRIVES if whole else UNKNOWN
-    if any(all(one["interventions"] == 0 for one in own) for own in by_track.values()):
-        return ALMOST
-    mean = sum(one["autonomy"] or 0 for one in drives) / len(drives)
-    return ALMOST if mean >= NEARLY else FAILS
+def _level(drives: Sequence[Mapping]) -> str:
+    """Return the level of one track's drives."""
+    if any(one.get("autonomy") is None for one in drives):
+        return UNKNOWN  # nothing was driven
+    if not any(one["interventions"] for one in drives):
+        return DRIVES if sum(one["laps"] or 0 for one in drives) >= WHOLE_LAP else UNKNOWN
+    return ALMOST if _autonomy(drives) >= NEARLY else FAILS
 
 
-def _track_line(track: str, drives: Sequence[Mapping]) -> str:
+def _autonomy(drives: Sequence[Mapping]) -> float:
+    return sum(one.get("autonomy") or 0 for one in drives) / len(drives)
+
+
+def _track_line(track: str, level: str, drives: Sequence[Mapping]) -> str:
     laps = sum(one["laps"] or 0 for one in drives)
     count = sum(int(one["interventions"]) for one in drives)
     driven = f"{laps:.2f} laps" + (f" in {len(drives)} drives" if len(drives) > 1 else "")
+    start = f"{track}: {WORDS[level]}"
     if count == 0:
-        return f"{track}: no intervention in {driven}"
-    mean = sum(one["autonomy"] or 0 for one in drives) / len(drives)
-    return (
-        f"{track}: autonomy {mean:.1%}, {count} intervention{'' if count == 1 else 's'} in {driven}"
-    )
+        return f"{start}, no intervention in {driven}"
+    lost = f"{count} intervention{'' if count == 1 else 's'}"
+    return f"{start}, autonomy {_autonomy(drives):.1%}, {lost} in {driven}"
 
 
-def _certainty(drives: Sequence[Mapping]) -> str:
+def _without_verdict(
+    by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence, source: str
+) -> Verdict:
+    """Return the figures of a network of another car, and why they are no verdict on it."""
+    lines = tuple(_track_line(track, UNKNOWN, own) for track, own in by_track.items())
+    root = evidence.at("data.root")
+    folder = root if isinstance(root, str) else "FOLDER"
+    words = ["drivezoo", "replay", evidence.checkpoint or "CKPT", folder]
+    command = ("score it on a recording of its own car", command_line(words))
+    return Verdict(UNKNOWN, HEADLINES[UNKNOWN], lines, f"{no_verdict(source)}.", (), (command,))
+
+
+def _certainty(by_track: Mapping[str, Sequence[Mapping]], evidence: Evidence) -> str:
+    drives = [one for own in by_track.values() for one in own]
     if not drives:
         return "It was not driven: open-loop figures do not show whether a car stays on the road."
     clean = sum(one["interventions"] == 0 for one in drives)
     starts = len({one.get("seed") for one in drives})
-    seeds = f"{starts} start seed{'' if starts == 1 else 's'}, one training"
-    return f"Drives without an intervention: {count_with_interval(clean, len(drives))}; {seeds}."
+    text = (
+        f"Drives without an intervention: {clean} of {len(drives)}; "
+        f"{_count(len(by_track), 'track')}, {_count(starts, 'start seed')}, one training."
+    )
+    if len(drives) > len(by_track):
+        text += f" {ONE_TRACK}"
+    choice = evidence.metrics.get("choice")
+    chosen_on = next(iter(_typed_tracks(evidence.at("score.track"))), None)
+    if isinstance(choice, Mapping) and choice.get("drives") and chosen_on in by_track:
+        text += f" A lap of the {chosen_on} chose this checkpoint: other tracks show more."
+    return text
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _commands(
-    level: str, evidence: Evidence, causes: Sequence[Cause], tracks: Sequence[str]
+    level: str, evidence: Evidence, again: str | None, track: str
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
-    fails = level in (ALMOST, FAILS)
-    found = [("train again", cause.command) for cause in causes if cause.command][:1]
+    found = [("train again", again)] if again else []
     if level == FAILS and (first_try := evidence.first_try()):
         found.append(("or train by a recipe that worked on other recordings", first_try))
     if evidence.checkpoint is None:
         return found
-    path, track = shlex.quote(evidence.checkpoint), shlex.quote(tracks[0] if tracks else "lake")
-    if fails:
-        correct = f"drivezoo correct {path} track={track}"
+    on_track = [evidence.checkpoint, f"track={track}"]
+    if level in (ALMOST, FAILS):
+        correct = command_line(["drivezoo", "correct", *on_track])
         return [*found, ("or let the expert correct it", correct)]
-    purpose = "drive it" if level == UNKNOWN else "drive it from more starts"
-    found.append((purpose, f"drivezoo evaluate {path} track={track} seeds=5"))
-    if level == DRIVES:
-        found.append(("watch it drive", f"drivezoo drive {path} drive.sim={track}"))
-    return found
+    if level == UNKNOWN:
+        return [*found, ("drive it", command_line(["drivezoo", "evaluate", *on_track]))]
+    more = ["drivezoo", "benchmark", evidence.checkpoint, "suite=quick"]
+    watch = ["drivezoo", "drive", evidence.checkpoint, f"sim={track}"]
+    return [
+        *found,
+        ("drive it on other roads", command_line(more)),
+        ("watch it drive", command_line(watch)),
+    ]

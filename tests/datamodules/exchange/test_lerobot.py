@@ -9,14 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError, UsageError
 from datamodules.exchange.lerobot_export import export_lerobot
 from datamodules.exchange.lerobot_import import import_lerobot
+from datamodules.exchange.parquet_columns import encoded_images
 from datamodules.exchange.video import VideoWriter, read_frames
 from datamodules.image import read_image
 from datamodules.recording import Recording, read_recordings
 from datamodules.stretches import find_breaks
 from tests.recordings import Written, write_recording
+from zoo.base.errors import InputError, UsageError
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -300,3 +301,69 @@ def test_a_video_has_the_frames_that_were_written(tmp_path: Path) -> None:
         difference = new.astype(float) - old
         assert np.abs(difference).mean() < 3
         assert abs(difference.mean()) < 0.5, "frames are not darker"
+
+
+@pytest.fixture
+def foreign_data(tmp_path: Path) -> Path:
+    """Return the data file of a dataset of another program, to be replaced."""
+    features = {
+        "action": {"dtype": "float32", "shape": [1], "names": ["steering"]},
+        "observation.images.front": {"dtype": "image", "shape": [160, 320, 3]},
+    }
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    (tmp_path / "set/meta").mkdir(parents=True)
+    (tmp_path / "set/meta/info.json").write_text(json.dumps(info))
+    path = tmp_path / "set/data/chunk-000/file-000.parquet"
+    path.parent.mkdir(parents=True)
+    return path
+
+
+def write_table(path: Path, columns: dict[str, object]) -> None:
+    pq.write_table(pa.table(columns), path)
+
+
+def test_a_small_file_that_claims_ten_million_rows_is_refused_unread(foreign_data: Path) -> None:
+    zeros = pa.array(np.zeros(10_000_000))
+    names = ("episode_index", "timestamp", "action")
+    write_table(foreign_data, dict.fromkeys(names, zeros))
+    assert foreign_data.stat().st_size < 1_000_000
+    with pytest.raises(InputError, match=r"file-000\.parquet: has 10,000,000 rows.*divide"):
+        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+
+
+def test_a_small_file_with_long_vectors_is_refused_unread(foreign_data: Path) -> None:
+    vectors = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(40_000_000)), 200_000)
+    zeros = pa.array(np.zeros(200))
+    write_table(foreign_data, {"episode_index": zeros, "timestamp": zeros, "action": vectors})
+    assert foreign_data.stat().st_size < 100_000
+    with pytest.raises(InputError, match=r"file-000\.parquet: .*action have 40,000,400 numbers"):
+        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+
+
+def test_a_column_that_is_there_twice_is_refused(foreign_data: Path) -> None:
+    zeros = [pa.array(np.zeros(3))] * 4
+    names = ["episode_index", "timestamp", "action", "action"]
+    pq.write_table(pa.Table.from_arrays(zeros, names), foreign_data)
+    with pytest.raises(InputError, match=r"file-000\.parquet: has the column 'action' more than"):
+        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+
+
+def test_a_columns_name_that_is_not_utf_8_is_refused(foreign_data: Path) -> None:
+    zeros = pa.array(np.zeros(3))
+    names = ("episode_index", "timestamp", "action", "xyxyxyxy")
+    pq.write_table(pa.table(dict.fromkeys(names, zeros)), foreign_data, store_schema=False)
+    data = foreign_data.read_bytes()
+    foreign_data.write_bytes(data.replace(b"xyxyxyxy", b"xyxyxy\xff\xfe"))
+    with pytest.raises(InputError, match=r"file-000\.parquet: a column's name is not UTF-8"):
+        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+
+
+def test_an_image_that_a_few_bytes_repeat_is_refused(foreign_data: Path) -> None:
+    zeros = pa.array(np.zeros(300))
+    image = (b"\xff\xd8" + bytes(1_000_000) + b"\xff\xd9").ljust(1_000_100)
+    images = pa.array([{"bytes": image, "path": ""}] * 300)
+    columns = dict.fromkeys(("episode_index", "timestamp", "action"), zeros)
+    write_table(foreign_data, columns | {"observation.images.front": images})
+    read = encoded_images([foreign_data], "observation.images.front", pa)
+    with pytest.raises(InputError, match=r"file-000\.parquet: .*after decompression"):
+        list(read)

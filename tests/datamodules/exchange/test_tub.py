@@ -9,13 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.exchange.tub_export import export_tub
 from datamodules.exchange.tub_import import import_tub
 from datamodules.image import read_image
 from datamodules.recording import Recording, read_recordings
+from datamodules.recording_report import report_recordings
+from datamodules.source_format import read_source
 from datamodules.stretches import find_breaks
 from tests.recordings import Written
+from zoo.base.errors import InputError
 
 LABELS = ("steering", "throttle", "brake", "speed_mph", "time_s")
 
@@ -139,6 +141,18 @@ def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
     assert np.diff(new.time_s) == pytest.approx([0.1, 0.8])
 
 
+def test_a_tub_says_that_its_car_is_another_unless_drivezoo_wrote_it(
+    tub: Path, tmp_path: Path
+) -> None:
+    import_tub(tub, tmp_path / "ours")
+    import_tub(write_tub(tmp_path / "tub", [record(0), record(1)]), tmp_path / "theirs")
+    assert read_source([tmp_path / "ours"]) is None
+    assert read_source([tmp_path / "ours", tmp_path / "theirs"]) == "donkeycar"
+    (tmp_path / "theirs" / "source.json").write_text("[]")
+    with pytest.raises(InputError, match=r"source\.json: format"):
+        read_source([tmp_path / "theirs"])
+
+
 def test_images_are_links_or_copies_of_images_alone(tmp_path: Path) -> None:
     secret = tmp_path / "secret.txt"
     secret.write_text("not an image")
@@ -209,3 +223,62 @@ def test_a_recording_without_times_gets_some(recorded: Written, tmp_path: Path) 
     export_tub(timeless, tmp_path / "tub")
     import_tub(tmp_path / "tub", tmp_path / "new")
     assert np.diff(read_recordings(str(tmp_path / "new")).time_s) == pytest.approx(1 / 15, abs=1e-3)
+
+
+def damage_two_records(tub: Path) -> Path:
+    """Cut the fourth record off, and change a byte of the fifth's text."""
+    first, second = (tub / f"catalog_{number}.catalog" for number in (1, 2))
+    lines = first.read_bytes().splitlines(keepends=True)
+    first.write_bytes(lines[0] + lines[1][:40] + b"\n")
+    second.write_bytes(second.read_bytes().replace(b"21-05", b"21\xff05", 1))
+    return tub
+
+
+def test_two_corrupt_records_are_counted_and_skipping_them_is_offered(tmp_path: Path) -> None:
+    tub = damage_two_records(write_tub(tmp_path / "tub", [record(one) for one in range(8)]))
+    with pytest.raises(InputError, match=r"catalog_1\.catalog, row 2: .*2 of 8 rows.*=skip"):
+        import_tub(tub, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_corrupt_records_that_are_skipped_are_counted_and_named(tmp_path: Path) -> None:
+    tub = damage_two_records(write_tub(tmp_path / "tub", [record(one) for one in range(8)]))
+    result = import_tub(tub, tmp_path / "out", on_bad_row="skip")
+    steering = read_recordings(str(tmp_path / "out")).steering
+    assert steering.tolist() == [0.0, 0.1, 0.2, 0.5, 0.6, 0.7]
+    assert result.rows == 6
+    assert result.notes[0].startswith("2 rows left out: ")
+    assert "catalog_1.catalog, row 2" in result.notes[0]
+
+
+def test_a_corrupt_record_has_one_remedy(tmp_path: Path) -> None:
+    tub = damage_two_records(write_tub(tmp_path / "tub", [record(one) for one in range(8)]))
+    with pytest.raises(InputError, match="on_bad_row=skip") as caught:
+        import_tub(tub, tmp_path / "out")
+    assert str(caught.value).count("delete") == 1
+
+
+def test_angles_in_degrees_have_one_remedy_for_all_rows(tmp_path: Path) -> None:
+    for largest, words in ((20, "by 25"), (300, "by 25 times the ratio")):
+        changed = [record(one, **{"user/angle": one * largest / 5}) for one in range(6)]
+        tub = write_tub(tmp_path / f"{largest}", changed)
+        with pytest.raises(InputError, match=f"degrees.*divide the column {words}") as caught:
+            import_tub(tub, tmp_path / "out")
+        assert "delete" not in str(caught.value)
+
+
+def test_a_catalog_that_is_named_again_is_refused(tmp_path: Path) -> None:
+    tub = write_tub(tmp_path / "tub", [record(one) for one in range(2)])
+    manifest = tub / "manifest.json"
+    name = '"catalog_0.catalog"'
+    manifest.write_text(manifest.read_text().replace(name, ", ".join([name] * 800)))
+    with pytest.raises(InputError, match=r"manifest\.json, row 5: .*catalog_0\.catalog more than"):
+        import_tub(tub, tmp_path / "out")
+
+
+def test_drives_are_counted_by_the_gaps_that_check_counts(tmp_path: Path) -> None:
+    """One session with two gaps of time is three drives."""
+    late = [record(one, _timestamp_ms=1_600_000_000_000 + 5000 * (one // 2)) for one in range(6)]
+    result = import_tub(write_tub(tmp_path / "tub", late), tmp_path / "out")
+    (report,) = report_recordings(read_recordings(str(tmp_path / "out")))
+    assert (result.drives, report.gaps) == (3, 2)

@@ -1,8 +1,10 @@
-"""`python -m zoo.benchmark`: digests, baselines, verification and bad input, on short roads."""
+"""`drivezoo benchmark`: digests, baselines, verification and bad input, on short roads."""
 
 import io
 import json
+import os
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,14 +13,15 @@ import torch
 import yaml
 from rich.console import Console
 
-from datamodules.errors import InputError, UsageError
 from simulator.track_names import road_folder
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.__main__ import command
-from zoo.benchmark.drives import digest_of_drives, drive_road
+from zoo.benchmark.checked_result import read_result
+from zoo.benchmark.drives import drive_road
 from zoo.benchmark.finished_drives import NAME as UNFINISHED
 from zoo.benchmark.page import NAME as PAGE
-from zoo.benchmark.result import NAME, read_result, write_result
+from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import summarize_drives
 from zoo.benchmark.table import print_result, table_cells
 from zoo.cli.stop_errors import StoppedError
@@ -150,6 +153,20 @@ def test_an_interrupted_benchmark_resumes_and_has_the_same_digest(
     assert not kept.exists()
 
 
+@pytest.mark.parametrize("small_disk", ["64k"], indirect=True)
+def test_a_full_disk_keeps_the_finished_drives(
+    interrupted: Path, suite: Path, small_disk: Path
+) -> None:
+    out = small_disk / "out"
+    shutil.copytree(interrupted, out)
+    kept = (out / UNFINISHED).read_bytes()
+    free = shutil.disk_usage(small_disk).free
+    (small_disk / "full").write_bytes(bytes(free))
+    with pytest.raises(InputError, match=f"{UNFINISHED}: No space left"):
+        drive(["zero"], suite, out)
+    assert (out / UNFINISHED).read_bytes() == kept
+
+
 def test_drives_of_another_driver_are_not_resumed(interrupted: Path, suite: Path) -> None:
     with pytest.raises(InputError, match=r"drivers: differ .* out="):
         drive(["expert"], suite, interrupted)
@@ -210,7 +227,7 @@ def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
         (set_key("headline", "value", value=0.5), "headline: is not that of its drives"),
         (set_key("headline", "low", value=0.99), "headline: is not that of its drives"),
         (set_key("groups", "like", value={}), "groups.like.autonomy: is not that of its"),
-        (set_key("drives", 0, "settings", value={"speed": 9.0}), "not in the suite tiny"),
+        (set_key("drives", 0, "settings", value={"speed": 9.0}), "drives: checkpoint "),
         (set_key("drives", 0, "checkpoint", value=5), "drives.0.checkpoint: is 5"),
         (set_key("drives", 0, "figures", value={}), "drives.0.figures.autonomy: is missing"),
         (set_key("checkpoints", 0, "sha256", value="0" * 64), "another file than the one"),
@@ -244,12 +261,15 @@ def test_a_checkpoint_is_found_in_the_results_folder(
     entry: Path, suite: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files = [Path(one.file) for one in read_result(entry).checkpoints]
-    for number, one in enumerate(files):
-        (tmp_path / f"seed {number}.ckpt").write_bytes(one.read_bytes())
+    hashes = [one.sha256 for one in read_result(entry).checkpoints]
+    shutil.copy(files[0], tmp_path / "best.ckpt")
+    shutil.copy(files[1], tmp_path / f"{hashes[1][:16]}.ckpt")
+    os.mkfifo(tmp_path / "another.ckpt")  # is not opened
+    (tmp_path / "endless.onnx").symlink_to("/dev/zero")
 
     def move(found: dict) -> None:
-        for one in found["checkpoints"]:
-            one["file"] = "/another machine/checkpoints/best.ckpt"
+        found["checkpoints"][0]["file"] = "/another machine/checkpoints/best.ckpt"
+        found["checkpoints"][1]["file"] = r"C:\another machine\checkpoints\best.ckpt"
 
     changed(entry, tmp_path, move)
     verify(tmp_path, suite, drives=1)
@@ -294,7 +314,7 @@ def test_a_missed_mark_fails_after_all_files_are_written(tmp_path: Path) -> None
     suite = write_suite(tmp_path, marks={"like": {"autonomy": 0.9}})
     with pytest.raises(InputError, match="marks missed"):
         drive(["mean"], suite, tmp_path / "mean")
-    names = {one.name for one in (tmp_path / "mean").iterdir()}
+    names = {one.name for one in (tmp_path / "mean").iterdir() if one.name[0] != "."}
     assert names == {NAME, PAGE, "marks.json", "marks.html"}
     drive(["expert"], suite, tmp_path / "expert")
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.benchmark.marks import missed_line, reached_marks, read_marks
 from zoo.benchmark.marks_page import print_marks, write_marks
 from zoo.cli.compose import conf_folder
-from zoo.report.report_page import hash_source
+from zoo.runs.page import hash_source
 
 MARKS = {
     "like": {"autonomy": 0.9, "cte_mean_m": 0.8, "m_per_intervention": 500},

@@ -1,9 +1,12 @@
 """The included suites, which are frozen: another road or setting is another suite."""
 
 import hashlib
+from pathlib import Path
 
 import pytest
+import yaml
 
+from zoo.base.errors import InputError
 from zoo.benchmark.suite import find_suite, read_suite
 
 DIGESTS = {  # of the drawn roads, and of the names and settings of the drives
@@ -45,3 +48,11 @@ def test_quick_is_a_part_of_v1() -> None:
 )
 def test_a_results_suite_is_found_by_its_name(name: str, found: tuple[str, str]) -> None:
     assert find_suite(name, "v1") == found
+
+
+def test_a_suite_of_too_many_drives_is_refused_before_its_roads_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "many.yaml"
+    drives = [{"track": f"alpine:{number}"} for number in range(20_000)]
+    path.write_text(yaml.safe_dump({"name": "many", "groups": {"like": drives}}))
+    with pytest.raises(InputError, match=r"many\.yaml: groups: has 20,000 drives"):
+        read_suite(str(path))

@@ -84,7 +84,24 @@ def test_shifted_drives_are_compared_with_their_partners() -> None:
     assert not math.isnan(found["looks"]["cte_mean_m"].low)
 
 
-def test_one_road_has_no_interval_of_its_error() -> None:
-    figures = group_figures([record(0, 1)])
-    assert figures["cte_mean_m"].value == 0.5
-    assert figures["cte_mean_m"].low is None
+@pytest.mark.parametrize("roads", [1, 2])
+def test_fewer_than_three_roads_have_no_interval(roads: int) -> None:
+    drives = [record(one, seed, seed) for seed in range(3) for one in range(roads)]
+    shifted = [
+        record(one, 3 * one, seed, group="looks", settings={"delay_s": 0.2})
+        for seed in range(3)
+        for one in range(roads)
+    ]
+    figures = [group_figures(drives), differences([*drives, *shifted])["looks"]]
+    for one in (one for by_name in figures for one in by_name.values()):
+        assert (one.low, one.high) == (None, None)
+
+
+def test_a_difference_of_shares_stays_between_minus_one_and_one() -> None:
+    drives = [record(one, lost=10) for one in range(3)]
+    shifted = [
+        record(one, 10 if one else 0, group="looks", settings={"delay_s": 0.2}) for one in range(3)
+    ]
+    found = differences([*drives, *shifted])["looks"]["autonomy"]
+    assert found.value == pytest.approx(1 / 3)
+    assert (found.low, found.high) == (pytest.approx(-0.45, abs=0.2), 1.0)

@@ -11,12 +11,11 @@ import torch
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from datamodules.errors import InputError
 from datamodules.view import View
-from simulator.errors import SimulatorError
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import module_of
+from zoo.base.errors import InputError
 from zoo.callbacks.closed_loop import ClosedLoop
 from zoo.cli.compose import compose_config
 from zoo.models.make_network import make_network
@@ -137,7 +136,7 @@ def test_where_no_renderer_opens_it_says_so_once_and_trains(
     recorded: Written, tmp_path: Path, console: Console, monkeypatch, capsys
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
-        raise SimulatorError("renderer=auto: none opens here")
+        raise InputError("renderer=auto: none opens here")
 
     monkeypatch.setattr("simulator.world.open_world", refuse)
     tiny = ("model=tiny", "data.crop=[50,0]", "callbacks=closed_loop")

@@ -14,13 +14,13 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.balance import BatchKey
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
 from tests.recordings import Written
 from tests.zoo.bomb import Bomb
 from tests.zoo.commands import run
 from tests.zoo.drive.old_client import telemetry
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoint_file
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import compose_config

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.errors import InputError
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import find_checkpoint, find_run, name_latest
 from zoo.checkpoints.policy import load_policy
@@ -87,7 +87,7 @@ def test_a_sweep_is_refused_with_one_of_its_jobs(work: Path) -> None:
 
 
 def test_a_run_without_a_checkpoint_is_refused_with_how_to_resume_it(work: Path) -> None:
-    with pytest.raises(InputError, match=r"outputs/begun: .*python -m zoo resume=outputs/begun"):
+    with pytest.raises(InputError, match=r"outputs/begun: .*drivezoo train resume=outputs/begun"):
         find_checkpoint("outputs/begun")
 
 
@@ -106,7 +106,7 @@ def test_without_a_run_latest_says_where_it_looked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=rf"{tmp_path}/outputs .*python -m zoo"):
+    with pytest.raises(InputError, match=rf"{tmp_path}/outputs .*drivezoo train"):
         find_checkpoint("latest")
 
 

@@ -5,8 +5,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.dropout_policy import DropoutPolicy, SampledNetwork
 from zoo.checkpoints.frozen_graph import network_inputs

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from tests.zoo.bomb import Bomb
 from tests.zoo.models.test_models_command import build
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import FORMAT
 from zoo.checkpoints.imagenet_weights import downloaded_file, imagenet_file
 from zoo.checkpoints.initial_weights import load_weights

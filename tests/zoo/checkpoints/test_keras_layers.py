@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from tests.zoo.checkpoints.keras_files import (
     INPUT,
     Layer,
@@ -20,6 +19,7 @@ from tests.zoo.checkpoints.keras_files import (
     write_keras,
 )
 from tests.zoo.models import keras_reference
+from zoo.base.errors import InputError
 from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.keras_lambda import describe_lambda, specs_of_word
 from zoo.checkpoints.keras_layers import ConvertedKeras, convert

@@ -6,7 +6,8 @@ from collections import deque
 import numpy as np
 import pytest
 
-from datamodules.samples import MAX_STEERING_DEG, MPS_PER_MPH, WHEELBASE_M
+from datamodules.driving_log import MAX_STEERING_DEG
+from datamodules.samples import MPS_PER_MPH, WHEELBASE_M
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.late_command import RETURN_M, outputs_at, returning
 from zoo.drives.latency_meter import LatencyMeter

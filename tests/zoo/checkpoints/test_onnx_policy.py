@@ -7,9 +7,9 @@ import onnx
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from tests.zoo.commands import only_line, run
 from tests.zoo.models.test_models_command import build
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.checkpoints.policy import load_policy

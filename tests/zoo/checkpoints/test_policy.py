@@ -1,5 +1,6 @@
 """A policy's quick forward pass: the network's, to the bit."""
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -81,6 +82,31 @@ class Failing(nn.Module):
 def test_a_network_that_cannot_be_traced_drives_as_it_is() -> None:
     network = Failing()
     assert quick_forward(network, View((60, 25), "rgb", None)) is network
+
+
+def test_a_newer_torch_prints_no_warning_of_its_tracer(monkeypatch: pytest.MonkeyPatch) -> None:
+    freeze = torch.jit.freeze
+
+    def freeze_as_in_2_15(*arguments: object) -> object:
+        text = "`torch.jit.freeze` is deprecated. Please use `torch.compile` instead."
+        warnings.warn(text, FutureWarning, stacklevel=2)
+        return freeze(*arguments)
+
+    monkeypatch.setattr(torch.jit, "freeze", freeze_as_in_2_15)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        forward = quick_forward(LeNet((3, 75, 320)).eval(), View((60, 25), "rgb", None))
+    assert isinstance(forward, torch.jit.ScriptModule)
+    assert not caught
+
+
+def test_a_torch_without_torchscript_drives_with_the_network(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delattr(torch.jit, "trace")
+    network = LeNet((3, 75, 320)).eval()
+    assert quick_forward(network, View((60, 25), "rgb", None)) is network
+    assert next(network.parameters()).is_contiguous(memory_format=torch.channels_last)
 
 
 @pytest.mark.parametrize("speed", [False, True], ids=["steering", "steering and throttle"])

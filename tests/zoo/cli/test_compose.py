@@ -24,7 +24,7 @@ from zoo.cli.compose import (
 @pytest.mark.parametrize("path", sorted(conf_folder().rglob("*.yaml")), ids=lambda path: path.stem)
 def test_every_yaml_opens_with_a_command(path: Path) -> None:
     opening = path.read_text().splitlines()[:2]
-    commands = ("python -m zoo", "drivezoo ")
+    commands = ("drivezoo train", "drivezoo ")
     assert any(line.startswith("#") and any(c in line for c in commands) for line in opening)
 
 
@@ -101,7 +101,7 @@ def test_a_sweep_over_odd_paths_splits_at_commas() -> None:
 
 
 def composed(argument: str, key: str) -> object:
-    """Return the value of a key in the config of `python -m zoo ARGUMENT`."""
+    """Return the value of a key in the config of `drivezoo train ARGUMENT`."""
     from hydra import compose, initialize_config_dir
 
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):

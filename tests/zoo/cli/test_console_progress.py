@@ -117,6 +117,11 @@ def test_evaluate_shows_what_it_does_from_loading_to_the_last_drive(
     assert 0 <= loads < drives < table
 
 
+def test_the_list_of_networks_shows_that_it_builds_them(tmp_path: Path) -> None:
+    printed = on_a_terminal(tmp_path, *command("zoo.models"))
+    assert 0 <= printed.find("building the networks") < printed.find("multiply-adds")
+
+
 def test_a_typo_and_help_are_not_preceded_by_anything(tmp_path: Path) -> None:
     assert "loading" not in on_a_terminal(tmp_path, *command("zoo.evaluate", "none.ckpt"))
     assert "loading" not in on_a_terminal(tmp_path, *command("zoo", "--help"))

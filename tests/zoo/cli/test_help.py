@@ -96,17 +96,18 @@ def test_help_shows_the_usage_and_exits_with_0(command: str, helps: dict) -> Non
     status, text, slow = helps[command]
     assert status == 0
     typed = re.sub(r"^(zoo\.|datamodules\.|(?=simulator))", "drivezoo ", command)
-    assert text.startswith(f"usage: {'python -m zoo' if command == 'zoo' else typed}")
+    assert text.startswith(f"usage: {'drivezoo train' if command == 'zoo' else typed}")
     for words in NAMED[command]:
         assert words in " ".join(text.split())
     assert slow == [], "--help must be fast"
-    assert len(text.splitlines()) < (150 if command == "zoo" else 60)
+    assert len(text.splitlines()) < (160 if command == "zoo" else 60)
 
 
 def test_no_command_is_forgotten() -> None:
     for package in ("zoo", "datamodules", "simulator"):
         for path in (ROOT / package).rglob("*.py"):
-            if GUARD in path.read_text():
+            # `zoo.base` has programs that start others.
+            if GUARD in path.read_text() and path.parent != ROOT / "zoo" / "base":
                 name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
                 assert name.removesuffix(".__main__") in [*NAMED, PROBE], path
 

@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.cli.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import SMALL
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import choices, compose_config
 from zoo.cli.parts import _installed, take_parts
+from zoo.cli.run_command import run_command
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
 from zoo.sweep.saved_sweep import SavedSweep, check_overrides
@@ -194,6 +195,16 @@ def test_the_environment_variable_takes_whole_paths(
         ((".flatten(1))", ".flatten(1))[:, 0]"), "MyNet.forward returns [2] for 2 images"),
         (("class MyNet", "class YourNet"), "defines no class MyNet"),
         (("def __init__(self,", "def __init__(self, depth,"), "argument: 'shape'"),
+        (
+            ("class MyNet", "import sys; sys.exit(3)\nclass MyNet"),
+            "line 6: SystemExit: 3",
+        ),
+        (
+            ("super()", "raise BaseException('no'); super()"),
+            "line 13: BaseException: no",
+        ),
+        (("self.head(", "exit(self.head)("), "line 17: SystemExit: "),
+        (("class MyNet(nn.Module)", "class MyNet"), "derive the class from torch.nn.Module"),
     ],
 )
 def test_a_mistake_in_the_file_is_one_line(
@@ -204,6 +215,36 @@ def test_a_mistake_in_the_file_is_one_line(
     named_here(path)
     with pytest.raises(InputError, match=re.escape(found)):
         make_network({"_target_": "my_net.MyNet"}, VIEW)
+
+
+def test_an_error_of_a_part_while_a_command_runs_is_one_line(
+    tmp_path: Path, named_here: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    named_here(write_network(tmp_path))
+    network = make_network({"_target_": "my_net.MyNet"}, VIEW)
+
+    def command(_: list[str]) -> None:
+        network(None)
+
+    assert run_command("zoo", command, []) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "my_net.py: line 17: TypeError: " in line
+
+
+def test_a_commands_own_exit_status_stays() -> None:
+    with pytest.raises(SystemExit):
+        run_command("zoo", sys.exit, [])
+
+
+@pytest.mark.parametrize("module", ["zoo", "zoo.export"])
+def test_a_part_without_a_network_is_named(module: str, place: Path) -> None:
+    code = (place / "my_net.py").read_text()
+    (place / "my_net.py").write_text(code.replace("class MyNet(nn.Module)", "class MyNet"))
+    what = "resume=run" if module == "zoo" else "run"
+    result = run(place, NAMED, what, module=module)
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    assert "my_net.py defines no such network" in result.stderr
 
 
 def test_a_file_with_the_name_of_an_installed_module_is_refused(

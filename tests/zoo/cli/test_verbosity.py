@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.cli.run_command import run_command

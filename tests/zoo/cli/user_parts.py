@@ -20,7 +20,7 @@ class MyNet(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         return self.head((images / 255).mean(2).flatten(1))
 '''
-YAML = """# python -m zoo parts=my_net.py model=my_net data.root=FOLDER
+YAML = """# drivezoo train parts=my_net.py model=my_net data.root=FOLDER
 name: my_net
 colour: gray
 size: [16, 32]

@@ -1,4 +1,4 @@
-"""`python -m zoo.completion`: the script for bash, in a real bash."""
+"""`drivezoo completion`: the script for bash, in a real bash."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""`python -m zoo.correct`: its rounds, a person's corrections, and its errors."""
+"""`drivezoo correct`: its rounds, a person's corrections, and its errors."""
 
 import csv
 import json
@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.correct.__main__ import command
@@ -294,7 +294,7 @@ def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_pat
     writer = DriveWriter(tmp_path / "blind")
     writer.add([DriveRow(time_s=1.0), DriveRow(time_s=1.1, driver=PERSON, intervention=True)])
     writer.close()
-    with pytest.raises(InputError, match=r"blind: .*drive\.record=FOLDER"):
+    with pytest.raises(InputError, match=r"blind: .*record=FOLDER"):
         command([checkpoint, f"drive={tmp_path / 'blind'}"])
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.command_config import read_options
 from zoo.correct.correct_options import CorrectOptions
 from zoo.correct.correct_rounds import Progress, open_progress

@@ -15,6 +15,7 @@ from tests.zoo.commands import ROOT, environment, run
 from zoo.doctor import __main__ as doctor
 from zoo.doctor import inputs, installation, round_trip
 from zoo.doctor.finding import FAULT, WARNING
+from zoo.doctor.machine import check_device
 
 
 def run_doctor(cwd: Path, *arguments: object, **more: str) -> subprocess.CompletedProcess:
@@ -181,3 +182,8 @@ def test_the_next_command_is_for_what_was_checked(
     given: tuple[str | None, str | None], command: str
 ) -> None:
     assert doctor.next_step(*given)[0] == command
+
+
+def test_the_cores_are_those_of_the_containers_quota(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("zoo.base.cores._container_cores", lambda: 0.5)
+    assert "on 1 cores" in next(check_device()).found

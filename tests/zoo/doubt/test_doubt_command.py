@@ -1,4 +1,4 @@
-"""`python -m zoo.doubt`: the file that it writes, the commands that take it, and its errors."""
+"""`drivezoo doubt`: the file that it writes, the commands that take it, and its errors."""
 
 import csv
 import json
@@ -163,7 +163,7 @@ def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> 
     doubt([str(member), f"out={dropout}", "samples=7"])
     assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
     refused = run(dropout.parent, str(member), f"out={member}", module="zoo.doubt")
-    assert f"out={member}: exists" in only_line(refused)
+    assert f"out={member}: is an input" in only_line(refused)
     assert member.read_bytes() == earlier
 
 

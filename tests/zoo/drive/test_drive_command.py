@@ -1,4 +1,4 @@
-"""`python -m zoo.drive`, as users start and end it."""
+"""`drivezoo drive`, as users start and end it."""
 
 import json
 import os
@@ -103,17 +103,17 @@ def test_a_drive_leaves_its_log_among_the_outputs(checkpoint: Path, tmp_path: Pa
         (["CKPT", "drive.speed.setmph=1"], "did you mean speed.set_mph"),
         (["CKPT", "drive.speed=turns"], "bends, constant, doubt, network, pi, proportional"),
         (["CKPT", "drive.speed=constant", "drive.speed.kp=1"], "speed.kp: no such key"),
-        (["CKPT", "drive.speed.kp=-1"], "drive.speed.kp=-1: must be a number, 0 or more"),
-        (["CKPT", "drive.speed.kp=fast"], "drive.speed.kp=fast: must be a number, 0 or more"),
+        (["CKPT", "drive.speed.kp=-1"], "speed.kp=-1: must be a number, 0 or more"),
+        (["CKPT", "drive.speed.kp=fast"], "speed.kp=fast: must be a number, 0 or more"),
         (["CKPT", "speed=doubt"], "predicts no spread of its steering; drive a checkpoint"),
-        (["CKPT", "drive.speed=doubt", "speed.unsure=0"], "drive.speed.unsure=0: must be a number"),
+        (["CKPT", "drive.speed=doubt", "speed.unsure=0"], "speed.unsure=0: must be a number"),
         (["CKPT", "drive.steering.gain=0"], "drive.steering.gain=0: must be a number above 0"),
         (["CKPT", "drive.port=99999"], "port=99999: must be a whole number in 0..65535"),
         (["CKPT", "drive.margin=0"], "margin=0: must be a number of 0.2 or more, or null"),
         (["CKPT", "drive.put_back=maybe"], "put_back=maybe: must be true or false"),
         (["CKPT", "drive.port"], "further arguments"),
         (["CKPT", "drive.port=["], "port=["),
-        (["CKPT", "drive.host=0.0.0.0"], "add drive.expose=true"),
+        (["CKPT", "drive.host=0.0.0.0"], "add expose=true"),
         (["CKPT", "drive.host=192.0.2.1", "drive.expose=true"], "Cannot assign requested address"),
     ],
 )
@@ -132,7 +132,7 @@ def test_a_port_that_is_taken_names_who_holds_it(checkpoint: Path, tmp_path: Pat
         line = only_line(drive(tmp_path, checkpoint, f"drive.port={port}"))
     assert f"port {port} is held by" in line
     assert f"(process {os.getpid()})" in line
-    assert "add drive.port=0" in line
+    assert "add port=0" in line
 
 
 def test_a_folder_with_a_recording_is_not_written_to(

@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
 from zoo.cli.compose import choices
 from zoo.drive.__main__ import load_warm_policy
 from zoo.drive.drive_settings import read_settings
 from zoo.drives.speed_controller import PI
-from zoo.monitor.guard_file import Guard, file_hash, write_guard
+from zoo.monitor.guard_file import Guard, write_guard
 from zoo.monitor.scores import make_score
 
 
@@ -49,7 +50,7 @@ def test_a_folder_to_record_in_is_taken_as_it_stands(folder: str) -> None:
 def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_path: Path) -> None:
     checkpoint = write_constant(tmp_path / "best.ckpt", 0.1)
     guard = Guard(
-        make_score("attention_mean", {"mean": 0.5}), 0.1, 1, 6.0, 2, file_hash(checkpoint)
+        make_score("attention_mean", {"mean": 0.5}), 0.1, 1, 6.0, 2, hash_file(checkpoint)
     )
     path = write_guard(tmp_path / "guard.pt", guard)
     policy = load_warm_policy(checkpoint, 1, guard=path)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
+from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
@@ -92,7 +92,7 @@ def test_set_speed_reaches_all_sessions_that_are_and_will_be(make: Callable[...,
 
 
 def test_set_speed_of_a_controller_without_one_is_refused(make: Callable[..., Driver]) -> None:
-    with pytest.raises(ValueError, match=r"restart with drive\.speed=pi"):
+    with pytest.raises(ValueError, match=r"restart with speed=pi"):
         make().set_speed(12)
 
 

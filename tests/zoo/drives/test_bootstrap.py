@@ -1,6 +1,7 @@
 """Intervals over training seeds and roads, checked on data of known truth and against scipy."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -116,3 +117,14 @@ def test_equal_values_give_an_interval_of_no_width() -> None:
 def test_a_statistic_of_all_axes_is_refused() -> None:
     with pytest.raises(ValueError, match="last axis"):
         bootstrap(np.zeros((3, 8)), np.mean)
+
+
+@pytest.mark.parametrize("shape", [(3, 700), (2, 3, 400)])
+def test_draws_in_parts_do_not_change_the_interval(
+    shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = np.random.default_rng(0).random(shape)
+    whole = asdict(bootstrap(values, interquartile_mean, draws=500))
+    monkeypatch.setattr("zoo.drives.bootstrap.MOST_VALUES", 1000)
+    parts = asdict(bootstrap(values, interquartile_mean, draws=500))
+    assert parts == pytest.approx(whole)

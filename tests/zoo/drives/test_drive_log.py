@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import DriveWriter, read_drive, write_drive, write_summary
@@ -124,7 +124,7 @@ def test_the_same_picture_is_recorded_once(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made_is_named_before_the_drive(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="Not a directory; name another folder"):
+    with pytest.raises(InputError, match=r"Not a directory\); name another folder"):
         BackgroundWriter(tmp_path / "file" / "drive", Notices()).prepare()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from simulator.world import open_world
 from zoo.drives.drive_log import read_drive
-from zoo.drives.drive_record import PERSON, SOCKET, Drive, DriveRow
+from zoo.drives.drive_record import PERSON, REPLAY, SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import LOWER, metric
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
 from zoo.drives.metrics_page import metrics_page
@@ -122,6 +122,14 @@ def test_autonomy_is_not_known_where_nothing_judged_the_drive() -> None:
     assert math.isnan(measure(Drive.of(rows))["autonomy"])
     rows[1] = DriveRow(60.0, driver=PERSON, intervention=True)
     assert measure(Drive.of(rows))["autonomy"] == pytest.approx(0.9)
+
+
+def test_a_car_that_did_not_move_was_not_measured() -> None:
+    rows = [DriveRow(float(second), cross_track_m=0.0, speed_mph=0.0) for second in range(5)]
+    assert math.isnan(measure(Drive.of(rows, source=REPLAY, driven_m=0.0))["autonomy"])
+    assert measure(Drive.of(rows, source=REPLAY, driven_m=9.0))["autonomy"] == 1
+    rows[4] = DriveRow(60.0, cross_track_m=0.0, speed_mph=0.0, intervention=True)  # it stood still
+    assert measure(Drive.of(rows, driven_m=0.0))["autonomy"] == pytest.approx(0.9)
 
 
 def test_calibration_compares_the_spread_with_expert_and_error() -> None:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drives.speed_controller import (
     PI,
     Constant,
@@ -84,7 +84,7 @@ def test_the_brake_of_a_slow_car_would_reverse_it() -> None:
 
 @pytest.mark.parametrize("value", [-1, "fast", None, True, float("nan")])
 def test_a_set_speed_that_cannot_be_is_named(value: object) -> None:
-    with pytest.raises(InputError, match=r"drive\.speed\.set_mph="):
+    with pytest.raises(InputError, match=r"speed\.set_mph="):
         PI(value, 0.1)
 
 
@@ -107,7 +107,7 @@ def test_doubt_never_drives_faster_than_the_set_speed() -> None:
 def test_doubt_needs_a_spread_that_is_sure_and_a_larger_one_that_is_not(
     sure: float, unsure: float
 ) -> None:
-    with pytest.raises(InputError, match=r"drive\.speed\.(un)?sure="):
+    with pytest.raises(InputError, match=r"speed\.(un)?sure="):
         Doubt(20, 0.1, 0.0, 5, sure, unsure)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drives.steering_filter import SteeringFilter
 
 

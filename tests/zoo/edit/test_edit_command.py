@@ -1,4 +1,4 @@
-"""`python -m zoo.edit`: writes at once, or serves a page until Ctrl-C."""
+"""`drivezoo edit`: writes at once, or serves a page until Ctrl-C."""
 
 import shutil
 import signal
@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
+from zoo.base.errors import InputError
 from zoo.drive.notices import Notices
 from zoo.edit.__main__ import open_server
 

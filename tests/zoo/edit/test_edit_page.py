@@ -1,5 +1,7 @@
 """The editing page, over HTTP and in a browser."""
 
+import contextlib
+import socket
 import time
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from datamodules.recording import read_recordings
 from tests.recordings import Written
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.edit.conftest import ServedPage
+from zoo.edit.edit_page import MOST_REQUESTS
 
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None, reason="chromium is not installed; apt install chromium"
@@ -111,6 +114,78 @@ def test_a_wrong_command_is_refused(served: ServedPage, command: dict, word: str
 def test_another_site_cannot_send_commands(served: ServedPage, headers: dict[str, str]) -> None:
     assert served.ask("POST", "/command", {"drop": [1, 2]}, **headers)[0] in (403, 415)
     assert served.read("/state.json")["undo"] == 0
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_another_site_can_link_to_the_page_and_show_nothing_else(
+    served: ServedPage, site: str
+) -> None:
+    """A browser sends these headers, and no Origin, for another site's image or link."""
+    image = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "no-cors"}
+    link = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "navigate"}
+    for path in ("/image?row=7", "/recording.json", "/columns.bin", "/state.json", "/"):
+        assert served.ask("GET", path, **image)[0] == 403
+    assert served.ask("GET", "/state.json", **link)[0] == 403
+    assert served.ask("GET", "/", **link)[0] == 200
+
+
+POST = b"POST /command HTTP/1.1\r\nContent-Type: application/json\r\nContent-Length: 10\r\n\r\n"
+
+
+def begin(port: int, sent: bytes) -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", port), 20)
+    connection.sendall(sent)
+    return connection
+
+
+def drip(connection: socket.socket) -> None:
+    with contextlib.suppress(ConnectionError):
+        for _ in range(1000):
+            connection.sendall(b"x")
+            time.sleep(0.02)
+        pytest.fail("the server reads on")
+
+
+def is_closed(connection: socket.socket) -> bool:
+    """Return whether the server closes a connection without an answer."""
+    try:
+        return connection.recv(100) == b""
+    except ConnectionError:
+        return True
+
+
+def test_a_command_that_never_arrives_is_refused(
+    served: ServedPage, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr("zoo.edit.edit_page.PATIENCE_S", 0.2)
+    with begin(served.port, POST) as connection:
+        assert connection.recv(100).split()[1] == b"408"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_request_that_drips_is_closed(
+    served: ServedPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each byte comes in time, and the whole request does not."""
+    monkeypatch.setattr("zoo.edit.edit_page.PATIENCE_S", 0.2)
+    with begin(served.port, b"GET / HTTP/1.1\r\nX: ") as connection:
+        drip(connection)  # until the server closes it
+
+
+def test_a_head_of_a_megabyte_is_not_kept(served: ServedPage) -> None:
+    with begin(served.port, b"GET / HTTP/1.1\r\n") as connection:
+        with contextlib.suppress(ConnectionError):
+            for number in range(90):
+                connection.sendall(b"X%d: " % number + b"y" * 12_000 + b"\r\n")
+        assert is_closed(connection)
+
+
+def test_unfinished_requests_do_not_keep_others_out(served: ServedPage) -> None:
+    held = [begin(served.port, b"GET / HT") for _ in range(MOST_REQUESTS + 2)]
+    assert served.read("/state.json")
+    assert is_closed(held[0])
+    for one in held:
+        one.close()
 
 
 def test_a_written_recording_loads_and_the_next_gets_another_name(

@@ -1,4 +1,4 @@
-"""`python -m zoo.evaluate`: its figures, its files and its errors."""
+"""`drivezoo evaluate`: its figures, its files and its errors."""
 
 import json
 from pathlib import Path
@@ -7,10 +7,10 @@ import pytest
 import torch
 from PIL import Image
 
-from datamodules.errors import InputError
 from simulator.track_names import road_folder
 from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.cli.command_config import read_options
 from zoo.evaluate import track_scores
 from zoo.evaluate.__main__ import command

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from simulator.rig import MPS_PER_MPH
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.cli.command_config import read_options
 from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import measure
@@ -164,6 +164,17 @@ def test_without_times_it_asks_for_the_frame_rate(recording):
 
     drive = replay(Recorded(timeless), timeless, frame_rate=10.0)
     assert drive.rows[-1].time_s == pytest.approx((ROWS - 1) / 10)
+
+
+def test_without_speed_nothing_is_driven_until_one_is_given(recording):
+    parked = replace(recording, speed_mph=np.zeros(ROWS))
+
+    with pytest.raises(InputError, match=r"lake: .*0 mph in each row.*speed=9"):
+        replay(Recorded(parked), parked)
+
+    figures = measure(replay(Recorded(parked), parked, speed_mph=9.0))
+    assert figures["driven_m"] == pytest.approx(9 * MPS_PER_MPH * (ROWS - 1) / 15, rel=0.01)
+    assert figures["speed_mph"] == 9.0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.evaluate.track_scores import run_options
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from simulator.expert import Expert
 from simulator.world import open_world
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.evaluate.many_drives import Setup, check_throttle, drive_setup, expert_steering_per_s
 
 

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -12,13 +13,15 @@ import pytest
 import torch
 from rich.console import Console
 
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, RESIZES, View
 from tests.recordings import Written
-from tests.zoo.commands import run
+from tests.zoo.commands import only_line, run
 from tests.zoo.drive.serve import picture, served
 from tests.zoo.models.test_models_command import build
+from zoo.base.errors import InputError
+from zoo.base.whole_file import write_output
+from zoo.base.written_files import OUTPUTS
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.onnx_policy import CARD
 from zoo.checkpoints.policy import Policy, load_policy
@@ -50,17 +53,40 @@ def checkpoint(run_folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def exported(checkpoint: Path, recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Export a checkpoint with the command, over another file of that name."""
+    """Export a checkpoint with the command, over its own earlier file; a link is not followed."""
     cwd = tmp_path_factory.mktemp("onnx")
-    (cwd / "model.onnx").write_bytes(b"earlier")
+    (cwd / "secret.txt").write_text("mine")
+    (cwd / "model.onnx.part").symlink_to("secret.txt")
+    write_output(cwd / "model.onnx", b"earlier")
     result = run(cwd, str(checkpoint), f"frames={recorded.folder}", module="zoo.export")
     assert result.returncode == 0, result.stderr
     assert not result.stderr
-    assert [one.name for one in cwd.iterdir()] == ["model.onnx"]
+    assert (cwd / "secret.txt").read_text() == "mine"
+    assert {one.name for one in cwd.iterdir()} == {
+        "model.onnx",
+        "model.onnx.part",
+        "secret.txt",
+        OUTPUTS,
+    }
     for text in ("PilotNet", "252,219 parameters", "difference", str(recorded.folder)):
         assert text in result.stdout
     assert result.stdout.strip().endswith("drivezoo drive model.onnx")
     return cwd / "model.onnx"
+
+
+def test_a_foreign_file_is_not_replaced(checkpoint: Path, tmp_path: Path) -> None:
+    (tmp_path / "model.onnx").write_bytes(b"mine")
+    result = run(tmp_path, str(checkpoint), module="zoo.export")
+    assert "out=model.onnx: exists" in only_line(result)
+    assert (tmp_path / "model.onnx").read_bytes() == b"mine"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="makes a named pipe")
+def test_a_named_pipe_is_refused_without_waiting(checkpoint: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "model.onnx")
+    assert "out=model.onnx: exists" in only_line(
+        run(tmp_path, str(checkpoint), module="zoo.export")
+    )
 
 
 @pytest.mark.parametrize("name", choices("model"))
@@ -141,14 +167,12 @@ def test_a_file_that_steers_differently_is_removed(
     with torch.no_grad():
         other.network.head[-1].bias += 0.001
     monkeypatch.setattr(export, "onnx_bytes", lambda _: onnx_bytes(other))
-    (tmp_path / "model.onnx").write_bytes(b"earlier")
     options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
 
     with pytest.raises(InputError, match=r" 0\.001 .* 0\.0001"):
         export.export(str(checkpoint), options, Console(quiet=True))
 
-    assert [one.name for one in tmp_path.iterdir()] == ["model.onnx"]
-    assert (tmp_path / "model.onnx").read_bytes() == b"earlier"
+    assert not list(tmp_path.glob("*.onnx"))
 
 
 def test_a_network_that_diverged_is_not_exported(

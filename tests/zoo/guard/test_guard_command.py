@@ -1,4 +1,4 @@
-"""`python -m zoo.guard` with real drives on a short road, and the guard that it writes."""
+"""`drivezoo guard` with real drives on a short road, and the guard that it writes."""
 
 import csv
 import json
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.errors import InputError, UsageError
 from tests.zoo.commands import only_line, run
 from tests.zoo.guard.roads import write_daylight, write_road
 from tests.zoo.monitor.networks import write_pilotnet
+from zoo.base.errors import InputError, UsageError
 from zoo.evaluate.__main__ import command as evaluate
 from zoo.guard.__main__ import command
 from zoo.guard.conditions import conditioned_policy

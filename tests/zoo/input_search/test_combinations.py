@@ -2,8 +2,8 @@
 
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.view import View
+from zoo.base.errors import InputError
 from zoo.input_search.combinations import (
     CROPS,
     SCALES,

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from datamodules.errors import InputError
 from datamodules.recording import Recording, read_recordings
 from datamodules.view import View
 from tests.recordings import recording_in_memory, write_recording
 from tests.zoo.keras_networks import write_steering_h5
+from zoo.base.errors import InputError
 from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.keras_layers import convert
 from zoo.input_search.combinations import SCALES, KnownInput

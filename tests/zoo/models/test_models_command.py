@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from datamodules.view import View
 from tests.zoo.commands import ROOT, run
 from tests.zoo.compositions import composed
+from zoo.base.errors import InputError
 from zoo.cli.compose import choices
 from zoo.models.layers import Normalize
 from zoo.models.make_network import make_network, published_view

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from datamodules.view import View
 from tests.zoo.checkpoints.keras_files import Layer, random_weights, write_h5
 from tests.zoo.models import keras_reference
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.keras_layers import convert

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from tests.zoo.monitor.networks import write_pilotnet
+from zoo.base.errors import InputError
+from zoo.base.regular_file import hash_file
 from zoo.checkpoints.command import Command, own_session, reset_policy
 from zoo.checkpoints.policy import load_policy
-from zoo.monitor.guard_file import KEY, Guard, file_hash, read_guard, write_guard
+from zoo.monitor.guard_file import KEY, Guard, read_guard, write_guard
 from zoo.monitor.guarded_policy import GuardedPolicy, guarded
 from zoo.monitor.scores import fit_score, make_score
 
@@ -84,7 +85,7 @@ def test_the_policys_attributes_are_those_of_the_policy(tmp_path: Path) -> None:
 
 def _autoencoder(checkpoint: Path, **changes: object) -> Guard:
     score = fit_score("autoencoder", np.zeros((8, 40, 80, 3), np.uint8), epochs=1)
-    return Guard(score, 0.01, 2, 6.0, 8, file_hash(checkpoint))
+    return Guard(score, 0.01, 2, 6.0, 8, hash_file(checkpoint))
 
 
 def test_a_guard_file_fires_as_the_guard_that_was_written(tmp_path: Path) -> None:
@@ -103,7 +104,7 @@ def test_a_guard_file_fires_as_the_guard_that_was_written(tmp_path: Path) -> Non
 def test_a_guard_of_a_network_fits_only_its_checkpoint(tmp_path: Path) -> None:
     own, other = (write_pilotnet(tmp_path / f"{seed}.ckpt", seed) for seed in (1, 2))
     score = make_score("dropout", {})
-    path = write_guard(tmp_path / "guard.pt", Guard(score, 0.01, 2, 6.0, 8, file_hash(own)))
+    path = write_guard(tmp_path / "guard.pt", Guard(score, 0.01, 2, 6.0, 8, hash_file(own)))
     assert guarded(load_policy(own), own, path).alarms == 0
     with pytest.raises(InputError, match="another checkpoint"):
         guarded(load_policy(other), other, path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.monitor.threshold import fit_threshold
 
 

@@ -1,17 +1,24 @@
 """New parts from templates: their tests pass, and the printed commands work, outside a checkout."""
 
 import json
+import os
 import re
 import shlex
+import shutil
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from tests.recordings import Written
-from tests.zoo.commands import only_line, run
+from tests.zoo.commands import ROOT, only_line, run
 from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.trainings import SMALL
+from zoo.cli.conf_files import part_folders
+from zoo.new.part_files import write_part
 
+PACKAGES = ("drivezoo", "zoo", "datamodules", "simulator", "hydra_plugins")
 PARTS = {
     "model": "my_net",
     "augmentation": "my_augmentation",
@@ -21,59 +28,121 @@ PARTS = {
 }
 
 
-@pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[list[str]]]:
-    """Write a part of each kind; return the folder and the words of the printed commands."""
-    folder, following = tmp_path_factory.mktemp("outside"), []
+def as_checkout(folder: Path) -> Path:
+    """Lay out the project in the folder; return the place from which Python imports it."""
+    for name in (*PACKAGES, "notebooks"):
+        (folder / name).symlink_to(ROOT / name)
+    shutil.copytree(ROOT / "conf", folder / "conf")
+    return folder
+
+
+def as_wheel(folder: Path) -> Path:
+    """Lay out the project as its wheel does, elsewhere; return that place."""
+    site = folder.with_name("site-packages")
+    for name in PACKAGES:
+        (site / name).mkdir(parents=True)
+        for path in (ROOT / name).iterdir():
+            (site / name / path.name).symlink_to(path)
+    included = ("conf", "zoo/conf"), ("notebooks", "zoo/notebooks")
+    included += ("conf/track", "simulator/track"), ("conf/road", "simulator/road")
+    for source, place in included:
+        (site / place).symlink_to(ROOT / source)
+    return site
+
+
+@dataclass
+class New:
+    """A part of each kind: its folder, the project's code, and the printed commands' words."""
+
+    folder: Path
+    code: Path
+    following: list[list[str]]
+
+    def run(self, module: str, *arguments: str) -> str:
+        """Return the output of a command, which succeeds."""
+        result = run(self.folder, *arguments, module=module, code=self.code, timeout=400)
+        assert result.returncode == 0, result.stdout + result.stderr
+        return result.stdout
+
+    def commands(self, *program: str) -> list[list[str]]:
+        """Return the arguments of each printed command of a program."""
+        count = len(program)
+        return [words[count:] for words in self.following if words[:count] == list(program)]
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(lambda folder: ROOT, id="outside"),
+        pytest.param(as_checkout, id="checkout", marks=pytest.mark.slow),
+        pytest.param(as_wheel, id="wheel", marks=pytest.mark.slow),
+    ],
+)
+def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> New:
+    """Write a part of each kind."""
+    folder = tmp_path_factory.mktemp("new") / "here"
+    folder.mkdir()
+    written = New(folder, request.param(folder), [])
     for kind, name in PARTS.items():
-        result = run(folder, kind, name, module="zoo.new")
-        assert result.returncode == 0, result.stderr
-        for path in re.findall(r"^wrote: (.+)$", result.stdout, re.MULTILINE):
+        printed = written.run("zoo.new", kind, name)
+        for path in re.findall(r"^wrote: (.+)$", printed, re.MULTILINE):
             assert (folder / path).is_file()
-        lines = re.findall(r"^next: (.+)$", result.stdout, re.MULTILINE)
-        following += [shlex.split(line, comments=True) for line in lines]
-    return folder, following
+        lines = re.findall(r"^next: (.+)$", printed, re.MULTILINE)
+        written.following += [shlex.split(line, comments=True) for line in lines]
+    return written
 
 
-def commands_of(following: list[list[str]], *program: str) -> list[list[str]]:
-    """Return the arguments of each printed command of a program."""
-    count = len(program)
-    return [words[count:] for words in following if words[:count] == list(program)]
-
-
-def test_the_written_tests_pass(written: tuple[Path, list[list[str]]]) -> None:
-    folder, following = written
-    files = [one for words in commands_of(following, "python", "-m", "pytest") for one in words]
-    assert sorted(files) == sorted(f"test_{name}.py" for name in PARTS.values())
-    result = run(folder, "-q", "-p", "no:cacheprovider", *files, module="pytest")
-    assert result.returncode == 0, result.stdout
+def test_the_written_tests_pass(written: New) -> None:
+    files = [one for words in written.commands("python", "-m", "pytest") for one in words]
+    assert sorted(Path(one).name for one in files) == sorted(
+        f"test_{name}.py" for name in PARTS.values()
+    )
+    written.run("pytest", "-q", "-p", "no:cacheprovider", *files)
 
 
 def test_the_printed_commands_show_train_and_drive_the_parts(
-    written: tuple[Path, list[list[str]]], recorded: Written
+    written: New, recorded: Written
 ) -> None:
-    folder, following = written
     here = (f"data.root={recorded.folder}", "data.cache=null")
-    (preview,) = commands_of(following, "drivezoo", "preview")
-    result = run(folder, *preview, *here, module="zoo.preview")
-    assert result.returncode == 0, result.stderr
+    (preview,) = written.commands("drivezoo", "preview")
+    written.run("zoo.preview", *preview, *here)
 
     # The words of four commands, each of which trains with one of the parts.
-    trainings = commands_of(following, "python", "-m", "zoo")
+    trainings = written.commands("drivezoo", "train")
     assert len(trainings) == 4
     words = list(dict.fromkeys(word for one in trainings for word in one))
     small = [one for one in SMALL if not one.startswith(("model=", "callbacks="))]
-    result = run(folder, *words, *here, *small, "quick_samples=160", "trainer.max_epochs=1")
-    assert result.returncode == 0, result.stderr
-    (metrics,) = folder.glob("outputs/*/*/metrics.json")
+    written.run("zoo", *words, *here, *small, "quick_samples=160", "trainer.max_epochs=1")
+    (metrics,) = written.folder.glob("outputs/*/*/metrics.json")
     assert json.loads(metrics.read_text())["model"] == "my_net"
     assert "my_callback" in metrics.with_name("metrics.csv").read_text().splitlines()[0]
 
-    drives = commands_of(following, "drivezoo", "evaluate")
+    drives = written.commands("drivezoo", "evaluate")
     merged = list(dict.fromkeys(word for one in drives for word in one))
-    assert {"track=my_track.yaml", "parts=my_net.py"} <= set(merged)
-    result = run(folder, *merged, "laps=0.02", "workers=1", "out=drives", module="zoo.evaluate")
-    assert result.returncode == 0, result.stderr
+    assert {"my_track.yaml", "my_net.py"} <= {Path(re.sub(".*=", "", one)).name for one in merged}
+    written.run("zoo.evaluate", *merged, "laps=0.02", "workers=1", "out=drives")
+    (record,) = written.commands("drivezoo", "simulator", "record")
+    written.run("simulator", "record", *record, "laps=0.02")
+
+
+def test_in_a_checkout_a_part_leaves_the_projects_files_alone(tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "conf", tmp_path / "conf")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("zoo.cli.conf_files.conf_folder", lambda: tmp_path / "conf")
+        written, following = write_part("model", "its_net", tmp_path)
+    assert not [path for path in written if tmp_path / "conf" in path.parents]
+    assert {path.parents[-1 - len(tmp_path.parts)] for path in written} == {tmp_path / "my_parts"}
+    assert "parts=my_parts/its_net.py" in following[1][0]
+
+
+def test_a_part_at_the_top_of_a_checkout_brings_no_yaml_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my_net.py").write_text("")
+    (tmp_path / "conf").symlink_to(ROOT / "conf")
+    monkeypatch.setenv("DRIVEZOO_PARTS", str(tmp_path / "my_net.py"))
+    monkeypatch.setattr("sys.path", sys.path.copy())
+    assert part_folders() == []
 
 
 @pytest.mark.parametrize(("kind", "source"), [("notebook", "quickstart"), ("study", "study")])
@@ -101,6 +170,20 @@ def test_a_notebook_is_the_one_that_the_tests_run(kind: str, source: str, tmp_pa
 def test_a_wrong_kind_or_name_is_refused(kind: str, name: str, found: str, tmp_path: Path) -> None:
     assert found in only_line(run(tmp_path, kind, name, module="zoo.new"))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="makes a link")
+def test_a_broken_link_is_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "my_net.py").symlink_to("nowhere")
+    assert "my_net.py: exists" in only_line(run(tmp_path, "model", "my_net", module="zoo.new"))
+    assert [path.name for path in tmp_path.iterdir()] == ["my_net.py"]
+
+
+def test_all_files_are_written_or_none(tmp_path: Path) -> None:
+    (tmp_path / "conf").write_text("a file")
+    line = only_line(run(tmp_path, "model", "my_net", module="zoo.new"))
+    assert "conf/model/my_net.yaml" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["conf"]
 
 
 def test_a_file_is_not_overwritten(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.drives.drive_film import FILM_SIZE, WorstMoments, badness
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import DriveRow

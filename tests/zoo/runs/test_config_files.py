@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
 from tests.zoo.sweeps import write_run
+from zoo.base.errors import InputError
 from zoo.report.reported_run import read_run
 from zoo.report.write_up import write_report
 from zoo.runs.config_files import (

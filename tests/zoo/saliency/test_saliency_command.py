@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from datamodules.errors import InputError
 from datamodules.image import decode_image
 from tests.recordings import Written
 from tests.zoo.commands import run
 from tests.zoo.models.test_models_command import build
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.policy import Policy, load_policy
 from zoo.cli.compose import choices
@@ -113,6 +113,22 @@ def test_it_draws_a_picture_beside_its_saliency(
     assert np.array_equal(drawn[:, :320], frame)
     where = Saliency(load_policy(checkpoint))(frame, 0.0)
     assert np.array_equal(drawn[:, 320:], overlay(frame, where))
+
+
+def test_only_an_image_of_drivezoo_is_replaced(
+    run_folder: Path, recorded: Written, tmp_path: Path
+) -> None:
+    given = [str(run_folder / "checkpoints" / "best.ckpt"), str(recorded.image(3))]
+    out = tmp_path / "saliency.png"
+    out.write_text("mine")
+    with pytest.raises(InputError, match=r"out=.*saliency\.png: exists"):
+        draw_saliency([*given, f"out={out}"])
+    assert out.read_text() == "mine"
+    out.unlink()
+    for _ in range(2):
+        draw_saliency([*given, f"out={out}"])
+    with pytest.raises(InputError, match="is an input of this command"):
+        draw_saliency([given[0], str(out), f"out={out}"])
 
 
 def test_a_mistake_is_said_with_what_to_do(run_folder: Path, tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from datamodules.errors import InputError
 from simulator.weather import CLEAR
+from zoo.base.errors import InputError
 from zoo.cli.command_config import read_options
 from zoo.search.failure_archive import Archive
 from zoo.search.first_failure import Job, Outcome

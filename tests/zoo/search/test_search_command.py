@@ -1,4 +1,4 @@
-"""`python -m zoo.search`: its files, the replay of the mildest failure, and its errors."""
+"""`drivezoo search`: its files, the replay of the mildest failure, and its errors."""
 
 import csv
 import json

@@ -14,8 +14,8 @@ import pytest
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from datamodules.errors import InputError
 from tests.zoo.sweeps import change_status
+from zoo.base.errors import InputError
 from zoo.cli.process_ranks import needs_processes
 from zoo.runs.status import GONE_S, is_alive, read_status, write_status
 from zoo.sweep.launch_rounds import Job, launch_all

@@ -15,12 +15,13 @@ import pytest
 from hydra import compose, initialize_config_dir
 from rich.console import Console
 
-from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import data_of
 from zoo.__main__ import zoo
+from zoo.base.errors import InputError
+from zoo.base.new_folder import hold_folder
 from zoo.cli.compose import choices, conf_folder
 from zoo.cli.run_command import run_command
 from zoo.runs.status import read_status, write_status
@@ -273,10 +274,9 @@ def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_sweep_that_is_running_is_not_started_twice(
     place: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    from filelock import FileLock
 
     (place / "s").mkdir()
-    with FileLock(place / "s" / "sweep.lock"):
+    with hold_folder(place / "s"):
         assert run_command("zoo", zoo, ["-m", "seed=1,2", "hydra.sweep.dir=s"]) == 1
     assert "s: another process" in capsys.readouterr().err
 

@@ -6,8 +6,8 @@ import pytest
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from simulator.errors import SimulatorError
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.evaluate import many_drives
 from zoo.evaluate.track_scores import RunScore, run_options
@@ -71,7 +71,7 @@ def test_without_a_simulator_the_lowest_error_stays(
     run: Path, console: Console, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
-        raise SimulatorError("no renderer opens")
+        raise InputError("no renderer opens")
 
     monkeypatch.setattr(many_drives, "open_world", fail)
     assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1

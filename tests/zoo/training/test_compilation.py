@@ -6,7 +6,7 @@ import pytest
 import torch
 from rich.console import Console
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.training import compilation
 from zoo.training.compilation import compile_step, resolve_compile
 

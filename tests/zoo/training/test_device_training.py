@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from datamodules.batch_groups import GROUP
-from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
+from zoo.base.errors import InputError
 
 ALL = "augment=[brightness,shadow,shift,bend]"
 

@@ -16,10 +16,10 @@ from rich.console import Console
 
 from datamodules.balance import BatchKey
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
 from tests.zoo.trainings import module_of
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.losses import SteeringWeightedMSE
 from zoo.runs.status import read_status
@@ -216,7 +216,7 @@ def test_when_a_process_dies_the_first_says_so_in_a_line_and_ends(
     assert first.returncode == 1
     assert said.count("\n") == 1, said
     assert "process 2 of the 2 that train together ended (SIGKILL)" in said
-    assert "resume with: python -m zoo resume=" in said
+    assert "resume with: drivezoo train resume=" in said
     assert read_status(tmp_path / "run")["status"] == "failed"
 
 

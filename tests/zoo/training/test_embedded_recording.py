@@ -8,10 +8,10 @@ import pytest
 from omegaconf import OmegaConf, open_dict
 from rich.console import Console
 
-from datamodules.errors import InputError
 from datamodules.recording import read_recordings
 from simulator.record import RecordOptions
 from tests.zoo.commands import only_line, run
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config, conf_folder
 from zoo.training.embedded_recording import with_recording
 
@@ -28,7 +28,7 @@ SHORT = (
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run `python -m zoo` with a short recording and no other data; return its folder."""
+    """Run `drivezoo train` with a short recording and no other data; return its folder."""
     cwd = tmp_path_factory.mktemp("first_use")
     result = run(cwd, *SHORT, "hydra.run.dir=run")
     assert result.returncode == 0, result.stderr
@@ -111,7 +111,7 @@ def test_a_long_recording_is_drawn_on_each_core(
 ) -> None:
     def recorded(passes: Sequence[RecordOptions], _: Console) -> None:
         assert [one.jobs for one in passes] == [processes]
-        Path(passes[0].out).mkdir()
+        assert Path(passes[0].out).is_dir()
 
     monkeypatch.setattr("simulator.record.record_laps", recorded)
     monkeypatch.setattr("zoo.training.embedded_recording.usable_cores", lambda: 3)

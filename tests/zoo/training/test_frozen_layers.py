@@ -10,13 +10,13 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
-from datamodules.errors import InputError
 from datamodules.features import FeaturePlan
 from datamodules.image import decode_image
 from datamodules.samples import CENTER
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.trainings import planned
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.cli.compose import compose_config
 from zoo.models.vgg import Vgg16

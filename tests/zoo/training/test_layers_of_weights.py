@@ -8,12 +8,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
 from datamodules.view import View
 from tests.recordings import Written
 from tests.zoo.checkpoints.keras_files import INPUT, write_h5, write_json, write_keras
 from tests.zoo.checkpoints.test_keras_layers import IMAGES, REST, SCALE, expected
 from tests.zoo.trainings import SMALL, zoo_here
+from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.checkpoints.initial_weights import load_weights
 from zoo.cli.compose import compose_config

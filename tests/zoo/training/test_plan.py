@@ -1,17 +1,19 @@
 """A training's pace, which must not change what is learnt."""
 
+import sys
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
 import pytest
 import torch
+from lightning.pytorch.loggers import TensorBoardLogger
 from omegaconf import OmegaConf
 from rich.console import Console
 
 from datamodules.batch_groups import GROUP
 from tests.recordings import Written
-from tests.zoo.trainings import planned, train_here
+from tests.zoo.trainings import SMALL, data_of, planned, train_here, zoo_here
 from zoo.cli.compose import compose_config
 from zoo.training import plan
 from zoo.training.build import build_data
@@ -72,6 +74,67 @@ def test_what_lightning_does_by_the_step_keeps_steps_apart(
     model = () if override.startswith("model=") else ("model=tiny", "data.crop=[50,0]")
     _, count = train(recorded, tmp_path / "a", *model, override, "data.samples_per_epoch=null")
     assert count == 1
+
+
+@pytest.mark.parametrize(
+    ("overrides", "count"),
+    [
+        ((), GROUP),
+        (("callbacks=closed_loop",), GROUP),
+        (("trainer.group_batches=false",), 1),
+        (
+            (
+                "+logger.mine._target_=tests.zoo.training.test_plan.StepLogger",
+                "+logger.mine.save_dir=.",
+            ),
+            1,
+        ),
+        (("callbacks.learning_rate.logging_interval=step",), 1),
+        (("+callbacks.last.every_n_train_steps=5",), 1),
+        (("+callbacks.last.train_time_interval.hours=1",), 1),
+        (("+callbacks.mine._target_=lightning.pytorch.callbacks.Timer",), 1),
+    ],
+    ids=lambda one: one[0] if isinstance(one, tuple) and one else "",
+)
+def test_what_looks_at_batches_or_steps_keeps_them_apart(
+    overrides: tuple[str, ...], count: int, recorded: Written, tmp_path: Path
+) -> None:
+    overrides += ("model=tiny", "data.crop=[50,0]", "trainer.accelerator=cpu", *data_of(recorded))
+    config = OmegaConf.create(compose_config([*overrides]))
+    config.data.update(block_s=0.5, gap_s=0.1, batch_size=16)
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    assert planned(config, data, tmp_path)[1].batches_per_step == count
+
+
+class StepLogger(TensorBoardLogger):
+    """A user's logger, which may count steps."""
+
+
+COUNTER = """
+import lightning
+
+class Counter(lightning.Callback):
+    def on_train_batch_end(self, trainer, module, outputs, batch, number):
+        print(f"batch {number} of {len(batch['images'])} at step {trainer.global_step}")
+"""
+
+
+def test_a_users_callback_gets_each_batch_and_step(
+    recorded: Written,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "counter.py").write_text(COUNTER)
+    monkeypatch.setattr("sys.path", sys.path.copy())
+    monkeypatch.delenv("DRIVEZOO_PARTS", raising=False)
+    mine = ("parts=counter.py", "+callbacks.mine._target_=counter.Counter")
+    small = (*SMALL, *data_of(recorded), "trainer.max_epochs=1", "data.samples_per_epoch=48")
+    assert zoo_here(monkeypatch, tmp_path, *small, *mine) == 0
+    monkeypatch.delenv("DRIVEZOO_PARTS", raising=False)
+    found = [one for one in capsys.readouterr().out.splitlines() if one.startswith("batch ")]
+    assert found == [f"batch {number} of 16 at step {number + 1}" for number in range(3)]
 
 
 @pytest.mark.slow

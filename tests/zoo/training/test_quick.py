@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
-from simulator.record_report import train_command
+from simulator.record_report import next_command
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.cli.config_help import ABOUT
 from zoo.training.build import with_quick
@@ -33,9 +33,9 @@ def test_the_first_try_is_lenet_s_recipe_quick_with_all_that_was_measured():
     assert ours == compose_config(same)
 
 
-@pytest.mark.parametrize("hint", [train_command("FOLDER"), ABOUT, (ROOT / "README.md").read_text()])
+@pytest.mark.parametrize("hint", [next_command("FOLDER"), ABOUT, (ROOT / "README.md").read_text()])
 def test_every_hint_names_the_first_try(hint):
-    assert "python -m zoo experiment=first_try data.root=FOLDER" in hint
+    assert "drivezoo train experiment=first_try data.root=FOLDER" in hint
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def times(folder: Path) -> dict[str, int]:
 
 @pytest.fixture
 def zoo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Zoo:
-    """Run `python -m zoo ARGUMENTS` in a new folder, in this process."""
+    """Run `drivezoo train ARGUMENTS` in a new folder, in this process."""
     return lambda *arguments: zoo_here(monkeypatch, tmp_path, *arguments)
 
 
@@ -188,6 +188,14 @@ def test_a_folder_without_a_run_takes_one(zoo: Zoo, recorded: Written, tmp_path:
     arguments = (*SMALL, f"data.root={recorded.folder}", "trainer.max_epochs=0")
     assert zoo(*arguments, "hydra.run.dir=run") == 0
     assert (tmp_path / "run" / "log.txt").read_text() == "mine"
+
+
+def test_a_run_replaces_no_file_that_is_there(zoo: Zoo, recorded: Written, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "metrics.json").write_text("mine")
+    assert zoo(*SMALL, f"data.root={recorded.folder}", "hydra.run.dir=run") == 1
+    assert [one.name for one in (tmp_path / "run").iterdir()] == ["metrics.json"]
+    assert (tmp_path / "run" / "metrics.json").read_text() == "mine"
 
 
 def test_a_run_that_another_process_trains_is_not_resumed(

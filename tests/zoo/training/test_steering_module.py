@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from datamodules.errors import InputError
 from tests.recordings import Written
 from tests.zoo.trainings import module_of, train_here
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.training.build import build_data
 

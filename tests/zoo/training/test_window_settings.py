@@ -3,7 +3,7 @@
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
-from datamodules.errors import InputError
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.training.window_settings import settle_windows
 

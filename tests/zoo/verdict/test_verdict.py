@@ -3,6 +3,7 @@
 import io
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from rich.console import Console
 
 from tests.zoo.commands import run
 from tests.zoo.written_checkpoints import write_constant
+from zoo.drives.intervals import ONE_TRACK
 from zoo.verdict.evidence import Evidence, read_evidence, training_command
 from zoo.verdict.judgement import judge, print_verdict
 
@@ -35,7 +37,7 @@ def evidence(config: dict | None = None, overrides: tuple = (), **metrics: objec
         ([drive()], "drives"),
         ([drive(3)], "almost"),
         ([drive(20)], "fails"),
-        ([drive(), drive(20, "mountain")], "almost"),
+        ([drive(), drive(20, "mountain")], "fails"),
         ([drive(laps=0.1)], "unknown"),
         ([], "unknown"),
     ],
@@ -44,19 +46,50 @@ def test_the_level_follows_from_the_drives(drives: list[dict], level: str) -> No
     assert judge(drives, evidence()).level == level
 
 
+def test_each_track_has_its_own_verdict_and_the_worst_comes_first() -> None:
+    """Three clean laps of one track do not make up for twelve interventions on another."""
+    laps = [drive(seed=seed) for seed in range(3)]
+    verdict = judge([*laps, drive(3, "jungle"), drive(12, "mountain")], evidence())
+    assert "mountain" in verdict.headline
+    assert [line.partition(":")[0] for line in verdict.tracks] == ["mountain", "jungle", "lake"]
+    assert ["not drive" in line for line in verdict.tracks] == [True, False, False]
+    assert "track=mountain" in verdict.commands[-1][1]
+
+
+def test_a_drive_without_autonomy_was_not_measured() -> None:
+    assert judge([drive() | {"autonomy": None}], evidence()).level == "unknown"
+
+
+def test_a_network_of_another_car_gets_no_verdict_by_driving() -> None:
+    known = replace(evidence({"data": {"root": "my laps"}}, ("quick=true",)), source="donkeycar")
+    verdict = judge([drive(20)], known)
+    assert (verdict.level, verdict.causes) == ("unknown", ())
+    assert "Donkeycar tub" in verdict.certainty
+    assert [shlex.split(command)[:2] for _, command in verdict.commands] == [["drivezoo", "replay"]]
+    assert "my laps" in verdict.commands[0][1]
+
+
 def test_the_next_command_names_a_track_as_the_user_typed_it() -> None:
     for lost in (0, 20):
         verdict = judge([drive(lost, "own")], evidence(), ["lake", "my roads/own.yaml"])
-        assert "track='my roads/own.yaml'" in verdict.commands[-1 if lost else 0][1]
+        assert shlex.split(verdict.commands[-1][1])[-1].endswith("=my roads/own.yaml")
     known = evidence({"score": {"track": "my_track.yaml,lake"}})
-    assert "track=my_track.yaml " in judge([drive(0, "my_track")], known).commands[0][1]
+    assert "=my_track.yaml" in judge([drive(0, "my_track")], known).commands[-1][1]
 
 
-def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
+def test_start_seeds_of_one_track_have_a_count_and_no_interval() -> None:
     verdict = judge([drive(seed=seed) for seed in range(3)], evidence())
-    assert "3 of 3 (95 %: 44 % or more)" in verdict.certainty
-    assert "3 start seeds, one training" in verdict.certainty
-    assert "100" not in " ".join([verdict.headline, *verdict.tracks])
+    assert "3 of 3; 1 track, 3 start seeds, one training" in verdict.certainty
+    assert ONE_TRACK in verdict.certainty
+    assert "%" not in " ".join([verdict.headline, verdict.certainty, *verdict.tracks])
+
+
+def test_a_lap_of_the_track_that_chose_the_checkpoint_shows_less() -> None:
+    config = {"score": {"track": "lake"}}
+    chosen = evidence(config, (), choice={"drives": [{"file": "best.ckpt"}]})
+    assert "lake chose this checkpoint" in judge([drive()], chosen).certainty
+    assert "chose" not in judge([drive(track="mountain")], chosen).certainty
+    assert "chose" not in judge([drive()], evidence(config)).certainty
 
 
 @pytest.mark.parametrize(
@@ -82,7 +115,7 @@ def test_three_of_three_is_never_a_bare_hundred_percent() -> None:
             evidence(
                 {}, (), findings=[{"text": "84 % of steering is 0."}, {"text": "0 recoveries"}]
             ),
-            "The recording: 84 % of steering is 0. 0 recoveries.",
+            "The recording: 84 % of steering is 0. 0 recoveries. augment=",
             "augment=[brightness,shadow,shift]",
         ),
         (
@@ -105,9 +138,29 @@ def test_a_likely_cause_is_named_with_a_command_against_it(
     assert cause in " ".join(verdict.causes)
     commands = [shlex.split(command) for _, command in verdict.commands]
     if typed:
-        assert commands[0][:3] == ["python", "-m", "zoo"]
+        assert commands[0][:2] == ["drivezoo", "train"]
         assert typed in commands[0]
     assert commands[-1][:3] == ["drivezoo", "correct", known.checkpoint]
+
+
+def test_the_command_against_the_causes_keeps_what_the_training_had() -> None:
+    had = {"data": {"augment": {"shift": {}, "noise": {}}, "crop": [50, 0]}, "quick": True}
+    findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
+    typed = ("experiment=lenet", "augment=[shift,noise]", "quick=true", "data.offset=0.3")
+    verdict = judge([drive(20)], evidence(had, typed, findings=findings))
+    command = shlex.split(verdict.commands[0][1])
+    assert command[2:4] == ["experiment=lenet", "data.offset=0.3"]
+    assert set(command[4:]) == {"data.crop=[50,25]", "augment=[shift,noise,brightness,shadow]"}
+
+
+def test_a_remedy_that_the_training_had_is_not_advised_again() -> None:
+    had = {"data": {"augment": {"brightness": {}, "shadow": {}, "shift": {}}}}
+    findings = [{"text": "no side cameras: an effect; set augment=[shift]"}]
+    verdict = judge(
+        [drive(20)], evidence(had, ("augment=[brightness,shadow,shift]",), findings=findings)
+    )
+    assert "augment=" not in " ".join(verdict.causes)
+    assert not any("train again" in purpose for purpose, _ in verdict.commands)
 
 
 def test_bends_are_not_advised_to_a_network_that_had_them() -> None:
@@ -126,7 +179,7 @@ def test_a_network_that_drives_has_no_cause_and_is_told_how_sure_that_is() -> No
     verdict = judge([drive()], evidence({"quick": True}))
     assert not verdict.causes
     assert [shlex.split(command)[:2] for _, command in verdict.commands] == [
-        ["drivezoo", "evaluate"],
+        ["drivezoo", "benchmark"],
         ["drivezoo", "drive"],
     ]
 
@@ -142,11 +195,23 @@ def test_what_a_stranger_wrote_into_a_checkpoint_breaks_no_verdict(config: dict)
 def test_the_command_repeats_what_was_typed_with_a_key_changed() -> None:
     typed = ["experiment=lenet", "data.root='/a/b'", "quick=true"]
     command = training_command(typed, {"quick": None, "augment": "[brightness]"})
-    assert shlex.split(command)[3:] == [
+    assert shlex.split(command)[2:] == [
         "experiment=lenet",
         "data.root=/a/b",
         "augment=[brightness]",
     ]
+
+
+@pytest.mark.parametrize(
+    ("saved", "shown"),
+    [
+        ("data.root='/a b'", "'data.root=/a b'"),
+        (r"data.root='/Ann\'s laps'", '"data.root=/Ann\'s laps"'),
+        ("data.root=['one','two laps']", "'data.root=[one,two laps]'"),
+    ],
+)
+def test_a_path_is_printed_with_the_quotes_of_the_shell_alone(saved: str, shown: str) -> None:
+    assert training_command([saved], {}) == f"drivezoo train {shown}"
 
 
 @pytest.mark.parametrize("width", [60, 100, 200])
@@ -167,7 +232,7 @@ def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     written = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
     assert written["level"] == "fails"
-    assert "It does not drive." in result.stdout
+    assert "It does not drive the lake." in result.stdout
     assert f"next: {written['commands'][-1][1]}" in result.stdout.strip().splitlines()[-1]
 
 

@@ -1,0 +1,55 @@
+"""Check fields of another format's JSON files, with one-line errors."""
+
+import math
+from typing import Any
+
+from zoo.base.bounded_files import check_text, parse_json
+from zoo.base.errors import InputError
+
+
+def parse(text: str, place: str, kind: type) -> Any:
+    """Return parsed JSON of this kind, `dict` or `list`.
+
+    Raises:
+        InputError: the text is no JSON, or of another kind.
+    """
+    try:
+        found = check_text(parse_json(text))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{place}: no JSON ({reason}); correct or delete it") from None
+    if not isinstance(found, kind):
+        expected = "an object {...}" if kind is dict else "a list [...]"
+        raise InputError(f"{place}: expected {expected}; correct or delete it")
+    return found
+
+
+def number(found: dict, key: str, place: str, default: float | None = None) -> float:
+    """Return the finite number at a key; `default` if the key is missing.
+
+    Raises:
+        InputError: there is no finite number.
+    """
+    value = found.get(key, default)
+    try:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            as_float = float(value)
+            if math.isfinite(as_float):
+                return as_float
+    except OverflowError:
+        pass
+    raise InputError(f"{place}: {key} is {value!r:.40}, no number; correct or delete the row")
+
+
+def plain_name(value: object, place: str, what: str) -> str:
+    """Return a file name without a folder.
+
+    Raises:
+        InputError: it is no text, or leads to another folder.
+    """
+    if isinstance(value, str) and value not in ("", ".", "..") and not set(value) & set("/\\\0:"):
+        return value
+    raise InputError(
+        f"{place}: {what} is {value!r:.80}, not the name of a file in the folder; correct or "
+        "delete the row"
+    )

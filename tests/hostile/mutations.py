@@ -1,0 +1,183 @@
+"""Strategies that damage a valid file, and the check that a reader reports it in one line.
+
+A test of a reader takes a small valid file, a strategy that damages it, and the reader:
+
+    @FEW_AND_MANY
+    def test_damaged_files_are_named(tmp_path, count):
+        read_damaged(mutated_bytes(valid_bytes()), read_something, tmp_path / "file", count)
+"""
+
+import copy
+import io
+import json
+import math
+import warnings
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from zoo.base.errors import InputError
+
+# A few hundred mutations in `make test`, thousands in `make test-all`.
+FEW_AND_MANY = pytest.mark.parametrize("count", [200, pytest.param(3000, marks=pytest.mark.slow)])
+ODD_BYTES = (b"\0", b"\xff", b"\xff" * 4, b"\xff" * 8, b"\x7f" + b"\xff" * 7, b"\n", b",", b'"')
+ODD_VALUES: tuple[Any, ...] = (
+    None, True, False, 0, 1, -1, 2**31, 2**63, 10**400, 0.0, 0.5, -1.0, 1e-320, 1e300, math.nan,
+    math.inf, "", "x", "0", "\0", "\ud800", "../x", "/dev/zero", "9" * 5000, "x" * 10_000, [], {},
+    [None], [[]], {"": 0}, [0] * 1000, {"x": {"x": {"x": 0}}},
+)  # fmt: skip
+
+
+def read_damaged(
+    damaged: st.SearchStrategy[bytes], read: Callable[[Path], object], path: Path, count: int
+) -> None:
+    """Read many damaged files; each is read, or refused in one line that names it.
+
+    Args:
+        damaged: strategy of the file's bytes.
+        read: reader of a path.
+        path: path to write to, in the folder that the reader needs.
+        count: number of damaged files.
+    """
+
+    @settings(
+        max_examples=count,
+        phases=[Phase.generate, Phase.shrink],
+        suppress_health_check=list(HealthCheck),
+        report_multiple_bugs=False,
+    )
+    @given(damaged)
+    def read_one(data: bytes) -> None:
+        path.write_bytes(data)
+        check_reading(read, path)
+
+    read_one()
+
+
+def check_reading(read: Callable[[Path], object], path: Path) -> None:
+    """Check that a reader reads a file, or refuses it in one line that names it."""
+    try:
+        read(path)
+    except InputError as error:
+        line = str(error)
+        assert f"{path.stem}." in line  # or a file of the same name with the weights
+        assert "\n" not in line
+        assert len(line) < 800 + 2 * len(str(path))
+
+
+@st.composite
+def mutated_bytes(draw: st.DrawFn, data: bytes) -> bytes:
+    """Draw a file with one to four changes: bytes that are flipped, lost, doubled or added."""
+    found = bytearray(data)
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, max(0, len(found) - 1)))
+        to = at + draw(st.sampled_from((1, 2, 8, 64, 1024)))
+        how = draw(st.sampled_from(("flip", "set", "insert", "delete", "repeat", "move", "cut")))
+        if how == "flip" and found:
+            found[at] ^= 1 << draw(st.integers(0, 7))
+        elif how == "set":
+            odd = draw(st.sampled_from(ODD_BYTES))
+            found[at : at + len(odd)] = odd
+        elif how == "insert":
+            found[at:at] = draw(st.sampled_from(ODD_BYTES) | st.binary(max_size=16))
+        elif how == "delete":
+            del found[at:to]
+        elif how == "repeat":
+            found[at:at] = found[at:to] * draw(st.sampled_from((1, 2, 100)))
+        elif how == "move":
+            part = found[at:to]
+            del found[at:to]
+            place = draw(st.integers(0, len(found)))
+            found[place:place] = part
+        elif how == "cut":
+            del found[at:]
+    return bytes(found)
+
+
+@st.composite
+def mutated_value(draw: st.DrawFn, value: Any, odd: tuple = ODD_VALUES) -> Any:
+    """Draw plain containers with one to three changes of their values, keys or structure.
+
+    Args:
+        draw: hypothesis' function.
+        value: dicts, lists and values.
+        odd: values to put in place of others.
+    """
+    found = [copy.deepcopy(value)]
+    for _ in range(draw(st.integers(1, 3))):
+        inner, key = draw(st.sampled_from(_places(found)))
+        how = draw(st.sampled_from(("odd", "odd", "odd", "delete", "copy", "wrap", "rename")))
+        if how == "odd" or inner is found:
+            inner[key] = copy.deepcopy(draw(st.sampled_from(odd)))
+        elif how == "delete":
+            del inner[key]
+        elif how == "copy":
+            other, place = draw(st.sampled_from(_places(found)))
+            inner[key] = copy.deepcopy(other[place])
+        elif how == "wrap":
+            inner[key] = draw(st.sampled_from(([inner[key]] * 2, {"x": inner[key]})))
+        elif isinstance(inner, dict):
+            inner[draw(st.sampled_from(("", "x", "\0", *map(str, inner))))] = inner.pop(key)
+        else:
+            inner.insert(key, copy.deepcopy(inner[key]))
+    return found[0]
+
+
+def mutated_json(value: Any) -> st.SearchStrategy[bytes]:
+    """Return a strategy of JSON files whose values or bytes are damaged."""
+    changed = mutated_value(value).map(lambda one: json.dumps(one).encode())
+    return changed | mutated_bytes(json.dumps(value).encode())
+
+
+@st.composite
+def mutated_zip(
+    draw: st.DrawFn, data: bytes, members: dict[str, st.SearchStrategy[bytes]] | None = None
+) -> bytes:
+    """Draw a zip archive with damaged, lost, doubled, renamed or deflated members.
+
+    Args:
+        draw: hypothesis' function.
+        data: valid archive.
+        members: strategies of the contents of some members, by the end of their names.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        found = [(one.filename, archive.read(one)) for one in archive.infolist()]
+    how = draw(
+        st.sampled_from(("change", "change", "change", "lose", "double", "rename", "deflate"))
+    )
+    at = draw(st.integers(0, len(found) - 1))
+    if how == "change":
+        strategies = dict(enumerate([mutated_bytes(contents) for _, contents in found]))
+        for end, strategy in (members or {}).items():
+            known = [number for number, (name, _) in enumerate(found) if name.endswith(end)]
+            strategies |= dict.fromkeys(known, strategy)
+            at = draw(st.sampled_from([at, *known]))
+        found[at] = found[at][0], draw(strategies[at])
+    elif how == "lose":
+        del found[at]
+    elif how == "double":
+        found.append((found[at][0], draw(st.sampled_from(found))[1]))
+    elif how == "rename":
+        name = draw(st.sampled_from(("x", "../x", "/x", *(name for name, _ in found))))
+        found[at] = name, found[at][1]
+    written = io.BytesIO()
+    kind = zipfile.ZIP_DEFLATED if how == "deflate" else zipfile.ZIP_STORED
+    with warnings.catch_warnings(), zipfile.ZipFile(written, "w", kind) as archive:
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        for name, contents in found:
+            archive.writestr(name, contents)
+    return written.getvalue()
+
+
+def _places(value: Any) -> list[tuple[Any, Any]]:
+    """Return each container within a value, with each of its keys or positions."""
+    if not isinstance(value, dict | list):
+        return []
+    keys = list(value) if isinstance(value, dict) else range(len(value))
+    inner = [place for key in keys for place in _places(value[key])]
+    return [*((value, key) for key in keys), *inner]

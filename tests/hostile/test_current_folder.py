@@ -1,0 +1,88 @@
+"""`drivezoo COMMAND` in a folder of a stranger, whose files have the names of modules."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.recordings import Written
+from tests.zoo.commands import environment
+from tests.zoo.trainings import SMALL
+from zoo.base.module_start import module_command
+
+FOLDERS = ("zoo", "datamodules", "simulator", "drivezoo", "hydra_plugins/stranger")
+FILES = (
+    *("torch", "numpy", "yaml", "hydra", "lightning", "sitecustomize", "usercustomize"),
+    *("runpy", "pickle", "multiprocessing", "socket", "json", "typing"),
+)
+# What pip writes to the folder of scripts.
+SCRIPT = "import sys\nfrom zoo.cli.console_script import main\nsys.exit(main())\n"
+SPAWN = """
+import multiprocessing, sys
+sys.path[:] = filter(None, sys.path)
+from zoo.base.module_start import clean_spawned_processes
+clean_spawned_processes()
+if __name__ == "__main__":
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        print(pool.map(abs, [-1]))
+"""
+
+
+@pytest.fixture
+def stranger(tmp_path: Path) -> Path:
+    """Return a folder with modules that leave a file `ran` when they are imported."""
+    folder = tmp_path / "stranger"
+    places = [folder / f"{name}.py" for name in FILES]
+    places += [folder / name / "__init__.py" for name in FOLDERS]
+    for place in places:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(f"open({str(folder / 'ran')!r}, 'a').write(__file__ + '\\n')\n")
+    return folder
+
+
+def run(folder: Path, *words: str) -> str:
+    """Return the output of a command in the stranger's folder, whose files must not run."""
+    result = subprocess.run(
+        words, cwd=folder, env=environment(), capture_output=True, text=True, check=False
+    )
+    ran = folder / "ran"
+    assert not ran.exists(), ran.read_text()
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def drivezoo(folder: Path, *arguments: str) -> str:
+    script = folder.with_name("drivezoo")
+    script.write_text(SCRIPT)
+    return run(folder, sys.executable, str(script), *arguments)
+
+
+def test_a_command_runs_none_of_its_files(stranger: Path) -> None:
+    assert "leaderboard" in drivezoo(stranger, "--help")
+    assert "lake" in drivezoo(stranger, "tracks")
+
+
+def test_a_child_process_runs_none_of_its_files(stranger: Path) -> None:
+    assert "lake" in run(stranger, *module_command("zoo.list", "tracks"))
+
+
+def test_a_spawned_process_runs_none_of_its_files_where_python_lacks_safe_path(
+    stranger: Path,
+) -> None:
+    """Python 3.10 knows no PYTHONSAFEPATH: this script sets none, either."""
+    script = stranger.with_name("spawn.py")
+    script.write_text(SPAWN)
+    assert "[1]" in run(stranger, sys.executable, str(script))
+
+
+@pytest.mark.slow
+def test_a_training_and_drives_in_processes_run_none_of_its_files(
+    stranger: Path, recorded: Written
+) -> None:
+    data = (f"data.root={recorded.folder}", "data.workers=2", "data.cache=null")
+    drivezoo(stranger, "train", *SMALL, *data, "trainer.max_epochs=1", "hydra.run.dir=run")
+    short = ("laps=0.02", "speed=12", "seeds=2", "workers=2")
+    drivezoo(stranger, "evaluate", "run", "track=lake", *short)
+    drivezoo(stranger, "rerun", "run", "out=again")
+    drivezoo(stranger, "doctor")

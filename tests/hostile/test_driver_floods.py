@@ -1,0 +1,111 @@
+"""Clients that send as fast as they can: a simulator still drives, and Ctrl-C ends the driver."""
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.zoo.drive.old_client import CONTINUATION, TEXT, WS_PING, OldClient, telemetry
+from tests.zoo.drive.serve import Served, served
+
+ANSWERS = 40
+MASK = bytes(4)
+
+
+def small_frame(opcode: int, payload: bytes, last: bool = True) -> bytes:
+    return bytes([opcode | (0x80 if last else 0), 0x80 | len(payload)]) + MASK + payload
+
+
+FLOODS = {
+    "events": small_frame(TEXT, b'42["x"]'),
+    "connects": small_frame(TEXT, b"40"),
+    "connects to a namespace": small_frame(TEXT, b"40/x,"),
+    "PINGs": small_frame(TEXT, b"2"),
+    "PONGs": small_frame(TEXT, b"3"),
+    "WebSocket PINGs": small_frame(WS_PING, b""),
+    "fragments of one byte": small_frame(CONTINUATION, b"x", last=False),
+    "telemetry": small_frame(TEXT, b'42["telemetry",{}]'),
+}
+
+
+class Flood(threading.Thread):
+    """A client that sends one frame again and again until the driver closes its connection.
+
+    Args:
+        port: port of the driver.
+        frame: frame to send.
+        reads: whether it reads what the driver sends.
+    """
+
+    def __init__(self, port: int, frame: bytes, reads: bool = True) -> None:
+        super().__init__(daemon=True)
+        self.client = OldClient(port)
+        if frame[0] & 15 == CONTINUATION:
+            self.client.send_frame(TEXT, b"4", last=False)
+        self.client.socket.settimeout(None)
+        self._sent = frame * (1 << 14)
+        if reads:
+            threading.Thread(target=self._read, daemon=True).start()
+
+    def run(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                self.client.socket.sendall(self._sent)
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):
+            while self.client.socket.recv(1 << 16):
+                pass
+
+
+@contextlib.contextmanager
+def flooded(port: int, frame: bytes, reads: bool = True) -> Iterator[Flood]:
+    flood = Flood(port, frame, reads)
+    flood.start()
+    try:
+        yield flood
+    finally:
+        flood.client.socket.close()
+
+
+@pytest.mark.parametrize("kind", FLOODS)
+def test_a_simulator_drives_beside_a_flood(driver: Served, kind: str) -> None:
+    with OldClient(driver.port, timeout_s=20) as simulator, flooded(driver.port, FLOODS[kind]):
+        for number in range(ANSWERS):
+            simulator.emit("telemetry", telemetry(speed=f"{number}.0000"))
+            assert simulator.reply()[0] == "steer"
+
+
+@pytest.mark.parametrize("kind", ["PINGs", "fragments of one byte", "WebSocket PINGs"])
+def test_a_flood_of_small_frames_is_closed_and_reported(tmp_path: Path, kind: str) -> None:
+    with served(tmp_path / "drive") as driver:
+        with flooded(driver.port, FLOODS[kind]) as flood:
+            flood.join(60)
+            assert not flood.is_alive()
+        driver.stop()
+        (line,) = [one for one in driver.lines if "connection closed" in one and "printed" in one]
+        assert "127.0.0.1" in line
+        assert "2,000" in line
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_ctrl_c_ends_a_driver_under_a_flood(tmp_path: Path, reads: bool) -> None:
+    with (
+        served(tmp_path / "drive") as driver,
+        OldClient(driver.port) as simulator,
+        flooded(driver.port, FLOODS["connects"], reads),
+    ):
+        simulator.telemetry()
+        assert driver.stop() == 0
+
+
+def test_a_client_that_reads_no_replies_is_disconnected(tmp_path: Path) -> None:
+    """Each request of a namespace that does not exist is answered."""
+    with (
+        served(tmp_path / "drive") as driver,
+        flooded(driver.port, FLOODS["connects to a namespace"], reads=False) as flood,
+    ):
+        flood.join(60)
+        assert not flood.is_alive()

@@ -1,0 +1,150 @@
+"""Damaged recordings, tracks and families, by the hundred: read, or refused in one line."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from datamodules.exchange.lerobot_import import import_lerobot
+from datamodules.exchange.tub_import import import_tub
+from datamodules.recording import read_recordings
+from simulator.road_family import draw_road, find_family
+from simulator.track_file import read_track
+from simulator.track_names import track_folder
+from tests.hostile.mutations import FEW_AND_MANY, mutated_bytes, mutated_json, read_damaged
+from tests.recordings import Written, write_recording
+from zoo.base.errors import InputError
+
+NAMES = ("center", "left", "right", "steering", "throttle", "brake", "speed")
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Written:
+    return write_recording(tmp_path / "recording", rows=4)
+
+
+def converted(convert: Callable, depth: int) -> Callable[[Path], object]:
+    """Return a reader that converts the folder above a file, and removes what was written."""
+
+    def read(path: Path) -> object:
+        folder = path.parents[depth]
+        out = folder.parent / "out"
+        try:
+            return convert(folder, out)
+        except InputError as error:
+            # A file without a usable row is named by its folder.
+            named = path.name if str(folder) in str(error) else "no file"
+            raise InputError(f"{named}: {error}") from None
+        finally:
+            assert not [one for one in out.parent.glob(".out*")]
+            shutil.rmtree(out, ignore_errors=True)
+
+    return read
+
+
+@FEW_AND_MANY
+def test_damaged_logs(recording: Written, count: int) -> None:
+    data = recording.log.read_bytes()
+    header = (",".join(NAMES) + "\n").encode()
+    for valid in (data, header + data):
+        read_damaged(
+            mutated_bytes(valid), lambda one: read_recordings(str(one)), recording.log, count
+        )
+
+
+@FEW_AND_MANY
+def test_damaged_logs_whose_bad_rows_are_skipped(recording: Written, count: int) -> None:
+    def read(path: Path) -> object:
+        return read_recordings(str(path), on_bad_image="skip", on_bad_row="skip")
+
+    read_damaged(mutated_bytes(recording.log.read_bytes()), read, recording.log, count)
+
+
+def write_tub(folder: Path, image: Path) -> Path:
+    (folder / "images").mkdir(parents=True)
+    records = []
+    for index in range(3):
+        shutil.copy(image, folder / "images" / f"{index}.jpg")
+        one = {"cam/image_array": f"{index}.jpg", "user/angle": 0.1, "user/throttle": 0.5}
+        records.append(one | {"user/mode": "user", "_timestamp_ms": 1_600_000_000_000 + index})
+    (folder / "c.catalog").write_text("".join(f"{json.dumps(one)}\n" for one in records))
+    catalogs = {"paths": ["c.catalog"], "deleted_indexes": [2]}
+    rows = [["cam/image_array"], ["image_array"], {}, {}, catalogs]
+    (folder / "manifest.json").write_text("".join(f"{json.dumps(one)}\n" for one in rows))
+    return folder
+
+
+@FEW_AND_MANY
+@pytest.mark.parametrize("file", ["c.catalog", "manifest.json"])
+def test_damaged_tubs(file: str, recording: Written, tmp_path: Path, count: int) -> None:
+    path = write_tub(tmp_path / "tub", recording.image(0)) / file
+    lines = path.read_bytes().splitlines(keepends=True)
+    last = mutated_json(json.loads(lines[-1])).map(lambda one: b"".join([*lines[:-1], one]))
+    damaged = mutated_bytes(path.read_bytes()) | last
+    read_damaged(damaged, converted(import_tub, 0), path, count)
+
+
+@pytest.fixture
+def dataset(recording: Written, tmp_path: Path) -> Path:
+    """Return a LeRobot dataset with images in its Parquet file."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    features = {
+        "action": {"dtype": "float32", "shape": [2], "names": ["steering", "throttle"]},
+        "observation.images.front": {"dtype": "image", "shape": [160, 320, 3]},
+    }
+    info = {"codebase_version": "v3.0", "fps": 10, "features": features}
+    folder = tmp_path / "dataset"
+    (folder / "meta").mkdir(parents=True)
+    (folder / "data/chunk-000").mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    image = {"bytes": recording.image(0).read_bytes(), "path": "1.jpg"}
+    columns = {
+        "episode_index": pa.array(np.zeros(3, int)),
+        "timestamp": pa.array(np.arange(3) / 10),
+        "action": pa.array([[0.1, 0.5]] * 3),
+        "observation.images.front": pa.array([image] * 3),
+    }
+    pq.write_table(pa.table(columns), folder / "data/chunk-000/file-000.parquet")
+    return folder
+
+
+@FEW_AND_MANY
+def test_damaged_info_of_datasets(dataset: Path, count: int) -> None:
+    path = dataset / "meta/info.json"
+    damaged = mutated_json(json.loads(path.read_text()))
+    read_damaged(damaged, converted(import_lerobot, 1), path, count)
+
+
+@FEW_AND_MANY
+def test_damaged_parquet_files(dataset: Path, count: int) -> None:
+    path = dataset / "data/chunk-000/file-000.parquet"
+    damaged = mutated_bytes(path.read_bytes())
+    read_damaged(damaged, converted(import_lerobot, 2), path, count)
+
+
+@FEW_AND_MANY
+def test_damaged_tracks(tmp_path: Path, count: int) -> None:
+    text = (track_folder() / "zoo_lake.yaml").read_text()
+    path = tmp_path / "mine.yaml"
+    small = {"segments": [{"straight": 100}, {"left": 90, "radius": 40, "climb": 1}]}
+    small |= {"closed": False, "width": 7, "widths": [[0, 7], [50, 8]], "verge": {"left": "wall"}}
+    small |= {"stretches": [{"from": 5, "to": 9, "paving": "cobbles", "left": "rock"}]}
+    small |= {"surroundings": {"lakes": [[50, 50, 10]], "trees": 5, "ground": "grass"}}
+    damaged = mutated_json(small) | mutated_bytes(text.encode())
+    read_damaged(damaged, lambda one: read_track(str(one)), path, count)
+
+
+@FEW_AND_MANY
+def test_damaged_families(tmp_path: Path, count: int) -> None:
+    text = find_family("alpine").path.read_text()
+    damaged = mutated_json(yaml.safe_load(text)) | mutated_bytes(text.encode())
+    path = tmp_path / "mine.yaml"
+
+    def read(found: Path) -> object:
+        return draw_road(find_family(str(found)), 17)
+
+    read_damaged(damaged, read, path, count // 4)

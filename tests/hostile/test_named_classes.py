@@ -1,0 +1,173 @@
+"""Classes of other packages that a saved config may name: none does more than compute.
+
+Each is constructed from hostile values, and each augmentation is applied. Python's audit events
+report every file, process and connection.
+"""
+
+import inspect
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import albumentations
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from zoo.runs.allowed_classes import ALLOWED, is_allowed, public_classes
+
+WATCHED = ("open", "os.", "shutil.", "socket.", "subprocess.", "exec", "compile", "marshal.")
+HARMLESS = ("os.listdir", "os.scandir", "os.putenv", "os.unsetenv")
+_reported: list[tuple[str, str]] | None = None
+
+
+def _report(event: str, values: tuple) -> None:
+    if _reported is not None and event.startswith(WATCHED) and event not in HARMLESS:
+        _reported.append((event, repr(values)[:200]))
+
+
+sys.addaudithook(_report)
+
+
+@contextmanager
+def watched(bait: Path) -> Iterator[list[tuple[str, str]]]:
+    """Yield the audit events within this context that concern the bait, or that run anything."""
+    global _reported
+    _reported = events = []
+    try:
+        yield events
+    finally:
+        _reported = None
+        # A first use imports modules, which opens their files.
+        events[:] = [one for one in events if str(bait.parent) in one[1] or _runs(one[0])]
+
+
+def _runs(event: str) -> bool:
+    return event.startswith(("subprocess.", "socket.connect", "os.system", "os.exec", "os.fork"))
+
+
+def hostile_values(bait: Path) -> list[object]:
+    path = str(bait)
+    code = f"__import__('pathlib').Path({str(bait.with_name('ran'))!r}).touch()"
+    called = {"_target_": "os.system", "_args_": [f"touch {bait.with_name('ran')}"]}
+    return [path, [path], [path, path], {"path": path, "image_path": path}, code, [code], called]
+
+
+def constructed(kind: type, bait: Path) -> Iterator[object]:
+    """Yield what a class accepts: with one hostile value at a time, and with it everywhere."""
+    names = [
+        name
+        for name, one in inspect.signature(kind.__init__).parameters.items()
+        if name != "self" and one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
+    ]
+    for value in hostile_values(bait):
+        for chosen in [*([name] for name in names), names]:
+            try:
+                yield kind(**dict.fromkeys(chosen, value))
+            except Exception:  # refusing is right, by any error
+                continue
+
+
+def place_of(pattern: tuple[str, ...]) -> str:
+    return ".".join(pattern)
+
+
+@pytest.fixture
+def bait(tmp_path: Path) -> Path:
+    path = tmp_path / "bait.png"
+    cv2.imwrite(str(path), np.full((20, 20, 3), 99, np.uint8))
+    return path
+
+
+def use(place: str, found: object) -> None:
+    """Use an object as a training would, where that needs no training."""
+    if place == "data.augment.*":
+        found.p = 1.0
+        found(image=np.full((32, 64, 3), 128, np.uint8))
+    elif place == "loss":
+        found(torch.zeros(2, 1), torch.ones(2, 1))
+
+
+def touched(place: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch) -> list:
+    """Return what a class opened, started or connected to, constructed from hostile values."""
+    read: list[object] = []  # OpenCV opens files in C++, without an audit event
+    monkeypatch.setattr(cv2, "imread", lambda path, *_: read.append(path))
+    with warnings.catch_warnings(), watched(bait) as events:
+        warnings.simplefilter("ignore")
+        for found in constructed(kind, bait):
+            try:
+                use(place, found)
+            except Exception:
+                continue
+    return events + read
+
+
+class ReadingImage(albumentations.ImageOnlyTransform):
+    def __init__(self, path: str = "") -> None:
+        super().__init__()
+        self.path = path
+
+    def apply(self, img: np.ndarray, **_: object) -> np.ndarray:
+        return cv2.imread(self.path)
+
+
+class ReadingFile:
+    def __init__(self, path: str) -> None:
+        self.text = Path(path).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("place", "kind"), [("data.augment.*", ReadingImage), ("optim", ReadingFile)]
+)
+def test_a_class_that_reads_a_file_is_noticed(
+    place: str, kind: type, bait: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert touched(place, kind, bait, monkeypatch)
+
+
+@pytest.mark.parametrize(
+    "pattern", [key for key, one in ALLOWED.items() if one.package], ids=place_of
+)
+def test_no_class_touches_a_file_a_process_or_the_network(
+    pattern: tuple[str, ...], bait: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = sorted(bait.parent.iterdir())
+    classes = public_classes(ALLOWED[pattern])
+    assert classes
+    for name, kind in classes.items():
+        assert not touched(place_of(pattern), kind, bait, monkeypatch), name
+    assert sorted(bait.parent.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("place", "target"),
+    [
+        ("data.augment.x", "albumentations.RandomToneCurve"),
+        ("data.augment.x", "albumentations.GridDropout"),
+        ("loss", "torch.nn.PoissonNLLLoss"),
+        ("schedule", "torch.optim.lr_scheduler.CyclicLR"),
+    ],
+)
+def test_a_class_that_needs_only_yaml_may_be_named(place: str, target: str) -> None:
+    assert is_allowed(tuple(place.split(".")), target)
+
+
+@pytest.mark.parametrize(
+    ("place", "target"),
+    [
+        ("data.augment.x", "albumentations.FDA"),
+        ("data.augment.x", "albumentations.Compose"),
+        ("data.augment.x", "albumentations.core.utils.os.system"),
+        ("loss", "torch.nn.Linear"),
+        ("loss", "torch.nn.modules.loss.MSELoss"),
+        ("loss", "torch.load"),
+        ("optim", "torch.optim.lr_scheduler.StepLR"),
+        ("callbacks.x", "lightning.pytorch.callbacks.Any"),
+        ("logger.x", "lightning.pytorch.loggers.MLFlowLogger"),
+    ],
+)
+def test_any_other_name_is_refused(place: str, target: str) -> None:
+    assert not is_allowed(tuple(place.split(".")), target)

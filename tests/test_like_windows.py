@@ -1,0 +1,104 @@
+"""The commands without what Windows lacks; emulated, since no test of ours has run on Windows."""
+
+import subprocess
+import sys
+from pathlib import Path, PureWindowsPath
+
+import pytest
+
+from datamodules.recording import LOG_NAME
+from tests.like_windows import like_windows
+from tests.recordings import Written
+from tests.zoo import commands
+from zoo.cli.compose import compose_config
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="emulates Windows on Linux")
+IMPORT_ALL = """
+import importlib, pkgutil
+names = ["datamodules", "drivezoo", "hydra_plugins.drivezoo", "simulator", "zoo"]
+for name in names:
+    module = importlib.import_module(name)
+    names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(getattr(module, "__path__", []))]
+assert len(names) > 300
+"""
+CACHED = """
+import sys
+from pathlib import Path
+from datamodules.view import View
+from datamodules.view_store import load_views
+paths = sorted(map(str, Path(sys.argv[1]).rglob("*.jpg")))
+view = View((60, 25), "rgb", None)
+kept = load_views(paths, view, None).views
+assert (load_views(paths, view, Path("cache")).views == kept).all()
+"""
+
+
+class Windows:
+    """A folder in which commands run without what Windows lacks."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self.variables = like_windows(place / "site", commands.environment())
+
+    def run(self, *words: str) -> str:
+        """Return what `python WORDS` prints."""
+        done = subprocess.run(
+            [sys.executable, *words],
+            cwd=self.place,
+            env=self.variables,
+            capture_output=True,
+            timeout=300,
+            check=False,
+        )
+        printed = (done.stdout + done.stderr).decode("cp1252")
+        assert done.returncode == 0, printed
+        return printed
+
+    def command(self, module: str, words: str) -> str:
+        """Return what `python -m MODULE WORDS` prints."""
+        return self.run("-m", module, *words.split())
+
+
+@pytest.fixture
+def windows(tmp_path: Path) -> Windows:
+    return Windows(tmp_path)
+
+
+def test_every_module_can_be_imported(windows: Windows) -> None:
+    windows.run("-c", IMPORT_ALL)
+
+
+def test_threads_write_the_cache_of_views(windows: Windows, recorded: Written) -> None:
+    windows.run("-c", CACHED, str(recorded.folder))
+
+
+def test_a_network_drives_over_the_socket(windows: Windows) -> None:
+    printed = windows.command("zoo.drive", "lenet sim=lake laps=0.01 port=0")
+    assert "autonomy 100.0%" in printed
+
+
+@pytest.mark.slow
+def test_record_train_evaluate_and_drive(windows: Windows) -> None:
+    windows.command("simulator", "record out=lake laps=0.3 quality=simple jobs=2")
+    write_as_on_windows(windows.place / "lake" / LOG_NAME)
+    short = "trainer.max_epochs=1 score.laps=0.02 hydra.run.dir=run"
+    windows.command("zoo", f"model=tiny data.root=lake data.workers=2 {short}")
+    windows.command("zoo.evaluate", "run seeds=2 workers=2 laps=0.02 quality=simple out=score")
+    windows.command("zoo.drive", "run sim=lake laps=0.02 port=0 record=driven")
+    written = {path.name for path in windows.place.rglob("*")}
+    assert {"best.ckpt", "metrics.json", "drive.csv"} <= written
+    assert not [name for name in written if set(name) & set('<>:"|?*\\') or name[-1] in " ."]
+
+
+def write_as_on_windows(log: Path) -> None:
+    """Write a driving log with the paths and line ends of the simulator on Windows."""
+    rows = [line.split(",") for line in log.read_text(encoding="utf-8").splitlines()]
+    folder = PureWindowsPath("C:/Users/Ann Smith/Desktop/lake/IMG")
+    for row in rows:
+        row[:3] = [str(folder / Path(one).name) for one in row[:3]]
+    log.write_text("".join(",".join(row) + "\r\n" for row in rows), encoding="utf-8", newline="")
+
+
+@pytest.mark.parametrize("folder", ["C:\\Users\\Ann Smith\\lake", "..\\lake"])
+def test_a_path_of_windows_reaches_the_config_as_it_was_typed(folder: str) -> None:
+    assert compose_config([f"data.root={folder}"])["data"]["root"] == folder

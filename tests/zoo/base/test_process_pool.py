@@ -1,0 +1,165 @@
+"""Drives in several processes: their results, and how they end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from tests.zoo.commands import ROOT, environment
+from zoo.base.errors import InputError
+from zoo.base.process_pool import drive_in_processes
+
+
+def half(number: int, report: Callable[[float], None]) -> tuple[float, int]:
+    """Return at once, in place of a drive."""
+    return number / 2, os.getpid()
+
+
+def end(number: int, report: Callable[[float], None]) -> None:
+    """Kill this process, as the system does when memory runs out."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def refuse(number: int, report: Callable[[float], None]) -> None:
+    raise InputError(f"drive {number} cannot be")
+
+
+def stop_half_way(go_on: Path, report: Callable[[float], None]) -> None:
+    """Report half of the drive, then wait for a file."""
+    report(0.5)
+    end_s = time.monotonic() + 60
+    while not go_on.exists() and time.monotonic() < end_s:
+        time.sleep(0.01)
+
+
+def never_end(begun: Path, report: Callable[[float], None]) -> None:
+    """Create a file, then report and compute for minutes."""
+    begun.touch()
+    end_s = time.monotonic() + 300
+    while time.monotonic() < end_s:
+        report(0.5)
+
+
+def stop(number: int, report: Callable[[float], None]) -> None:
+    raise SystemExit(number)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
+    """The drives end only after a half finished one was shown as such."""
+    go_on = tmp_path / "go on"
+    shown = []
+
+    def show(share: float) -> None:
+        shown.append(share)
+        if share == (0.25 if workers == 1 else 0.5):
+            go_on.touch()
+
+    done = dict(drive_in_processes(stop_half_way, [(go_on,), (go_on,)], workers, show))
+    assert done == {0: None, 1: None}
+    assert go_on.exists(), f"only {shown} was shown"
+    assert shown == sorted(shown)
+    assert shown[-1] == 1
+
+
+def test_progress_counts_the_work_of_each_job() -> None:
+    shown: list[float] = []
+    jobs = [(1,), (2,), (3,)]
+    list(drive_in_processes(half, jobs, workers=1, show=shown.append, sizes=[60, 30, 10]))
+    assert shown == pytest.approx([0.6, 0.9, 1.0])
+
+
+def test_no_jobs_are_no_drives() -> None:
+    assert list(drive_in_processes(half, [], workers=2)) == []
+
+
+def test_results_come_with_the_number_of_their_job() -> None:
+    found = dict(drive_in_processes(half, [(4,), (6,), (8,)], workers=2))
+    assert {number: value for number, (value, _) in found.items()} == {0: 2.0, 1: 3.0, 2: 4.0}
+    assert os.getpid() not in {process for _, process in found.values()}
+
+
+def test_one_worker_is_this_process() -> None:
+    found = dict(drive_in_processes(half, [(4,), (6,)], workers=1))
+    assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
+
+
+def test_a_process_that_is_killed_is_told_with_what_to_try() -> None:
+    with pytest.raises(InputError, match=r"killed.* workers=1"):
+        dict(drive_in_processes(end, [(1,), (2,)], workers=2))
+
+
+def test_what_a_drive_raises_is_raised() -> None:
+    with pytest.raises(InputError, match=r"drive \d cannot be"):
+        dict(drive_in_processes(refuse, [(1,), (2,)], workers=2))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_drive_that_exits_ends_no_process_silently(workers: int) -> None:
+    with pytest.raises(SystemExit, match="3"):
+        dict(drive_in_processes(stop, [(3,), (3,)], workers))
+
+
+def test_an_error_names_its_place_in_the_other_process() -> None:
+    with pytest.raises(InputError) as found:
+        dict(drive_in_processes(refuse, [(1,), (2,)], workers=2))
+    assert "in refuse" in str(found.value.__cause__)
+
+
+PARENT = """
+import sys
+from pathlib import Path
+from tests.zoo.base.test_process_pool import never_end
+from zoo.base.process_pool import drive_in_processes
+try:
+    list(drive_in_processes(never_end, [(Path(one),) for one in sys.argv[1:]], workers=2))
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends POSIX signals")
+@pytest.mark.parametrize(
+    ("number", "to_all", "status"),
+    [
+        (signal.SIGINT, False, 130),
+        (signal.SIGINT, True, 130),
+        (signal.SIGTERM, False, -signal.SIGTERM),
+        (signal.SIGKILL, False, -signal.SIGKILL),
+    ],
+)
+def test_processes_end_with_their_parent(
+    number: int, to_all: bool, status: int, tmp_path: Path
+) -> None:
+    """Signal the parent, or as a terminal does all processes, in the middle of two drives."""
+    begun = [tmp_path / "1", tmp_path / "2"]
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT, *map(str, begun)],
+        cwd=ROOT,
+        env=environment(),
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        wait_until(lambda: all(one.exists() for one in begun))
+        (os.killpg if to_all else os.kill)(parent.pid, number)
+        # The pipe of errors ends when the last process has ended.
+        _, errors = parent.communicate(timeout=60)
+    finally:
+        with suppress(ProcessLookupError):  # all have ended
+            os.killpg(parent.pid, signal.SIGKILL)
+    assert parent.returncode == status
+    assert errors == b""
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)

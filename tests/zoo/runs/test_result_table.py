@@ -1,0 +1,113 @@
+"""Tables of results as files: which columns they have, and how TeX shows them."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from tests.zoo.sweeps import write_run
+from zoo.base.errors import UsageError
+from zoo.leaderboard.__main__ import LeaderboardOptions, leaderboard, show_leaderboard
+from zoo.runs.result_table import ResultTable, TableColumn, check_table, tex_text, write_table
+
+TABLE = ResultTable(
+    [
+        TableColumn("network", "network", ["a_1"]),
+        TableColumn(
+            "autonomy", "autonomy", ["98% ± 1%"], {"autonomy": [0.98], "autonomy_std": [0.01]}
+        ),
+        TableColumn("seconds", "seconds", ["-5"], {"seconds": [-5.0]}, short=False),
+    ],
+    "Drives on 3 roads_",
+)
+
+
+def write_sweep(folder: Path) -> Path:
+    """Write three training seeds of two settings that differ in one override."""
+    for seed, autonomy in ((1, 0.9), (2, 1.0), (3, 0.8)):
+        write_run(folder / f"a{seed}", autonomy, seed=seed, start_seeds=1)
+        write_run(folder / f"b{seed}", 0.5, seed=seed, overrides=("model=lenet",), start_seeds=1)
+    return folder
+
+
+def rows_of(path: Path) -> list[list[str]]:
+    """Return the cells of a TeX table's rows, the headings first."""
+    lines = [line for line in path.read_text().splitlines() if line.endswith(r"\\")]
+    return [line.removesuffix(r" \\").split(" & ") for line in lines]
+
+
+def test_columns_are_chosen_by_name_in_their_order(tmp_path: Path) -> None:
+    path = write_table(TABLE, tmp_path / "a.csv", "seconds, network")
+    assert path.read_text() == "seconds,network\n-5.0,a_1\n"
+
+
+def test_a_column_of_a_csv_file_has_all_its_figures(tmp_path: Path) -> None:
+    path = write_table(TABLE, tmp_path / "a.csv", "autonomy")
+    assert path.read_text() == "autonomy,autonomy_std\n0.98,0.01\n"
+
+
+def test_tex_has_the_main_columns_and_others_that_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.tex"
+    assert rows_of(write_table(TABLE, path))[0] == ["network", "autonomy"]
+    assert rows_of(write_table(TABLE, path, "network,seconds"))[1] == [r"a\_1", "$-$5"]
+
+
+def test_a_caption_makes_the_tex_table_a_float() -> None:
+    text = tex_text(TABLE)
+    assert r"\caption{Drives on 3 roads\_}" in text
+    for name in ("table", "tabular"):
+        assert text.count(rf"\begin{{{name}}}") == text.count(rf"\end{{{name}}}") == 1
+    assert r"\begin{table}" not in tex_text(ResultTable(TABLE.columns))
+
+
+@pytest.mark.parametrize("columns", ["autnomy", "network,network", ""])
+def test_a_wrong_column_is_named_before_the_work(columns: str) -> None:
+    with pytest.raises(UsageError, match=f"columns={columns}"):
+        check_table("a.tex", columns, ["network", "autonomy"])
+
+
+def test_columns_without_a_table_are_refused() -> None:
+    with pytest.raises(UsageError, match="table=FILE"):
+        check_table(None, "autonomy")
+
+
+def test_the_table_of_a_sweep_for_a_paper_is_short_and_has_an_interval(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    show_leaderboard([str(write_sweep(tmp_path / "sweep")), "table=a.tex"])
+    heads, first, second = rows_of(Path("a.tex"))
+    assert heads[:2] == ["model", "training seeds"]
+    assert len(heads) == 5
+    assert first[:3] == ["tiny", "1, 2, 3 (n = 3)", r"90.0\% (65.2\% to 100.0\%)"]
+    assert second[2] == r"50.0\%"
+    assert str(tmp_path) not in Path("a.tex").read_text()
+
+
+def test_the_table_of_a_sweep_for_programs_has_every_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    show_leaderboard([str(write_sweep(tmp_path / "sweep")), "table=a.csv"])
+    with Path("a.csv").open() as file:
+        first, _ = csv.DictReader(file)
+    assert float(first["lake_autonomy_low"]) == pytest.approx(0.652, abs=0.001)
+    assert first["rank"] == "1"
+    assert {"run", "val_mse", "wall_s", "lake_drives_without_intervention"} <= set(first)
+
+
+def test_true_in_capitals_is_no_other_setting(tmp_path: Path) -> None:
+    for seed, word in ((1, "True"), (2, "true")):
+        quick = ("model=tiny", f"quick={word}")
+        write_run(tmp_path / "runs" / str(seed), 0.9, seed=seed, overrides=quick)
+    write_run(tmp_path / "runs" / "3", 0.8, overrides=("model=lenet",))
+    ranking, *_ = leaderboard([tmp_path / "runs"], LeaderboardOptions(table=None, columns=None))
+    assert {row["quick"] for row in ranking.table()} == {"true", None}
+
+
+def test_runs_of_several_folders_are_named_from_the_folder_they_share(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_run(tmp_path / name / "today" / "run", 0.9, overrides=(f"x={name}",))
+    names = [tmp_path / "a", tmp_path / "b"]
+    ranking, *_ = leaderboard(names, LeaderboardOptions(table=None, columns=None))
+    assert {row["run"] for row in ranking.table()} == {"a/today/run", "b/today/run"}

@@ -1,0 +1,1 @@
+"""What every room needs: errors, bounded readers, whole-file writers, folders, processes."""

@@ -1,0 +1,160 @@
+"""Read untrusted JSON and YAML as plain containers, with limits on size and depth."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from zoo.base.errors import InputError
+from zoo.base.limits import MOST
+from zoo.base.regular_file import read_regular
+
+MOST_JSON_BYTES = 16_000_000
+MOST_YAML_BYTES = 1_000_000
+MOST_LEVELS = 64
+MOST_DIGITS = 4300  # of a number; Python's own limit
+MOST_BITS = 14_280  # of a number with fewer digits
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_STARTS = (yaml.MappingStartEvent, yaml.SequenceStartEvent)
+_ENDS = (yaml.MappingEndEvent, yaml.SequenceEndEvent)
+_NUMBER = re.compile(r"[\s_]*[-+0-9.]")
+# YAML 1.1 reads 1:30 as 90; above 170 groups PyYAML raises OverflowError.
+_BASE_60 = re.compile(r"[-+]?[0-9][0-9_]*(:[0-5]?[0-9]){100,}(\.[0-9_]*)?")
+_UNUSABLE = re.compile("[\0\ud800-\udfff]")
+# As Python does, a path's bytes that are not UTF-8 are saved as \udc80 to \udcff.
+_UNUSABLE_IN_PATHS = re.compile("[\0\ud800-\udc7f\udd00-\udfff]")
+_ESCAPED_BYTE = re.compile(r"\\uDC[89A-F]")
+
+
+def read_json(path: Path) -> object:
+    """Return a JSON file's contents.
+
+    Raises:
+        InputError: the file cannot be read, is too large or too deep, or is not JSON.
+    """
+    text = read_text(path, MOST_JSON_BYTES)
+    try:
+        return check_text(parse_json(text))
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid JSON ({_reason(error)})") from None
+
+
+def parse_json(text: str) -> object:
+    """Return a JSON text's contents; raise ValueError for any error in it."""
+    if sum(map(text.count, ",[{")) > MOST["values"]:  # 5 million empty lists take 300 MB
+        raise ValueError(f"has more than {MOST['values']:,} values")
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError(f"nested deeper than {MOST_LEVELS} levels") from None
+
+
+def read_yaml(path: Path, any_path: bool = False) -> object:
+    """Return a YAML file's contents; raise as `read_json`, and for aliases and tags.
+
+    Args:
+        path: file to read.
+        any_path: whether texts may contain paths that are not UTF-8, as Hydra saves them.
+    """
+    text = read_text(path, MOST_YAML_BYTES)
+    try:
+        return parse_yaml(text, any_path)
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
+
+
+def read_yaml_text(path: Path, any_path: bool = False) -> str:
+    """Return a YAML file's text after `check_yaml`; raise as `read_yaml`."""
+    text = read_text(path, MOST_YAML_BYTES)
+    try:
+        check_yaml(text, any_path)
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid YAML ({_reason(error)})") from None
+    return text
+
+
+def parse_yaml(text: str, any_path: bool = False) -> object:
+    """Return a YAML text's contents; raise ValueError for any error in it."""
+    check_yaml(text, any_path)
+    try:
+        return check_text(yaml.load(text, _loader(text, any_path)), any_path)
+    except yaml.YAMLError as error:
+        raise ValueError(_reason(error)) from None
+
+
+def check_yaml(text: str, any_path: bool = False) -> None:
+    """Raise ValueError for a text that is not YAML, or would take too much time or memory."""
+    depth = 0
+    try:
+        for event in yaml.parse(text, _loader(text, any_path)):
+            line = event.start_mark.line + 1
+            if isinstance(event, yaml.AliasEvent):  # a few can expand to millions of values
+                raise ValueError(f"line {line}: *{event.anchor} is an alias; write its value")
+            if getattr(event, "tag", None) is not None:
+                raise ValueError(f"line {line}: {event.tag:.80} is a tag; delete it")
+            depth += isinstance(event, _STARTS) - isinstance(event, _ENDS)
+            if depth > MOST_LEVELS:
+                raise ValueError(f"line {line}: nested deeper than {MOST_LEVELS} levels")
+            if isinstance(event, yaml.ScalarEvent) and not event.style:
+                _check_number(line, event.value)
+    except yaml.YAMLError as error:
+        raise ValueError(_reason(error)) from None
+
+
+def _check_number(line: int, text: str) -> None:
+    if len(text) > MOST_DIGITS and _NUMBER.match(text):
+        raise ValueError(f"line {line}: a number of {len(text):,} digits")
+    if _BASE_60.fullmatch(text):
+        raise ValueError(f"line {line}: a number of {text.count(':') + 1} groups of base 60")
+
+
+def read_text(path: Path, most_bytes: int) -> str:
+    """Return a file's text; raise InputError if it cannot be read, is too large or not UTF-8."""
+    try:
+        return read_regular(path, most_bytes).decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start + 1:,} is not UTF-8; save it as UTF-8"
+        ) from None
+
+
+def check_text(found: object, any_path: bool = False) -> Any:
+    """Return plain containers; raise ValueError for too many values or levels, or unusable text.
+
+    A value counts as often as it is reached: lists that share their parts can hold billions.
+    """
+    unusable = _UNUSABLE_IN_PATHS if any_path else _UNUSABLE
+    level, count = [found], 1
+    for _ in range(MOST["levels"] + 1):
+        if not level:
+            return found
+        for one in level:
+            if isinstance(one, str) and unusable.search(one):
+                raise ValueError(f"{one[:40]!a} contains a NUL or half a character")
+            if isinstance(one, int) and one.bit_length() > MOST_BITS:
+                raise ValueError(f"a number of more than {MOST_DIGITS:,} digits")
+        dicts = [one for one in level if isinstance(one, dict)]
+        inner = [one for one in level if isinstance(one, list | tuple)]
+        count += sum(map(len, inner)) + 2 * sum(map(len, dicts))
+        if count > MOST["values"]:
+            raise ValueError(f"has more than {MOST['values']:,} values")
+        level = [child for one in inner for child in one]
+        level += [child for one in dicts for pair in one.items() for child in pair]
+    raise ValueError(f"nested deeper than {MOST['levels']} levels")
+
+
+def _loader(text: str, any_path: bool) -> Any:
+    """Return the safe loader; the one in C rejects the surrogates of paths, which PyYAML writes."""
+    return yaml.SafeLoader if any_path and _ESCAPED_BYTE.search(text) else _LOADER
+
+
+def _reason(error: Exception) -> str:
+    mark = getattr(error, "problem_mark", None)
+    if mark is not None:
+        return f"line {mark.line + 1}: {getattr(error, 'problem', '')}"
+    return " ".join(str(error).split()) or type(error).__name__

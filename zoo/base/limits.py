@@ -1,0 +1,80 @@
+"""Limits on what a file of another person may ask of this computer, in one table.
+
+A reader compares what a file claims with its limit before it reads or allocates that much. The
+limits keep each file's reading below five seconds and 500 MB.
+"""
+
+from typing import TypeGuard
+
+from zoo.base.errors import InputError
+
+MOST = {
+    # Of a recording, in any format.
+    "rows": 1_000_000,  # 28 hours at ten images a second
+    "columns": 1_000,
+    # Of JSON, YAML, pickles and marshalled code; a value counts as often as it is reached.
+    "values": 1_000_000,
+    "levels": 64,
+    # Of an archive or container.
+    "members": 20_000,
+    "bytes of an index": 4_000_000,
+    "arrays": 10_000,  # of HDF5
+    # Of a suite or of a result of the benchmark.
+    "drives": 1_000,
+    "checkpoints": 100,
+}
+# Bytes after decompression: a free amount, and so many times the bytes of the file.
+FREE_BYTES, MOST_RATIO = 64_000_000, 8
+
+
+def is_ordinary(value: object, least: float = 0.0, most: float = 1e9) -> TypeGuard[float]:
+    """Return whether a value is a finite number of ordinary size.
+
+    >>> is_ordinary(127.5), is_ordinary(float("nan")), is_ordinary(10**400), is_ordinary(True)
+    (True, False, False, False)
+
+    Args:
+        value: value from a file.
+        least: smallest absolute value, for a number that others are divided by.
+        most: largest absolute value.
+    """
+    return (
+        isinstance(value, int | float) and type(value) is not bool and least <= abs(value) <= most
+    )
+
+
+def check_most(what: str, count: int, place: object, remedy: str = "name another file") -> None:
+    """Check a count that a file claims.
+
+    Args:
+        what: key of `MOST`.
+        count: number that the file claims or holds.
+        place: file, and the key or row in it, for the message.
+        remedy: what the user can do about it.
+
+    Raises:
+        InputError: the count is above the limit.
+    """
+    if count > MOST[what]:
+        raise InputError(
+            f"{place}: has {count:,} {what}, more than the {MOST[what]:,} that are read; {remedy}"
+        )
+
+
+def check_unpacked(unpacked: int, size: int, place: object) -> None:
+    """Check the bytes that a compressed file claims to hold.
+
+    Args:
+        unpacked: bytes after decompression that the file claims.
+        size: bytes of the file.
+        place: file, and the part of it, for the message.
+
+    Raises:
+        InputError: the file claims far more bytes than it can usually hold.
+    """
+    most = FREE_BYTES + MOST_RATIO * size
+    if unpacked > most:
+        raise InputError(
+            f"{place}: claims {unpacked:,} bytes after decompression, more than the {most:,} that "
+            f"are read of a file of {size:,} bytes; copy it again, or name another file"
+        )

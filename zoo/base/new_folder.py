@@ -1,0 +1,204 @@
+"""The folders that commands write: created, marked and locked in one place.
+
+`command_folder` is a folder that fills while its command runs, and `whole_folder` one that appears
+under its name when it is complete. Both are locked while the command runs; the system releases the
+lock when the process ends, also after `kill -9`.
+"""
+
+import datetime
+import errno
+import os
+import secrets
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from zoo.base.errors import InputError
+from zoo.base.terminal import command_line, printable
+from zoo.base.whole_file import PART
+from zoo.base.written_files import LOCK, MARK, mark_folder, note_files, read_register
+
+RECORDINGS = "recordings"  # kind of folder
+REMOVE = ("what=unfinished", "remove=true")  # arguments of drivezoo clean
+
+
+def dated_folder(kind: str) -> Path:
+    """Return `outputs/<kind>/<date>/<time>`, a command's folder if the user names none."""
+    now = datetime.datetime.now()
+    return Path(f"outputs/{kind}/{now:%Y-%m-%d}/{now:%H-%M-%S-%f}")
+
+
+@contextmanager
+def command_folder(
+    out: str | Path | None, kind: str, resumed_by: str = "", key: str = "out="
+) -> Iterator[Path]:
+    """Yield the empty folder that a command fills: the named one, or that of `dated_folder`.
+
+    Args:
+        out: folder that the user named; None for one of the kind and the time.
+        kind: kind of what the command writes, such as `evaluations`.
+        resumed_by: file with which the command resumes; a folder that has it need not be empty.
+        key: key that names the folder, for messages.
+
+    Raises:
+        InputError: the folder is not empty; or see `written_folder`.
+    """
+    folder = Path(out).expanduser() if out else dated_folder(kind)
+    try:
+        is_filled = folder.exists() and bool(_names(folder))
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written to ({error.strerror})") from None
+    if is_filled and not (resumed_by and (folder / resumed_by).is_file()):
+        more = f" and has no {resumed_by}" if resumed_by else ""
+        raise InputError(f"{folder}: is not empty{more}; name another folder with {key}")
+    with written_folder(folder, kind, key):
+        yield folder
+
+
+@contextmanager
+def written_folder(folder: Path, kind: str, key: str = "out=") -> Iterator[None]:
+    """Create, mark and lock a folder for a command; remove it if the command writes nothing.
+
+    Raises:
+        InputError: the folder is in use, or cannot be written to.
+    """
+    with ExitStack() as stack:
+        try:
+            created = [one for one in (folder, *folder.parents) if not one.exists()]
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.callback(_remove_empty, folder, created)
+            stack.enter_context(hold_folder(folder, key))
+            mark_folder(folder, kind)
+            if not os.access(folder, os.W_OK):  # it was marked and locked before
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        except OSError as error:
+            reason = f"cannot be written to ({error.strerror})"
+            raise InputError(f"{folder}: {reason}; name another folder with {key}") from None
+        yield
+
+
+@contextmanager
+def hold_folder(folder: Path, key: str = "out=") -> Iterator[None]:
+    """Lock a folder for this process, so that no other command writes or removes it.
+
+    Raises:
+        InputError: another process holds it.
+        OSError: it cannot be written to.
+    """
+    path = folder / LOCK
+    if path.is_symlink():
+        raise InputError(f"{path}: is a link; remove it")
+    lock = FileLock(path, thread_local=False)  # another thread may release it
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InputError(
+            f"{folder}: another process writes there; wait until it ends, or name another folder "
+            f"with {key}FOLDER"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def is_held(folder: Path) -> bool:
+    """Return whether a process that is alive holds a folder."""
+    return is_locked(folder / LOCK)
+
+
+def is_locked(path: Path) -> bool:
+    """Return whether a process that is alive holds a lock file."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    lock = FileLock(path)
+    try:
+        lock.acquire(timeout=0)
+    except (Timeout, OSError):
+        return True
+    lock.release()
+    return False
+
+
+@contextmanager
+def whole_folder(out: Path, kind: str) -> Iterator[Path]:
+    """Yield a hidden folder to write to, which becomes `out`; an exception removes it.
+
+    Raises:
+        InputError: `out` exists, or a file cannot be written.
+    """
+    out = out.expanduser().absolute()
+    refuse_existing(out)
+    part = out.with_name(f".{out.name}.{secrets.token_hex(8)}.part")
+    try:
+        try:
+            part.mkdir(parents=True)
+            with hold_folder(part):
+                mark_folder(part, kind)
+                yield part
+                known = {MARK, LOCK, *read_register(part / MARK).files}
+                files = [one for one in sorted(part.rglob("*")) if not one.is_dir()]
+                note_files(*(one for one in files if one.relative_to(part).as_posix() not in known))
+            (part / LOCK).unlink(missing_ok=True)
+            part.rename(out)
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)
+            raise
+    except OSError as error:
+        raise InputError(
+            f"{error.filename or out}: {error.strerror}; nothing was written: free some space, or "
+            "name another folder with out="
+        ) from None
+
+
+def free_folder(folder: Path) -> Path:
+    """Return a folder that does not exist: this one, or its name with `_2`, `_3`, ..."""
+    number, found = 1, folder
+    while os.path.lexists(found):
+        number += 1
+        found = folder.with_name(f"{folder.name}_{number}")
+    return found
+
+
+def refuse_existing(out: Path) -> None:
+    """Raise InputError if a folder to write exists."""
+    if os.path.lexists(out):
+        raise InputError(f"out={out}: exists already; name another folder")
+
+
+def print_unfinished(out: Path) -> None:
+    """Print the hidden folders that killed commands left beside a folder to write."""
+    place = out.expanduser().absolute().parent
+    with suppress(OSError):
+        left = [one for one in sorted(place.iterdir()) if is_unfinished(one) and not is_held(one)]
+        for one in left:
+            print(printable(f"{one}: left by a command that was killed"), file=sys.stderr)
+        if left:
+            command = command_line(["drivezoo", "clean", place, *REMOVE])
+            print(printable(f"remove: {command}"), file=sys.stderr)
+
+
+def is_unfinished(path: Path) -> bool:
+    """Return whether a folder is one of `whole_folder` that is not complete."""
+    is_part = bool(PART.fullmatch(path.name)) and path.is_dir() and not path.is_symlink()
+    return is_part and read_register(path / MARK).kind is not None
+
+
+def _remove_empty(folder: Path, created: list[Path]) -> None:
+    """Remove what was created for a command that wrote nothing, unless another one began there."""
+    with suppress(OSError):
+        if not _names(folder) and not is_held(folder):
+            for name in (MARK, LOCK):
+                (folder / name).unlink()
+            for one in created:
+                one.rmdir()
+
+
+def _names(folder: Path) -> set[str]:
+    """Return the names in a folder besides its mark, its lock and temporary files."""
+    names = {one.name for one in folder.iterdir()} - {MARK, LOCK}
+    return {one for one in names if not PART.fullmatch(one)}

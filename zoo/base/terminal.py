@@ -1,0 +1,70 @@
+"""Texts for a terminal: foreign texts without control characters, and commands to paste."""
+
+import re
+import shlex
+from collections.abc import Iterable
+
+MOST = 4000  # characters of an error's line; the middle of a longer one is left out
+
+
+def printable(text: str) -> str:
+    r"""Return a text with all characters escaped that are not printable.
+
+    >>> print(printable("\x1b[2Jis é\u202e"))
+    \x1b[2Jis é\u202e
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() else one.encode("unicode_escape").decode() for one in text
+    )
+
+
+def command_line(words: Iterable[object]) -> str:
+    """Return words as a command that a person can read and paste into a shell.
+
+    >>> print(command_line(["drivezoo", "train", "data.root=/a b", "augment=[shift]"]))
+    drivezoo train 'data.root=/a b' 'augment=[shift]'
+    >>> print(command_line(["drivezoo", "check", "Ann's laps"]))
+    drivezoo check "Ann's laps"
+    """
+    return " ".join(_quoted(str(word)) for word in words)
+
+
+def _quoted(word: str) -> str:
+    if "'" in word and not re.search(r'["$`\\!]', word):
+        return f'"{word}"'
+    return shlex.quote(word)
+
+
+def error_line(name: str, error: object) -> str:
+    r"""Return the one line that a command prints for an error.
+
+    Args:
+        name: command.
+        error: exception or text; its line ends become blanks.
+
+    >>> print(error_line("check", "a\x1b[2J:\nno such folder"))
+    check: a\x1b[2J: no such folder
+    """
+    line = printable(" ".join(str(error).split()))
+    if len(line) > MOST:
+        line = f"{line[: MOST // 2]} ... {line[-MOST // 2 :]}"
+    return f"{name}: {line}"
+
+
+def guard_rich() -> None:
+    """Make rich escape the control characters of all texts that it prints, in any console.
+
+    rich removes five of them from every text by a table, and adds its own control characters
+    later. The table has no public name: if a version of rich lacks it, nothing changes.
+    """
+    import rich.control
+
+    table = getattr(rich.control, "_CONTROL_STRIP_TRANSLATE", {})
+    marks = (
+        "\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # of direction
+    )
+    for code in [*range(32), *range(127, 160), *map(ord, marks)]:
+        if chr(code) not in "\t\n":
+            table.setdefault(code, printable(chr(code)))

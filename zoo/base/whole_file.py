@@ -1,0 +1,166 @@
+"""Replace files in one step, so that they are complete even if the process is killed."""
+
+import json
+import math
+import os
+import re
+import secrets
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from zoo.base.errors import InputError
+from zoo.base.written_files import check_output, note_files, note_output
+
+OPEN_FILES_STAY = os.name == "nt"  # Windows replaces no file that a program has open
+REPLACE_S, RETRY_S = 2.0, 0.1  # longest wait for it, and time between two tries
+PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")  # names of hidden files and folders
+
+
+def json_text(value: object) -> str:
+    r"""Return JSON, with null for NaN and infinity.
+
+    >>> json_text({"a": [float("nan"), 1]})
+    '{\n  "a": [\n    null,\n    1\n  ]\n}\n'
+    """
+    return json.dumps(_without_nan(value), indent=2, allow_nan=False) + "\n"
+
+
+def _without_nan(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _without_nan(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(one) for one in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def write_whole(path: Path, data: str | bytes | memoryview) -> Path:
+    """Write a file in one step, see `whole_path`; return the path."""
+    with whole_path(path) as part:
+        _fill(part, data)
+    return path
+
+
+@contextmanager
+def whole_path(path: Path) -> Iterator[Path]:
+    """Yield a new hidden file next to a file to write to, which then becomes the file.
+
+    Its name is random and must not exist. So no link is followed that another person has put there,
+    or in place of the file. In the folder of a command, the file is noted as written by it.
+
+    Raises:
+        OSError: the file cannot be written; names the file, and keeps its old contents.
+    """
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
+    try:
+        try:
+            part.open("xb").close()  # not from `tempfile`: other users could not read its files
+            note_files(part)
+            yield part
+            note_files(path)
+            _replace(part, path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _replace(part: Path, path: Path) -> None:
+    """Replace a file; where open files cannot be replaced, wait until other programs close it."""
+    last_s = time.monotonic() + REPLACE_S
+    while True:
+        try:
+            part.replace(path)
+            return
+        except PermissionError as error:
+            if not OPEN_FILES_STAY or not path.is_file():
+                raise
+            if time.monotonic() >= last_s:
+                reason = "is open in another program; close it there and repeat the command"
+                raise OSError(error.errno, reason, str(path)) from error
+        time.sleep(RETRY_S)
+
+
+@contextmanager
+def output_path(path: Path, key: str = "out", inputs: Sequence[str | Path] = ()) -> Iterator[Path]:
+    """Yield a hidden file to write to, see `whole_path`, for a file that the user named.
+
+    Raises:
+        InputError: see `check_output`; or the file cannot be written.
+    """
+    check_output(path, key, inputs)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_path(path) as part:
+            yield part
+        note_output(path)
+    except OSError as error:
+        named = f"{key}={path}" if key else str(path)
+        raise InputError(f"{named}: {error.strerror}; name another file") from None
+
+
+def write_output(path: Path, data: str | bytes | memoryview, key: str = "out") -> Path:
+    """Write a file that the user named, see `output_path`; return the path."""
+    with output_path(path, key) as part:
+        _fill(part, data)
+    return path
+
+
+def write_new(path: Path, data: bytes | memoryview) -> None:
+    """Write a file that must not exist, without waiting for the disk; remove it after an error.
+
+    Raises:
+        OSError: the file exists, or cannot be written.
+    """
+    with path.open("xb") as file:
+        try:
+            note_files(path)
+            file.write(data)
+            file.flush()
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove the temporary files that killed processes have left in a folder."""
+    try:
+        found = [one for one in folder.iterdir() if PART.fullmatch(one.name)]
+        for one in found:
+            one.unlink(missing_ok=True)
+    except OSError:  # no such folder, or another user's file
+        return
+
+
+def refuse_links_out(folder: Path) -> None:
+    """Refuse a folder, which may come from another person, with a link that leads out of it.
+
+    Raises:
+        InputError: names the link.
+    """
+    own = os.path.realpath(folder)
+    for place, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            path = Path(place, name)
+            if not path.is_symlink():
+                continue
+            target = os.path.realpath(path)
+            if target != own and not target.startswith(own + os.sep):
+                raise InputError(
+                    f"{path}: is a link out of {folder} to {target}, which would be overwritten; "
+                    "remove the link, or replace it by a copy"
+                )
+
+
+def _fill(part: Path, data: str | bytes | memoryview) -> None:
+    contents = data.encode(errors="backslashreplace") if isinstance(data, str) else data
+    with part.open("wb") as file:
+        file.write(contents)
+        file.flush()
+        os.fsync(file.fileno())
