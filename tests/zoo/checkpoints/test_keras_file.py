@@ -330,7 +330,7 @@ def test_a_member_that_claims_more_than_the_archive_holds_is_refused(tmp_path: P
         archive.writestr("config.json", json.dumps(model_config(LAYERS, version=3)))
         archive.writestr("model.weights.h5", b"\0" * 200_000_000)
     assert path.stat().st_size < 1_000_000
-    with pytest.raises(InputError, match=r"m\.keras: claims 200,000,949 bytes"):
+    with pytest.raises(InputError, match=r"m\.keras: claims 200,000,\d{3} bytes"):
         read_keras(path)
 
 
