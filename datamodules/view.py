@@ -111,7 +111,7 @@ class View:
 
     @classmethod
     def from_dict(cls, plain: dict) -> "View":
-        """Return the view that `to_dict` wrote, also before it had `resize`."""
+        """Return the view that `to_dict` wrote."""
         return cls(**plain)
 
 

@@ -133,10 +133,7 @@ def is_stored(target: Path) -> bool:
 
 def cache_key(paths: list[str], view: View) -> str:
     """Return the fingerprint of files (name, size, time of change) and view."""
-    plain = view.to_dict()
-    if view.resize == "area":  # files from before there was `resize` keep their names
-        del plain["resize"]
-    digest = hashlib.sha256(json.dumps([VERSION, plain]).encode())
+    digest = hashlib.sha256(json.dumps([VERSION, view.to_dict()]).encode())
     for path in paths:
         try:
             status = os.stat(path)  # noqa: PTH116 - Path.stat costs three times as much

@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from zoo.drives.drive_file import read_summary_file
-from zoo.drives.drive_log import SUMMARY_NAME
+from zoo.drives.drive_log import SUMMARY_NAME, read_summary
 from zoo.drives.metrics import METRICS
 from zoo.runs.result_table import Result, ResultTable, table_of
 
@@ -31,7 +30,7 @@ class ServedDrive(Result):
         Raises:
             InputError: the folder has no readable `drive.json`.
         """
-        return cls(folder, read_summary_file(folder / SUMMARY_NAME))
+        return cls(folder, read_summary(folder / SUMMARY_NAME))
 
     def __repr__(self) -> str:
         driven_m, lost = (self.figures.get(key) or 0 for key in ("driven_m", "interventions"))

@@ -204,9 +204,7 @@ def _report(then: dict, now: dict, out: Path) -> None:
         print(f"the code differs: {_code(then['code'])} then, {_code(now['code'])} now")
     if then.get("threads") != now.get("threads"):
         print(f"threads: {then.get('threads')} then, {now.get('threads')} now")
-    # Runs of an earlier version lack some figures.
-    kept = [key for key in COMPARED if key in then]
-    found, count = differences({key: then[key] for key in kept}, {key: now[key] for key in kept})
+    found, count = differences(*({key: one.get(key) for key in COMPARED} for one in (then, now)))
     for one in found:
         print(f"{one.name}: {one.then} then, {one.now} now")
     if not found:

@@ -16,7 +16,7 @@ import pytest
 
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, RESIZES, View
-from datamodules.view_store import VERSION, cache_key, load_views
+from datamodules.view_store import cache_key, load_views
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError
 
@@ -197,12 +197,6 @@ def test_every_view_has_a_key_of_its_own(written):
         for resize in RESIZES
     }
     assert len(keys) == len(CONVERSIONS) * len(RESIZES)
-
-
-def test_files_of_views_by_area_keep_the_names_of_earlier_versions():
-    plain = {"crop": [60, 25], "colour": "yuv", "size": [33, 100]}
-    key = hashlib.sha256(json.dumps([VERSION, plain]).encode()).hexdigest()[:24]
-    assert cache_key([], View((60, 25), "yuv", (33, 100))) == key
 
 
 @pytest.mark.parametrize("cached", [True, False], ids=["cache", "memory"])

@@ -162,7 +162,7 @@ def test_an_odd_format_is_one_short_line(value: object, path: Path) -> None:
     contents["drivezoo"]["format"] = value
     torch.save(contents, path)
     with pytest.raises(
-        InputError, match=r"x\.ckpt: has format .{1,40}, this version reads 1"
+        InputError, match=r"x\.ckpt: has format version .{1,40}, this drivezoo reads 1"
     ) as error:
         load_checkpoint(path)
     assert "\n" not in str(error.value)

@@ -170,15 +170,15 @@ def test_the_leaderboard_prints_all_damaged_runs_and_the_table(tmp_path: Path) -
     assert not result.stderr
 
 
-def test_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
-    old = write_run(tmp_path / "old", 0.9)
-    found = json.loads((old / METRICS).read_text())
+def test_files_with_fewer_and_other_keys_are_read(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", 0.9)
+    found = json.loads((folder / METRICS).read_text())
     for key in ("parameters", "data", "wall_s"):
         del found[key]
     found["whatever"] = {"else": [1, None, "x"]}
-    (old / METRICS).write_text(json.dumps(found))
-    (old / STATUS).write_text(json.dumps({"status": "finished", "mood": "good"}))
-    (run_read,), unranked = read_runs([old])
+    (folder / METRICS).write_text(json.dumps(found))
+    (folder / STATUS).write_text(json.dumps({"status": "finished", "mood": "good"}))
+    (run_read,), unranked = read_runs([folder])
     assert not unranked
     assert (run_read.autonomy, run_read.parameters, run_read.wall_s) == (0.9, None, 0.0)
 

@@ -14,32 +14,30 @@ def write_run(
     seed: int = 1,
     overrides: tuple[str, ...] = ("model=tiny",),
     tracks: tuple[str, ...] = ("lake",),
-    start_seeds: int | None = None,
+    start_seeds: int = 1,
     root: str | None = None,
     fingerprint: str = "0123456789abcdef",
     **more: object,
 ) -> Path:
-    """Write a finished run with the same figures on each track; autonomy None: without drives.
-
-    Without `start_seeds`, its drive figures have the format of earlier versions.
-    """
+    """Write a finished run with the same figures on each track; autonomy None: without drives."""
     drive = None
     if autonomy is not None:
         figures = {
             "autonomy": [autonomy, 0.0],
             "cte_mean_m": [cte_m, 0.0],
             "interventions": [round(10 * (1 - autonomy)), 0.0],
+            "drives": start_seeds,
         }
-        if start_seeds:
-            clean = 0 if figures["interventions"][0] else start_seeds
-            figures |= {"drives": start_seeds, "drives_without_intervention": clean}
+        clean = 0 if figures["interventions"][0] else start_seeds
+        figures["drives_without_intervention"] = clean
         drive = {
             "speed_mph": 20.0,
             "laps": 1.0,
-            "seeds": start_seeds or 1,
+            "seeds": start_seeds,
             "tracks": dict.fromkeys(tracks, figures),
         }
     metrics = {
+        "version": 1,
         "model": "tiny",
         "parameters": 41,
         "open_loop": {part: {"mse": val_mse} for part in ("train", "val", "test")},

@@ -86,7 +86,7 @@ def test_files_of_tracks_and_families_are_found_from_another_folder(tmp_path: Pa
 def test_other_code_is_named_in_one_line(
     code: dict | None, is_named: bool, capsys: pytest.CaptureFixture
 ) -> None:
-    """The hash decides, not the commit; runs of earlier versions have neither."""
+    """The hash decides, not the commit."""
     now = {"versions": {}, "epochs": 3, "code": {"hash": "a1", "commit": None}}
     then = {"versions": {}, "epochs": 3} | ({"code": code} if code else {})
     _report(then, now, Path("out"))

@@ -42,6 +42,17 @@ def read_json(path: Path) -> object:
         raise InputError(f"{path}: is not valid JSON ({_reason(error)})") from None
 
 
+def check_version(
+    found: object, known: int, place: object, remedy: str = "use the drivezoo that wrote it"
+) -> None:
+    """Raise InputError if a file's format version, any value, is not the known one."""
+    if type(found) is not int or found != known:
+        shown = " ".join(str(found).split())
+        raise InputError(
+            f"{place}: has format version {shown:.40}, this drivezoo reads {known}; {remedy}"
+        )
+
+
 def parse_json(text: str) -> object:
     """Return a JSON text's contents; raise ValueError for any error in it."""
     if sum(map(text.count, ",[{")) > MOST["values"]:  # 5 million empty lists take 300 MB

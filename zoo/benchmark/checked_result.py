@@ -5,7 +5,7 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-from zoo.base.bounded_files import read_json
+from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.benchmark.drivers import check_distinct
@@ -53,11 +53,7 @@ def read_result(path: Path) -> BenchmarkResult:
         )
     found = read_json(path)
     version = found.get("version") if isinstance(found, dict) else VERSION
-    if version != VERSION:
-        raise InputError(
-            f"{path}: version: is {version}, this drivezoo reads {VERSION}; use the drivezoo that "
-            "wrote it, or run the benchmark again"
-        )
+    check_version(version, VERSION, path, "use the drivezoo that wrote it, or run it again")
     for key in ("drives", "checkpoints"):
         if isinstance(found, dict) and isinstance(many := found.get(key), list):
             check_most(key, len(many), path, "benchmark a smaller suite, or fewer checkpoints")

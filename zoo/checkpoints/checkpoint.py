@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from zoo.base.archive import open_archive
-from zoo.base.bounded_files import check_text
+from zoo.base.bounded_files import check_text, check_version
 from zoo.base.errors import InputError
 from zoo.base.limits import check_unpacked
 from zoo.base.regular_file import open_binary
@@ -22,7 +22,6 @@ from zoo.checkpoints.part_card import check_part, part_cards
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
 from zoo.models.make_network import make_network
-from zoo.runs.moved_targets import with_current_targets
 
 FORMAT = 1
 MOST_BYTES = 8_000_000_000
@@ -86,19 +85,8 @@ def checked_contents(contents: Any, path: Path) -> dict:
         raise InputError(
             f"{path}: is not a checkpoint of drivezoo; name one from a run of drivezoo train"
         )
-    check_format(card.get("format"), path)
-    if isinstance(card.get("config"), dict):
-        card["config"] = with_current_targets(card["config"])
+    check_version(card.get("format"), FORMAT, path)
     return contents
-
-
-def check_format(
-    found: object, place: object, remedy: str = "use the drivezoo that wrote it"
-) -> None:
-    """Raise InputError if a file's version number, any value, is not this version's."""
-    if type(found) is not int or found != FORMAT:
-        shown = " ".join(str(found).split())
-        raise InputError(f"{place}: has format {shown:.40}, this version reads {FORMAT}; {remedy}")
 
 
 def load_plain(path: Path) -> Any:

@@ -18,7 +18,7 @@ class View(Fields):
     crop: list[Whole]
     colour: str
     size: list[Whole] | None
-    resize: str = "area"  # earlier versions had no other
+    resize: str
 
 
 class Data(Fields):
@@ -26,7 +26,7 @@ class Data(Fields):
 
     fingerprint: str | None = None
     rows: Whole | None = None
-    rows_per_s: Number | None = None  # earlier versions wrote neither of these
+    rows_per_s: Number | None = None
     speed_mph: Number | None = None
     source: str | None = None  # format that it was converted from; None for Udacity's rig
 

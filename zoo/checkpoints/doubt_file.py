@@ -12,13 +12,13 @@ from typing import Annotated
 
 from pydantic import Field
 
+from zoo.base.bounded_files import check_version
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import (
     FORMAT,
     PREFIX,
     Checkpoint,
     build_checkpoint,
-    check_format,
     checked_contents,
     checked_state,
     doubt_members,
@@ -79,7 +79,7 @@ def build_doubt(contents: dict, path: Path) -> Doubt:
         InputError: a setting is wrong, or a member is not a checkpoint (see `build_checkpoint`).
     """
     found = contents["drivezoo"]
-    check_format(found.get("format"), path)
+    check_version(found.get("format"), FORMAT, path)
     settings = check_fields(DoubtSettings, found["doubt"], f"{path}: drivezoo: doubt")
     members = doubt_members(contents) or []
     if not 1 <= len(members) <= MOST_MEMBERS:

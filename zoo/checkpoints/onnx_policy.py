@@ -175,7 +175,7 @@ def open_session(path: Path, threads: int) -> "onnxruntime.InferenceSession":
 
 def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
     """Return the metadata that `zoo.export` wrote, with the view as a `View`."""
-    from zoo.base.bounded_files import check_text, parse_json
+    from zoo.base.bounded_files import check_text, check_version, parse_json
     from zoo.checkpoints.checkpoint import FORMAT  # imports torch
 
     text = session.get_modelmeta().custom_metadata_map.get(CARD)
@@ -186,12 +186,11 @@ def _read_card(path: Path, session: "onnxruntime.InferenceSession") -> dict:
         )
     try:
         card = check_text(parse_json(text))
-        if card["format"] != FORMAT:
-            raise InputError(f"has format {card['format']}, this version reads {FORMAT}")
+        check_version(card["format"], FORMAT, CARD)
         view = View.from_dict(card["view"])
         window = card.get("window")
         window = None if window is None else Window(**window)
-        predicts_spread = card.get("predicts_spread") is True  # earlier files lack it
+        predicts_spread = card.get("predicts_spread") is True
         _check_inputs(session, view, window, predicts_spread)
         return {
             "predicts_spread": predicts_spread,

@@ -9,13 +9,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import write_whole
 from zoo.correct.correct_options import CorrectOptions
 from zoo.evaluate.drives_table import with_deviation
-from zoo.runs.track_figures import read_figures
 
 NAME = "correct.json"
 # Options that may differ when a correction is resumed.
@@ -106,18 +104,16 @@ def open_progress(
 
     try:
         before = read_correct_file(folder / NAME)
-        rounds = [_read_round(one, before["options"].get("seeds")) for one in before["rounds"]]
+        rounds = [Round(**one) for one in before["rounds"]]
         found = Progress(before["identity"], before["options"], before["overrides"], rounds)
     except (InputError, TypeError) as error:
         raise InputError(f"{error}; the file is damaged, name another folder with out=") from None
     if found.identity != identity:
         raise InputError(f"{folder}: corrects another checkpoint; name another folder with out=")
-    # A correction of an earlier version has the defaults for keys that it did not know.
-    began = vars(WorldSettings()) | found.options
-    other = [key for key in given if given[key] != began.get(key)]
+    other = [key for key in given if given[key] != found.options.get(key)]
     if other:
         raise InputError(
-            f"{folder}: was started with {other[0]}={began.get(other[0])}; give the same "
+            f"{folder}: was started with {other[0]}={found.options.get(other[0])}; give the same "
             "options to resume, or name another folder with out="
         )
     if found.overrides != overrides:
@@ -131,11 +127,6 @@ def open_progress(
                 f"{one.checkpoint}: this checkpoint is missing; name another folder with out="
             )
     return found
-
-
-def _read_round(found: dict, seeds: int | None) -> Round:
-    tracks = {name: read_figures(one, seeds) for name, one in found["tracks"].items()}
-    return Round(found["number"], found["checkpoint"], found["corrections"], tracks)
 
 
 def rounds_table(rounds: list[Round]) -> Table:

@@ -1,7 +1,9 @@
 """The files of a drive: `drive.csv`, one row per time step, and `drive.json`, its figures.
 
 Every drive is written in this format: on a socket, in the embedded world, or in the replay of a
-recording. All metrics, films and reports read these files.
+recording. All metrics, films and reports read these files. `drive.json` holds the metrics of
+`zoo.drives.metrics`; a drive on a socket adds counts of telemetry, counts of interventions by kind,
+and percentiles of latency.
 """
 
 import csv
@@ -15,23 +17,44 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import create_model
 
 from datamodules.log_text import replace_undecoded
+from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_text
 from zoo.base.whole_file import json_text, write_whole
 from zoo.base.written_files import note_files
 from zoo.drives.drive_record import TYPES, Drive, DriveRow
-from zoo.drives.metrics import measure
+from zoo.drives.metrics import METRICS, measure
+from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 LOG_NAME, SUMMARY_NAME = "drive.csv", "drive.json"
-VERSION = 1  # of drive.json; files of drivezoo 0.1.0 have none
+VERSION = 1  # of drive.json
 MOST_BYTES = 256_000_000  # of a drive.csv: days of driving
 
 COLUMNS = tuple(field.name for field in fields(DriveRow))
 _VALUES = attrgetter(*COLUMNS)  # not dataclasses.astuple, which copies each value
-FIRST_COLUMNS = COLUMNS[:10]  # of files that earlier versions wrote
 _DECIMALS = {"time_s": 4, "latency_ms": 3}
+
+
+class Known(Fields):
+    """Keys of `drive.json` that are not metrics."""
+
+    version: Whole
+    drive: str | None = None
+    track: str | None = None
+    seed: Whole | None = None
+    nan_frames: Whole | None = None
+    checkpoint: str | None = None
+    set_mph: Number | None = None
+    latency_percentiles_ms: dict[str, Number | None] | None = None
+
+
+_figures: dict[str, Any] = {
+    name: ((Whole if one.whole else Number) | None, None) for name, one in METRICS.items()
+}
+Summary = create_model("Summary", __base__=Known, **_figures)
 
 
 class DriveWriter:
@@ -90,9 +113,19 @@ class AppendedFile:
 
 
 def write_summary(folder: Path, summary: dict) -> None:
-    """Write `drive.json`, see `zoo.drives.drive_file`; NaN becomes null."""
-    summary = {"version": VERSION, **summary}
-    write_whole(folder / SUMMARY_NAME, json_text(summary))
+    """Write `drive.json`; NaN becomes null."""
+    write_whole(folder / SUMMARY_NAME, json_text({"version": VERSION, **summary}))
+
+
+def read_summary(path: Path) -> dict:
+    """Return the contents of a `drive.json`.
+
+    Raises:
+        InputError: the file cannot be read, has another version, or a value has the wrong type.
+    """
+    summary = check_fields(Summary, read_json(path), path)
+    check_version(summary.version, VERSION, path)
+    return plain(summary)
 
 
 def summarize(drive: Drive) -> dict:
@@ -130,7 +163,7 @@ def read_drive(folder: Path | str) -> Drive:
     if not path.exists():
         raise InputError(f"{folder}: holds no {LOG_NAME}; name a folder that drivezoo drive wrote")
     header, *rows = _rows(path) or [[]]
-    if tuple(header) not in (COLUMNS, FIRST_COLUMNS):
+    if tuple(header) != COLUMNS:
         raise InputError(
             f"{path}: its columns are not {','.join(COLUMNS)}; name a folder that drivezoo drive "
             "wrote"
@@ -143,13 +176,10 @@ def read_drive(folder: Path | str) -> Drive:
             )
         for name, text in zip(header, row, strict=True):
             columns[name].append(_value(path, line, name, text))
-    from zoo.drives.drive_file import read_summary_file
-
     path = folder / SUMMARY_NAME
-    summary = read_summary_file(path) if path.exists() else {}
-    unknown = [math.nan] * len(rows)
+    summary = read_summary(path) if path.exists() else {}
     arrays: dict[str, Any] = {
-        name: np.array(columns.get(name, unknown), TYPES.get(name, np.float64)) for name in COLUMNS
+        name: np.array(values, TYPES.get(name, np.float64)) for name, values in columns.items()
     }
     return Drive(
         **arrays,

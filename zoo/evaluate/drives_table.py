@@ -9,9 +9,9 @@ from rich.text import Text
 
 from zoo.drives.intervals import ONE_TRACK
 from zoo.drives.metrics import DRIVES, METRICS
+from zoo.runs.record_fields import Spread
 from zoo.runs.result_table import TableColumn
 from zoo.runs.table_text import two_lines
-from zoo.runs.track_figures import Spread
 
 DEVIATION = f"±: sample standard deviation over start seeds. {ONE_TRACK}"
 SHORT = ("autonomy", "drives_without_intervention", "drives", "cte_mean_m")  # in TeX

@@ -114,7 +114,7 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     if isinstance(settings.get("weather"), dict):
         settings["weather"] = str(settings["weather"])
     try:
-        # A run of an earlier version lacks some keys: they have the defaults of an evaluation.
+        # The score's YAML lacks some keys: they have the defaults of an evaluation.
         options = check_options(RunScore, compose_keys("evaluate") | settings)
         check_world(options)
     except InputError as error:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from zoo.base.errors import InputError
-from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive
+from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive, read_summary
 from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
 from zoo.leaderboard.ranking import (
@@ -53,10 +53,8 @@ def load_drive(folder: Path) -> Run:
     Raises:
         InputError: a file of the drive cannot be read.
     """
-    from zoo.drives.drive_file import read_summary_file
-
     path = folder / SUMMARY_NAME
-    summary = read_summary_file(path) if path.is_file() else {}
+    summary = read_summary(path) if path.is_file() else {}
     shown = [*(one.name for one in leaderboard_metrics()), *LENGTHS]
     if any(name not in summary for name in shown):
         summary = measure(read_drive(folder)) | summary

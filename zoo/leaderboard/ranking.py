@@ -15,8 +15,8 @@ from zoo.base.errors import InputError
 from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import mean_and_deviation
+from zoo.runs.record_fields import Spread
 from zoo.runs.status import is_alive, read_status
-from zoo.runs.track_figures import Spread
 from zoo.runs.trained_recordings import TrainedOn, read_trained_on
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
 
 
 def view_of(model: dict, crop: list[int]) -> View:
-    """Return the view of a model's config; older configs have no `resize`, which was by area."""
+    """Return the view of a model's config; without `resize`, it resizes by area."""
     return View(crop, model["colour"], model["size"], model.get("resize", "area"))
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import torch
 
+from zoo.base.bounded_files import check_version
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.checkpoint import FORMAT, check_format, load_plain
+from zoo.checkpoints.checkpoint import FORMAT, load_plain
 from zoo.monitor.scores import METHODS, Score, make_score
 from zoo.monitor.signals import IMAGE, MOST_SAMPLES
 
@@ -62,7 +63,8 @@ def read_guard(path: str | Path) -> Guard:
     found = found.get(KEY) if isinstance(found, dict) else None
     if not isinstance(found, dict):
         raise InputError(f"guard={path}: is not a guard file; {REMEDY}")
-    check_format(found.get("format"), f"guard={path}", "fit it again with drivezoo guard")
+    remedy = "fit it again with drivezoo guard"
+    check_version(found.get("format"), FORMAT, f"guard={path}", remedy)
     for key, (kind, most) in _NUMBERS.items():
         value = found.get(key)
         if isinstance(value, bool) or not isinstance(value, kind) or not 0 < value <= most:

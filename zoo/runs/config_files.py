@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 from zoo.base.bounded_files import check_text, read_yaml, read_yaml_text
 from zoo.base.errors import InputError
-from zoo.runs.moved_targets import with_current_targets
 from zoo.runs.record_fields import Fields, Texts, Whole, check_fields, plain
 
 if TYPE_CHECKING:
@@ -63,10 +62,7 @@ class HydraFile(Fields):
 def read_config_file(folder: Path) -> dict:
     """Return a run's config as plain containers; raise InputError for a damaged file."""
     path = folder / FOLDER / "config.yaml"
-    config: dict = with_current_targets(
-        plain(check_fields(Config, read_yaml(path, any_path=True), path))
-    )
-    return config
+    return plain(check_fields(Config, read_yaml(path, any_path=True), path))
 
 
 def read_hydra_file(folder: Path) -> Runtime:
@@ -103,5 +99,5 @@ def load_config(folder: Path) -> "DictConfig":
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be read as a config ({reason})") from None
     check_fields(Config, found, path)
-    current: DictConfig = OmegaConf.create(with_current_targets(found))
-    return current
+    plain_config: DictConfig = OmegaConf.create(found)
+    return plain_config

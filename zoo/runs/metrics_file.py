@@ -2,13 +2,12 @@
 
 from pathlib import Path
 
-from zoo.base.bounded_files import read_json
+from zoo.base.bounded_files import check_version, read_json
 from zoo.base.whole_file import json_text, write_whole
 from zoo.runs.record_fields import Fields, Figures, Number, Whole, check_fields, plain
-from zoo.runs.track_figures import read_figures
 
 NAME = "metrics.json"
-VERSION = 1  # older files have none
+VERSION = 1
 
 
 class Scores(Fields):
@@ -21,7 +20,7 @@ class Scores(Fields):
 
 
 class Driving(Fields):
-    """Figures of driving; the earliest versions scored one track, without `tracks`."""
+    """Figures of driving."""
 
     tracks: dict[str, Figures | None] | None = None
     seeds: Whole | None = None
@@ -46,13 +45,13 @@ class Code(Fields):
 
 
 class Metrics(Fields):
-    """The contents of `metrics.json`; files of other versions may lack any field.
+    """The contents of `metrics.json`.
 
     An evaluation has `checkpoint`, `drives`, `tracks`, `perturbed` and `verdict`; a replay has
     `checkpoint`, `recording`, `margin_m` and `replay`.
     """
 
-    version: Whole | None = None
+    version: Whole
     model: str | None = None
     parameters: Whole | None = None
     open_loop: dict[str, Scores] | None = None
@@ -93,20 +92,10 @@ def write_metrics_file(folder: Path, metrics: dict) -> Path:
 def read_metrics_file(folder: Path) -> dict:
     """Return the figures as plain containers, with the types of `Metrics`.
 
-    A file of an earlier version is upgraded to this version's format.
-
     Raises:
-        InputError: `metrics.json` is missing or cannot be read.
+        InputError: `metrics.json` is missing, cannot be read or has another version.
     """
     path = folder / NAME
-    found = plain(check_fields(Metrics, read_json(path), path))
-    return found if "version" in found else _upgraded(found)
-
-
-def _upgraded(found: dict) -> dict:
-    drive = found.get("drive")
-    if drive and drive.get("tracks"):
-        seeds = drive.get("seeds")
-        tracks = {name: one and read_figures(one, seeds) for name, one in drive["tracks"].items()}
-        found = found | {"drive": drive | {"tracks": tracks}}
-    return {"version": VERSION, **found}
+    found = check_fields(Metrics, read_json(path), path)
+    check_version(found.version, VERSION, path)
+    return plain(found)

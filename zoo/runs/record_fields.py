@@ -59,11 +59,13 @@ Whole = Annotated[int, BeforeValidator(finite)]
 Count = Annotated[int, BeforeValidator(finite), Field(ge=0)]
 Pair = Annotated[list, BeforeValidator(_pair)]  # mean over drives, and deviation or null
 
+# Of a figure over drives: mean; sample standard deviation, None without one.
+Spread = tuple[float, float | None]
 Texts = Annotated[object, BeforeValidator(_texts)]
 
 
 class Figures(Fields):
-    """A track's figures; earlier versions wrote no counts."""
+    """A track's figures: counts of its drives, and the mean and spread of each metric."""
 
     drives: Count | None = None
     drives_without_intervention: Count | None = None

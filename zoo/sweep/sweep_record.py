@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from datamodules.log_text import MOST_LOG_BYTES
+from zoo.base.bounded_files import check_version
 from zoo.base.errors import InputError
 from zoo.base.regular_file import read_regular
 from zoo.base.whole_file import write_whole
@@ -75,10 +76,7 @@ def read_record(folder: Path) -> SweepRecord:
         found = read_sweep_file(path)
     except InputError as error:
         raise InputError(f"{error}; the file is damaged, start a new sweep") from None
-    if found.format != FORMAT:
-        raise InputError(
-            f"{path}: written by another version of drivezoo; resume it with that version"
-        )
+    check_version(found.format, FORMAT, path)
     return SweepRecord(**{one.name: getattr(found, one.name) for one in fields(SweepRecord)})
 
 

@@ -35,7 +35,6 @@ from zoo.training.steering_module import SteeringModule
 from zoo.training.window_settings import settle_windows
 
 QUICK_EPOCHS = 3
-QUICK_SAMPLES_BEFORE = 3_200  # for configs without quick_samples, of older versions
 PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
 # Keys of `trainer` that are not arguments of Lightning's Trainer.
 OWN_KEYS = ("compile", "group_batches")
@@ -58,7 +57,7 @@ def with_quick(config: DictConfig) -> DictConfig:
     if not config.quick:
         return config
     config = config.copy()
-    samples = config.get("quick_samples", QUICK_SAMPLES_BEFORE)
+    samples = config.quick_samples
     if type(samples) is not int or samples < 1:
         raise InputError(f"quick_samples={samples} is not a whole number above 0")
     for node, key, most in (

@@ -5,7 +5,7 @@ from omegaconf import DictConfig, OmegaConf
 from zoo.base.errors import InputError
 from zoo.cli.conf_files import choice_files
 
-# For networks without the key, and for configs of older versions.
+# For networks without the key.
 SINGLE_FRAME = {"sequence": 1, "stride": 1, "ahead": 0}
 
 

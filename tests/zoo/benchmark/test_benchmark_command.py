@@ -220,7 +220,7 @@ def set_key(*keys: str | int, value: object) -> Callable[[dict], None]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (set_key("version", value=2), "version: is 2, this drivezoo reads 1"),
+        (set_key("version", value=2), "version 2, this drivezoo reads 1"),
         (set_key("roads", value="0" * 16), "roads: digest 0000000000000000 is not that of"),
         (set_key("suite", value="v0"), "suite: v0 is not included.*suite=PATH"),
         (set_key("digest", value="0" * 16), "digest: is not that of its drives"),

@@ -148,22 +148,6 @@ def write_checkpoint(path: Path, config: DictConfig, view: View) -> Path:
     return path
 
 
-def test_a_checkpoint_without_resize_and_scale_is_by_area_and_to_ones(
-    best: Path, tmp_path: Path, recorded: Written
-) -> None:
-    """Checkpoints of earlier versions have neither key."""
-    contents = torch.load(best, weights_only=True)
-    del contents["drivezoo"]["view"]["resize"]
-    for key in ("resize", "scale"):
-        del contents["drivezoo"]["config"]["model"][key]
-    torch.save(contents, tmp_path / "old.ckpt")
-    old, new = load_policy(tmp_path / "old.ckpt"), load_policy(best)
-    assert old.view == new.view == View([40, 20], "rgb", [66, 200], "area")
-    frame = decode_image(recorded.image(3).read_bytes())
-    assert old(frame, 9.0) == new(frame, 9.0)
-    assert build_data(OmegaConf.create(old.config)).view == new.view
-
-
 @pytest.mark.parametrize("scale", [[0, 1], [1e-300, 0], [float("nan"), 1], "x", [1, 2, 3], {}])
 def test_a_checkpoints_wrong_scale_is_named(scale: object, best: Path, tmp_path: Path) -> None:
     contents = torch.load(best, weights_only=True)

@@ -4,14 +4,13 @@ import json
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from zoo.base.errors import InputError
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import DriveWriter, read_drive, write_drive, write_summary
-from zoo.drives.drive_record import EMBEDDED, REPLAY, SOCKET, Drive, DriveRow
+from zoo.drives.drive_record import EMBEDDED, SOCKET, Drive, DriveRow
 from zoo.drives.metrics import METRICS
 from zoo.drives.tally import Tally
 
@@ -39,16 +38,6 @@ def test_a_drive_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert math.isnan(drive.spread[1])
 
 
-def test_a_drive_of_an_earlier_version_has_no_spread(tmp_path: Path) -> None:
-    (tmp_path / "drive.csv").write_text(
-        "time_s,client,driver,frame,steering,throttle,speed_mph,cross_track_m,intervention,"
-        "latency_ms\n0.0000,1,policy,,-0.25000,0.50000,9.25000,0.12500,0,1.500\n"
-    )
-    drive = read_drive(tmp_path)
-    assert (drive.steering[0], drive.latency_ms[0]) == (-0.25, 1.5)
-    assert np.isnan([drive.spread[0], drive.expert_steering[0]]).all()
-
-
 def test_a_drive_that_was_cut_off_has_no_summary(tmp_path: Path) -> None:
     DriveWriter(tmp_path).add(ROWS)
     assert read_drive(tmp_path).summary == {}
@@ -69,26 +58,12 @@ def test_a_drive_on_a_socket_has_the_metrics_of_one_in_the_embedded_world(tmp_pa
     assert socket.summary["cte_mean_m"] == embedded.summary["cte_mean_m"] == 0.5
 
 
-def test_a_socket_drive_of_an_earlier_version_has_the_keys_of_today(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [{}, {"version": 2}])
+def test_a_drive_of_an_unknown_version_is_refused(version: dict, tmp_path: Path) -> None:
     DriveWriter(tmp_path).add(ROWS)
-    percentiles = {"p50": 1.5, "p95": 2.0, "p99": None}
-    old = {"telemetry": 2, "latency_ms": percentiles, "autonomy": 1.0}
-    (tmp_path / "drive.json").write_text(json.dumps(old))
-    drive = read_drive(tmp_path)
-    assert drive.source == SOCKET
-    assert drive.summary["latency_ms"] == 1.5
-    assert drive.summary["latency_percentiles_ms"] == percentiles
-
-
-@pytest.mark.parametrize(
-    ("old", "source"), [({"track": "lake"}, EMBEDDED), ({"recording": ["a"]}, REPLAY), ({}, "")]
-)
-def test_the_place_of_an_earlier_versions_drive_is_known(
-    tmp_path: Path, old: dict, source: str
-) -> None:
-    DriveWriter(tmp_path).add(ROWS)
-    (tmp_path / "drive.json").write_text(json.dumps(old))
-    assert read_drive(tmp_path).source == source
+    (tmp_path / "drive.json").write_text(json.dumps(version | {"track": "lake"}))
+    with pytest.raises(InputError, match=r"drive\.json: .*version"):
+        read_drive(tmp_path)
 
 
 def test_what_is_no_drive_is_named(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import pytest
 from rich.console import Console
 
 from zoo.evaluate.drives_table import drives_table, mean_and_spread
-from zoo.runs.track_figures import read_figures
 
 
 def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
@@ -57,20 +56,6 @@ def test_a_figure_that_some_drives_lack_has_no_spread() -> None:
     drives = [drive(lap_s=None), drive(lap_s=80.0), drive(lap_s=90.0)]
 
     assert mean_and_spread(drives)["lap_s"] == (85.0, None)
-
-
-def test_an_earlier_files_spread_becomes_the_sample_deviation() -> None:
-    old = {"autonomy": [0.9, (2 / 3) ** 0.5 / 10], "interventions": [0.0, 0.0], "lap_s": None}
-    figures = read_figures(old, 3)
-
-    assert figures["autonomy"][1] == pytest.approx(0.1)
-    assert figures["lap_s"] is None
-    assert (figures["drives"], figures["drives_without_intervention"]) == (3, 3)
-
-
-@pytest.mark.parametrize("drives", [1, None])
-def test_an_earlier_files_spread_is_left_out_where_it_says_nothing(drives: int | None) -> None:
-    assert read_figures({"autonomy": [0.9, 0.0]}, drives)["autonomy"] == (0.9, None)
 
 
 def test_a_tracks_name_is_no_markup() -> None:

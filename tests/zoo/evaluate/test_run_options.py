@@ -1,4 +1,4 @@
-"""A run's `score`: the keys of an evaluation, and those that earlier runs lack."""
+"""A run's `score`: the keys of an evaluation, and their defaults."""
 
 import pytest
 from omegaconf import OmegaConf
@@ -15,10 +15,10 @@ def test_the_world_can_be_set_for_the_score() -> None:
     assert "fog" in options.weather
 
 
-def test_a_run_of_an_earlier_version_has_the_defaults_for_what_it_lacks() -> None:
-    earlier = {"track": "lake", "laps": 1.0, "seeds": 1, "speed": 15.0, "candidate_laps": 1.0}
+def test_a_score_has_the_defaults_of_an_evaluation_for_what_it_lacks() -> None:
+    some = {"track": "lake", "laps": 1.0, "seeds": 1, "speed": 15.0, "candidate_laps": 1.0}
     now = compose_config([])["score"]
-    given = OmegaConf.create(earlier | {"film": True, "film_speed": 3.0})
+    given = OmegaConf.create(some | {"film": True, "film_speed": 3.0})
     assert run_options(given) == run_options(OmegaConf.create(now))
 
 

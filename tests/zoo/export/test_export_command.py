@@ -150,16 +150,6 @@ def test_the_file_keeps_the_view_and_the_scale(
     assert (text.index("resized") < text.index(COLOURS[colour])) == resize.endswith("_first")
 
 
-def test_a_file_without_resize_is_by_area(exported: Path, tmp_path: Path) -> None:
-    """Files of earlier versions have neither `resize` nor `scale`."""
-    model = onnx.load(exported)
-    card = json.loads(model.metadata_props[0].value)
-    del card["view"]["resize"], card["config"]["model"]["resize"], card["config"]["model"]["scale"]
-    onnx.helper.set_model_props(model, {CARD: json.dumps(card)})
-    onnx.save(model, tmp_path / "old.onnx")
-    assert load_policy(tmp_path / "old.onnx").view == load_policy(exported).view
-
-
 def test_a_file_that_steers_differently_is_removed(
     checkpoint: Path, recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

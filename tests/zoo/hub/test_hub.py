@@ -1,6 +1,5 @@
 """`drivezoo hub` against a stand-in for the Hub: what is sent, fetched and refused."""
 
-import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,13 +10,14 @@ import yaml
 
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.hub.stand_in import StandIn, serving
+from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
 
 pytest.importorskip("huggingface_hub")
 
-RUN = Path(__file__).parents[1] / "runs" / "run_of_0_1_0"
 PLACE = "outputs/hub/ann/tiny"
 
 
@@ -41,9 +41,10 @@ def hub(cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
 @pytest.fixture
 def ran(tmp_path: Path) -> Path:
     """Return a copy of a run, whose config names a folder and a server of the user's."""
-    folder = shutil.copytree(RUN, tmp_path / "run")
+    folder = write_run(tmp_path / "run", 0.5)
     path = folder / "checkpoints" / "best.ckpt"
-    contents = torch.load(path, weights_only=True)
+    path.parent.mkdir()
+    contents = read_checkpoint_file(find_checkpoint("tiny41"))
     config = contents["drivezoo"]["config"]
     config["data"]["root"] = "/home/ann_private/lake"
     config["logger"] = {"mlflow": {"tracking_uri": "http://ann:secret@host"}}
@@ -80,10 +81,10 @@ def test_the_card_says_what_it_is_and_how_it_drives(ran: Path, tmp_path: Path) -
     header = yaml.safe_load(header)
     assert header["license"] == "cc-by-4.0"
     assert header["library_name"] == "drivezoo"
-    assert header["drivezoo"]["data"] == "ec3cc0333d15d85f"
+    assert header["drivezoo"]["data"] == "447ba1b97b686b27"
     (result,) = header["model-index"][0]["results"]
     assert {one["type"] for one in result["metrics"]} == {"autonomy", "interventions"}
-    for part in ("41 parameters", "278 rows", "drivezoo drive tiny.ckpt", "0 of 1"):
+    for part in ("41 parameters", "13,938 rows", "drivezoo drive tiny.ckpt", "0 of 1"):
         assert part in text
 
 
@@ -129,7 +130,7 @@ def test_without_a_token_one_line_says_what_to_do(
 @pytest.fixture
 def shared(server: StandIn) -> StandIn:
     """Serve `ann/tiny` with one checkpoint, without a card."""
-    contents = lean_contents(read_checkpoint_file(RUN / "checkpoints" / "best.ckpt"))
+    contents = lean_contents(read_checkpoint_file(find_checkpoint("tiny41")))
     server.repositories["ann/tiny"] = {"tiny.ckpt": checkpoint_bytes(contents)}
     return server
 

@@ -174,13 +174,6 @@ def test_a_drive_without_figures_is_measured(tmp_path: Path) -> None:
     assert measured == pytest.approx(whole.tracks["lake"])
 
 
-def test_a_drive_that_moved_nowhere_is_not_measured_whatever_its_file_has(tmp_path: Path) -> None:
-    folder = write_socket_drive(tmp_path / "drive")
-    figures = {"drive": "replay", "autonomy": 1.0, "driven_m": 0.0, "interventions": 0}
-    (folder / "drive.json").write_text(json.dumps(figures))
-    assert load_drive(folder).autonomy is None
-
-
 def test_a_damaged_drive_is_named_and_the_others_are_ranked(tmp_path: Path) -> None:
     drives = [write_socket_drive(tmp_path / name) for name in ("a", "b")]
     (drives[0] / "drive.json").write_text("[]")

@@ -115,7 +115,7 @@ def test_a_guard_of_a_network_fits_only_its_checkpoint(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"format": 9}, "format 9"),
+        ({"format": 9}, "format version 9"),
         ({"threshold": float("nan")}, "threshold"),
         ({"window": 0}, "window"),
         ({"method": "magic"}, "method"),

@@ -108,32 +108,6 @@ def test_the_markdown_links_each_image_file(driven: Path) -> None:
         assert line.endswith("|")
 
 
-@pytest.mark.parametrize(
-    ("seeds", "kept", "spread"),
-    [(1, "1 of 1", ""), (2, "2 of 2", " ± 0.14")],
-)
-def test_the_report_counts_drives_of_an_earlier_version_too(
-    seeds: int, kept: str, spread: str, run_folder: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "run"
-    shutil.copytree(run_folder, folder)
-    metrics = json.loads((folder / "metrics.json").read_text())
-    del metrics["version"]
-    figures = metrics["drive"]["tracks"]["lake"]
-    for key in ("drives", "drives_without_intervention"):
-        figures.pop(key)
-    figures |= {"autonomy": [1.0, 0.0], "interventions": [0.0, 0.0], "cte_mean_m": [0.5, 0.1]}
-    metrics["drive"]["seeds"] = seeds
-    (folder / "metrics.json").write_text(json.dumps(metrics))
-
-    text = write_report(folder).with_name("report.md").read_text()
-
-    assert f"| drives without intervention | {kept} |" in text
-    assert f"| drives (start seeds) | {seeds} |" in text
-    assert f"drives without intervention: {kept} |" in text
-    assert f"| cross-track error, mean, m | 0.50{spread} |" in text
-
-
 def test_driving_figures_stand_before_open_loop_figures(driven: Path) -> None:
     text = (driven / "report" / "report.md").read_text()
     drive = json.loads((driven / "drives" / "lake-0" / "drive.json").read_text())

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from zoo.base.errors import InputError
 from zoo.runs.metrics_file import VERSION, read_metrics_file, write_metrics_file
-
-KEPT = Path(__file__).with_name("run_of_0_1_0")
 
 
 def test_written_metrics_are_read(tmp_path: Path) -> None:
@@ -21,17 +20,8 @@ def test_written_metrics_are_read(tmp_path: Path) -> None:
     assert found["drive"]["tracks"]["lake"]["autonomy"] == [0.9, 0.1]
 
 
-def test_a_file_without_a_version_is_upgraded() -> None:
-    found = read_metrics_file(KEPT)
-    assert found["version"] == VERSION
-    assert found["drive"]["tracks"]["lake"]["autonomy"] == (0.0, None)
-
-
-def test_the_spread_of_the_first_versions_is_upgraded(tmp_path: Path) -> None:
-    figures = {"autonomy": [0.9, (2 / 3) ** 0.5 / 10], "interventions": [0.0, 0.0], "lap_s": None}
-    old = {"drive": {"seeds": 3, "tracks": {"lake": figures, "mountain": None}}}
-    (tmp_path / "metrics.json").write_text(json.dumps(old))
-    tracks = read_metrics_file(tmp_path)["drive"]["tracks"]
-    assert tracks["lake"]["autonomy"] == (0.9, pytest.approx(0.1))
-    assert tracks["lake"]["drives_without_intervention"] == 3
-    assert tracks["mountain"] is None
+@pytest.mark.parametrize("version", [{}, {"version": 2}, {"version": "1"}])
+def test_a_file_of_an_unknown_version_is_refused(version: dict, tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text(json.dumps(version | {"model": "tiny"}))
+    with pytest.raises(InputError, match=r"metrics\.json: .*version"):
+        read_metrics_file(tmp_path)

@@ -225,7 +225,9 @@ def test_the_box_fits_and_its_commands_stay_whole(width: int) -> None:
 
 
 def test_an_evaluation_ends_with_the_verdict(tmp_path: Path) -> None:
-    (tmp_path / "metrics.json").write_text(json.dumps({"side_response": {"test": 0.01}}))
+    (tmp_path / "metrics.json").write_text(
+        json.dumps({"version": 1, "side_response": {"test": 0.01}})
+    )
     path = write_constant(tmp_path / "checkpoints" / "best.ckpt", steering=1.0)
     assert read_evidence(path, {}).metrics["side_response"] == {"test": 0.01}
     result = run(tmp_path, str(path), "laps=0.05", "out=out", module="zoo.evaluate")
