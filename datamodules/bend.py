@@ -12,16 +12,37 @@ import albumentations
 import cv2
 import numpy as np
 
-from datamodules.driving_log import MAX_STEERING_DEG
-from datamodules.ground import (
-    CAMERA_AHEAD_M,
-    FOCAL_PX,
-    REAR_AXLE_M,
-    WHEELBASE_M,
-    depth_of,
-    metres_ahead,
-)
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.base.rig import UDACITY
+
+CAMERA = UDACITY.cameras["center"]
+FARTHEST_M = 60.0
+
+
+def metres_ahead(rows: np.ndarray) -> np.ndarray:
+    """Return the distance from the camera to the ground that rows show, metres, float64.
+
+    Rows are of the recording's 160. The distance is at most 60 m, also above the horizon.
+    """
+    below = np.arctan((rows - (FRAME_HEIGHT - 1) / 2) / CAMERA.focal_px)
+    below = below + np.radians(CAMERA.pitch_down_deg)
+    return CAMERA.up_m / np.tan(np.maximum(below, np.arctan(CAMERA.up_m / FARTHEST_M)))
+
+
+def depth_of(ahead_m: np.ndarray) -> np.ndarray:
+    """Return the depth of ground along the lens's axis, metres.
+
+    A metre to the side is `focal_px / depth` columns of the recording's 320.
+    """
+    pitch = np.radians(CAMERA.pitch_down_deg)
+    return ahead_m * np.cos(pitch) + CAMERA.up_m * np.sin(pitch)
+
+
+def added_steering(curvature: np.ndarray | float, begin: np.ndarray | float) -> np.ndarray:
+    """Return the steering that a bend adds, by its curvature and its start ahead of the car."""
+    # A command arrives a frame later, and the car needs some metres to turn.
+    due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
+    return due * np.degrees(np.arctan(UDACITY.wheelbase_m * curvature)) / UDACITY.steering_deg
 
 
 class Bend(albumentations.ImageOnlyTransform):
@@ -82,10 +103,7 @@ class Bend(albumentations.ImageOnlyTransform):
         self, steering: float, curvature: float, begin: float, **_: object
     ) -> float:
         """Return the corrected steering, -1..1."""
-        # A command arrives a frame later, and the car needs some metres to turn.
-        due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
-        added = due * np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
-        return float(np.clip(steering + added, -1, 1))
+        return float(np.clip(steering + added_steering(curvature, begin), -1, 1))
 
     def columns_aside(
         self, height: int, curvature: float, begin: float, length: float
@@ -97,10 +115,12 @@ class Bend(albumentations.ImageOnlyTransform):
         top, bottom = self.crop
         rows = top + (np.arange(height) + 0.5) * (FRAME_HEIGHT - top - bottom) / height - 0.5
         ahead = metres_ahead(rows)  # rows above the horizon move with the farthest ground
-        along = np.maximum(ahead + CAMERA_AHEAD_M - begin, 0)
+        along = np.maximum(ahead + CAMERA.ahead_m - begin, 0)
         bent = np.minimum(along, length)
         metres = curvature * (bent**2 / 2 + bent * (along - bent))
-        return np.clip(FOCAL_PX * metres / depth_of(ahead), -FRAME_WIDTH / 2, FRAME_WIDTH / 2)
+        return np.clip(
+            CAMERA.focal_px * metres / depth_of(ahead), -FRAME_WIDTH / 2, FRAME_WIDTH / 2
+        )
 
     def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
         """Return `apply`'s arguments for each image of a batch of `shape`."""
@@ -108,8 +128,8 @@ class Bend(albumentations.ImageOnlyTransform):
         curvature = rng.uniform(-self.curvature, self.curvature, count)
         shortest, longest = self.length_m
         length = rng.uniform(shortest, longest, count)
-        ahead = rng.uniform(-REAR_AXLE_M, self.ahead_m, count)
-        begin = np.where(rng.random(count) < self.begun, -REAR_AXLE_M, ahead)
+        ahead = rng.uniform(-UDACITY.rear_axle_m, self.ahead_m, count)
+        begin = np.where(rng.random(count) < self.begun, -UDACITY.rear_axle_m, ahead)
         return [
             {"curvature": one, "begin": start, "length": metres}
             for one, start, metres in zip(curvature, begin, length, strict=True)

@@ -14,10 +14,8 @@ import torch
 from torch import Tensor
 
 from datamodules.augment import Brightness, Shadow, Shift
-from datamodules.bend import Bend
+from datamodules.bend import Bend, added_steering
 from datamodules.device_pictures import darkened, from_rgb, lit, moved, to_rgb
-from datamodules.driving_log import MAX_STEERING_DEG
-from datamodules.ground import WHEELBASE_M
 from datamodules.image import FRAME_WIDTH
 from zoo.base.errors import InputError
 
@@ -172,8 +170,7 @@ def _bend(transform: Bend) -> DeviceChange:
         values = np.array([[one[name] for name in names] for one in drawn]).reshape(-1, 3)
         curvature, begin, length = values.T[:, :, None]
         aside = transform.columns_aside(shape[1], curvature, begin, length)
-        due = np.interp(begin, [1.0, 3.0], [1.0, 0.0])
-        added = due * np.degrees(np.arctan(WHEELBASE_M * curvature)) / MAX_STEERING_DEG
+        added = added_steering(curvature, begin)
         return np.concatenate([added, aside * shape[2] / FRAME_WIDTH], 1)
 
     def change(images: Tensor, drawn: Tensor) -> Tensor:

@@ -21,6 +21,7 @@ from datamodules.log_text import (
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.regular_file import open_text
+from zoo.base.rig import UDACITY
 
 COLUMNS = ("center", "left", "right", "steering", "throttle", "brake", "speed")
 CAMERAS = COLUMNS[:3]
@@ -28,7 +29,6 @@ NUMBERS = COLUMNS[3:]
 # Ranges of the numbers. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
 RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0, 200)}
 
-MAX_STEERING_DEG = 25.0  # of the original's front wheels, at a steering of 1
 MANY_ROWS = "divide the recording"
 ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 
@@ -196,11 +196,12 @@ def degrees_hint(largest: float) -> str:
     """
     if largest <= RANGES["steering"][1]:
         return ""
-    if largest <= MAX_STEERING_DEG:
-        return f"degrees at the front wheels? divide the column by {MAX_STEERING_DEG:g}"
+    degrees = f"divide the column by {UDACITY.steering_deg:g}"
+    if largest <= UDACITY.steering_deg:
+        return f"degrees at the front wheels? {degrees}"
     return (
-        f"degrees at the steering wheel? divide the column by {MAX_STEERING_DEG:g} times the ratio "
-        "of steering wheel and front wheels, which is about 15 in a car"
+        f"degrees at the steering wheel? {degrees} times the ratio of steering wheel and front "
+        "wheels, which is about 15 in a car"
     )
 
 

@@ -12,8 +12,9 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
 from zoo.base.regular_file import read_regular
+from zoo.base.rig import UDACITY
 
-FRAME_HEIGHT, FRAME_WIDTH = 160, 320  # what the original simulator records and sends
+FRAME_WIDTH, FRAME_HEIGHT = UDACITY.cameras["center"].size  # that every image is resized to
 
 # Limits before an image is read and before it is decoded: a few kB can hold gigabytes of pixels.
 MOST_IMAGE_BYTES = 32_000_000

@@ -4,18 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datamodules.driving_log import CAMERAS, MAX_STEERING_DEG
+from datamodules.driving_log import CAMERAS
 from datamodules.recording import Recording
 from datamodules.split import rows_per_second
 from datamodules.windows import SINGLE_FRAMES, Windows
 from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH, UDACITY
 
 CENTER, LEFT, RIGHT = range(3)
 
-# Measured on the original simulator: cameras' metres from the centreline, wheelbase, steering lock.
-CAMERA_OFFSET_M = {LEFT: -0.806, RIGHT: 0.825}
-WHEELBASE_M = 2.87
-MPS_PER_MPH = 0.44704
+CAMERA_OFFSET_M = {
+    LEFT: UDACITY.cameras["left"].right_m,
+    RIGHT: UDACITY.cameras["right"].right_m,
+}
 MIN_RECOVERY_M = 4.0
 
 
@@ -177,8 +178,8 @@ def recovery_steering(
     """
     distance = np.maximum(np.asarray(speed_mph) * MPS_PER_MPH * recover_s, MIN_RECOVERY_M)
     curvature = -2 * offset_m / (distance**2 + offset_m**2)
-    steering_deg = np.degrees(np.arctan(WHEELBASE_M * curvature))
-    return np.clip(steering_deg / MAX_STEERING_DEG, -1, 1)
+    steering_deg = np.degrees(np.arctan(UDACITY.wheelbase_m * curvature))
+    return np.clip(steering_deg / UDACITY.steering_deg, -1, 1)
 
 
 def recovery_course(
@@ -203,7 +204,7 @@ def recovery_course(
     >>> recovery_course(-0.806, np.array([0.275]), np.array([15.0]), np.array([0, 0.4])).round(2)
     array([[0.28, 0.09]])
     """
-    curvature = np.abs(np.tan(np.radians(steering * MAX_STEERING_DEG))) / WHEELBASE_M
+    curvature = np.abs(np.tan(np.radians(steering * UDACITY.steering_deg))) / UDACITY.wheelbase_m
     straight = curvature == 0
     squared = 2 * abs(offset_m) / np.where(straight, 1, curvature) - offset_m**2
     distance = np.sqrt(np.maximum(squared, offset_m**2))

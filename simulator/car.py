@@ -14,12 +14,12 @@ from simulator.rig import (
     FRONT_AXLE_M,
     MASS_KG,
     MAX_STEERING_DEG,
-    MPS_PER_MPH,
     PHYSICS_STEP_S,
     REAR_AXLE_M,
     TOP_SPEED_MPH,
     WHEELBASE_M,
 )
+from zoo.base.rig import MPS_PER_MPH
 
 DRIVE_N = 5400.0  # 2000 Nm at the wheels
 REVERSE_N = 1300.0

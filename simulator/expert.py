@@ -8,13 +8,13 @@ from simulator.car import DRAG_PER_S, DRIVE_N, GRAVITY_MPS2, REVERSE_BELOW_MPH
 from simulator.rig import (
     MASS_KG,
     MAX_STEERING_DEG,
-    MPS_PER_MPH,
     TOP_SPEED_MPH,
     WHEELBASE_M,
 )
 from simulator.track import Track
 from simulator.world import World
 from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH
 
 SLOWEST_MPS = 3.0
 THROTTLE_PER_MPS = 0.4  # throttle per m/s below the wanted speed

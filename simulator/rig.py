@@ -1,31 +1,28 @@
-"""Cameras and measures of the original car, in metres and degrees, from its simulator."""
+"""The original car of Udacity's simulator: its rig's numbers by name, and its mass and speed."""
 
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-FRAME_WIDTH, FRAME_HEIGHT = 320, 160
-VERTICAL_FOV_DEG = 60.0
-NEAR_M = 0.3
-FOCAL_PX = FRAME_HEIGHT / 2 / np.tan(np.radians(VERTICAL_FOV_DEG / 2))
+from zoo.base.rig import UDACITY
 
-CAMERAS = ("center", "left", "right")
+CAMERAS = tuple(UDACITY.cameras)
+CENTER = UDACITY.cameras["center"]
+FRAME_WIDTH, FRAME_HEIGHT = CENTER.size
+VERTICAL_FOV_DEG, FOCAL_PX, NEAR_M = CENTER.vertical_fov_deg, CENTER.focal_px, 0.3
 # x right, y up and z ahead of the car's origin on the ground.
 CAMERA_POSITIONS = {
-    "center": (0.0, 1.2, 1.0),
-    "left": (-0.806, 1.2, 0.984),
-    "right": (0.825, 1.2, 0.999),
+    name: (camera.right_m, camera.up_m, camera.ahead_m) for name, camera in UDACITY.cameras.items()
 }
-PITCH_DOWN_DEG, YAW_RIGHT_DEG, ROLL_DEG = 9.5, 0.72, 1.2
+PITCH_DOWN_DEG, YAW_RIGHT_DEG = CENTER.pitch_down_deg, CENTER.yaw_right_deg
+ROLL_DEG = CENTER.roll_deg
 
-FRONT_AXLE_M, REAR_AXLE_M = 1.27, 1.60
-WHEELBASE_M = FRONT_AXLE_M + REAR_AXLE_M
+FRONT_AXLE_M, REAR_AXLE_M = UDACITY.front_axle_m, UDACITY.rear_axle_m
+WHEELBASE_M, MAX_STEERING_DEG = UDACITY.wheelbase_m, UDACITY.steering_deg
 WHEEL_TRACK_M = 2.0
 MASS_KG = 1000.0
-MAX_STEERING_DEG = 25.0
 TOP_SPEED_MPH = 30.0
-MPS_PER_MPH = 0.44704
 PHYSICS_STEP_S = 0.02
 
 

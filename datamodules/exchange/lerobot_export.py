@@ -30,10 +30,10 @@ from datamodules.exchange.lerobot_tables import (
 from datamodules.exchange.lerobot_videos import assign_video_files, write_videos
 from datamodules.image_files import find_file_fault
 from datamodules.recording import Recording
-from datamodules.samples import MPS_PER_MPH
 from datamodules.source_format import INFO
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.rig import MPS_PER_MPH
 
 MOST_FPS = 1000
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from datamodules.exchange.lerobot_layout import CAMERA_PREFIX
-from datamodules.samples import MPS_PER_MPH
 from zoo.base.errors import InputError, UsageError
+from zoo.base.rig import MPS_PER_MPH
 
 MPH_PER = {"mph": 1.0, "mps": 1 / MPS_PER_MPH, "kmh": 1 / (MPS_PER_MPH * 3.6)}
 # Names of the centre camera, the likeliest first.

@@ -25,11 +25,11 @@ from datamodules.exchange.tub_import import (
 )
 from datamodules.image_files import find_file_fault, link_or_copy
 from datamodules.recording import Recording
-from datamodules.samples import MPS_PER_MPH
 from datamodules.source_format import MANIFEST
 from datamodules.split import rows_per_second
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
+from zoo.base.rig import MPS_PER_MPH
 
 CATALOG_ROWS = 1000  # records in a catalog, as Donkeycar writes them
 SPEED = SPEEDS_MPS[0]

@@ -25,13 +25,13 @@ from datamodules.exchange.driven_rows import (
 from datamodules.exchange.json_fields import number, parse, plain_name
 from datamodules.image import MOST_IMAGE_BYTES, image_size
 from datamodules.image_files import find_file_fault
-from datamodules.samples import MPS_PER_MPH
 from datamodules.source_format import MANIFEST, old_records, write_source
 from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.regular_file import open_binary, open_text
+from zoo.base.rig import MPS_PER_MPH
 
 IMAGES = "images"
 IMAGE, ANGLE, THROTTLE, MODE = "cam/image_array", "user/angle", "user/throttle", "user/mode"

@@ -3,21 +3,11 @@
 import numpy as np
 import pytest
 
-from datamodules import ground
 from datamodules.augment import Augment
-from datamodules.bend import Bend
-from datamodules.driving_log import MAX_STEERING_DEG
+from datamodules.bend import CAMERA, Bend, depth_of
 from simulator import rig
 
 BEGUN = -rig.REAR_AXLE_M
-
-
-def test_the_camera_and_the_car_are_the_simulators() -> None:
-    assert pytest.approx(rig.FOCAL_PX) == ground.FOCAL_PX
-    assert rig.CAMERA_POSITIONS["center"] == (0.0, ground.CAMERA_HEIGHT_M, ground.CAMERA_AHEAD_M)
-    assert ground.PITCH_DOWN_DEG == rig.PITCH_DOWN_DEG
-    assert (ground.WHEELBASE_M, ground.REAR_AXLE_M) == (rig.WHEELBASE_M, rig.REAR_AXLE_M)
-    assert MAX_STEERING_DEG == rig.MAX_STEERING_DEG
 
 
 @pytest.mark.parametrize("curvature", [0.02, -0.02])
@@ -27,9 +17,9 @@ def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature:
     for ahead in (4.0, 8.0, 15.0):
         along = ahead + rig.CAMERA_POSITIONS["center"][2] + rig.REAR_AXLE_M
         aside = (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
-        below = np.arctan(ground.CAMERA_HEIGHT_M / ahead) - np.radians(ground.PITCH_DOWN_DEG)
-        row = 79.5 + ground.FOCAL_PX * np.tan(below)  # of 160
-        depth = ground.depth_of(ahead)
+        below = np.arctan(CAMERA.up_m / ahead) - np.radians(CAMERA.pitch_down_deg)
+        row = 79.5 + CAMERA.focal_px * np.tan(below)  # of 160
+        depth = depth_of(ahead)
         assert np.interp(row, np.arange(160), moved) == pytest.approx(
             rig.FOCAL_PX * aside / depth, rel=0.1
         )

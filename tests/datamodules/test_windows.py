@@ -13,9 +13,6 @@ from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.samples import (
     CAMERA_OFFSET_M,
-    MAX_STEERING_DEG,
-    MPS_PER_MPH,
-    WHEELBASE_M,
     make_samples,
 )
 from datamodules.split import PARTS
@@ -23,6 +20,7 @@ from datamodules.view import View
 from datamodules.windows import Windows
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH, UDACITY
 
 VIEW = View((60, 25), "yuv", (33, 100))
 WINDOWS = {"sequence": 3, "stride": 2, "ahead": 1}
@@ -87,7 +85,7 @@ def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
     steering = data.samples.labels(left)[0].astype(float)
     steering -= data.recording.steering[data.windows.targets(data.samples.row[left])]
     step_m = data.samples.speed_mph[left][:, None] * MPS_PER_MPH / data.samples.rows_per_s
-    bend = np.tan(np.radians(steering * MAX_STEERING_DEG)) / WHEELBASE_M
+    bend = np.tan(np.radians(steering * UDACITY.steering_deg)) / UDACITY.wheelbase_m
     heading = np.cumsum((bend[:, 1:] + bend[:, :-1]) / 2 * step_m, axis=1)  # trapezoids
     right_m = CAMERA_OFFSET_M[1] + np.cumsum(heading * step_m, axis=1)
     assert (steering[:, 0] > 0.05).all()

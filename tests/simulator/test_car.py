@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator.car import OFF_ROAD, ROAD, Car, Surface
-from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, PHYSICS_STEP_S, WHEELBASE_M
+from simulator.rig import MAX_STEERING_DEG, PHYSICS_STEP_S, WHEELBASE_M
+from zoo.base.rig import MPS_PER_MPH
 
 commands = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=20)
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from simulator.expert import Expert, ExpertSettings, speed_limits
-from simulator.rig import MPS_PER_MPH
 from simulator.track_file import read_track, track_names
 from simulator.world import Start, World, open_world
 from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH
 
 EVERYWHERE = [(track, direction) for track in track_names() for direction in (1, -1)]
 

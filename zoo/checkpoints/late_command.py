@@ -7,8 +7,7 @@ commands. The difference moves it off that course, and the command returns it: a
 
 import numpy as np
 
-from datamodules.driving_log import MAX_STEERING_DEG
-from datamodules.samples import MPS_PER_MPH, WHEELBASE_M
+from zoo.base.rig import MPS_PER_MPH, UDACITY
 
 # A car returns to its course as by pure pursuit of a point this far ahead: what the side cameras
 # teach with data.offset=0.275.
@@ -53,7 +52,7 @@ def returning(predicted: np.ndarray, sent: np.ndarray, way_m: float, steps: floa
     turned = np.cumsum(bends) * part_m
     right_m = float(np.sum(turned - bends * part_m / 2)) * part_m
     back = -2 * (right_m + RETURN_M * float(turned[-1])) / RETURN_M**2
-    return float(np.degrees(np.arctan(WHEELBASE_M * back))) / MAX_STEERING_DEG
+    return float(np.degrees(np.arctan(UDACITY.wheelbase_m * back))) / UDACITY.steering_deg
 
 
 def distance_m(speed_mph: float, seconds: float) -> float:
@@ -62,4 +61,4 @@ def distance_m(speed_mph: float, seconds: float) -> float:
 
 
 def _curvature(steering: np.ndarray) -> np.ndarray:
-    return np.tan(np.radians(steering * MAX_STEERING_DEG)) / WHEELBASE_M
+    return np.tan(np.radians(steering * UDACITY.steering_deg)) / UDACITY.wheelbase_m

@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from datamodules.driving_log import MAX_STEERING_DEG
 from datamodules.image import (
     FRAME_HEIGHT,
     FRAME_WIDTH,
@@ -19,6 +18,7 @@ from datamodules.image import (
     find_scan_fault,
     jpeg_size,
 )
+from zoo.base.rig import UDACITY
 
 NUMBERS = ("steering_angle", "throttle", "speed")
 # Limits of an image, checked before it is decoded in the thread that answers all clients: a
@@ -119,7 +119,7 @@ def read_telemetry(data: object) -> Telemetry:
         frame,
         image,
         speed,
-        None if degrees is None else degrees / MAX_STEERING_DEG,
+        None if degrees is None else degrees / UDACITY.steering_deg,
         math.nan if cross_track is None else cross_track,
         lane_m=parse_number(data.get("lane")),
         at_wall=bool(parse_number(data.get("wall"))),

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from datamodules.driving_log import MAX_STEERING_DEG
+from zoo.base.rig import UDACITY
 from zoo.drives.drive_record import BAND
 
 SCALE = 3  # 960 x 480
@@ -62,10 +62,10 @@ def draw_overlay(
     if any(value is not None for value in (steering, throttle, speed_mph)):
         _darken(image, height - PANEL, height)
     if steering is not None:
-        _draw_wheel(image, (70, height - 54), 40, steering * MAX_STEERING_DEG * WHEEL_RATIO)
-        degrees = f"{steering * MAX_STEERING_DEG + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
+        _draw_wheel(image, (70, height - 54), 40, steering * UDACITY.steering_deg * WHEEL_RATIO)
+        degrees = f"{steering * UDACITY.steering_deg + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
         _write(image, degrees, 128, height - 57, 26, WHITE)
-        doubt = "" if spread is None else f" ±{BAND * spread * MAX_STEERING_DEG:.1f}°"
+        doubt = "" if spread is None else f" ±{BAND * spread * UDACITY.steering_deg:.1f}°"
         _write(image, f"STEERING{doubt}", 128, height - 26, 13, GREY)
         _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
     if speed_mph is not None:

@@ -29,8 +29,9 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.image import read_image
 from datamodules.recording import GAP_S, Recording
-from simulator.rig import MAX_STEERING_DEG, MPS_PER_MPH, REAR_AXLE_M, WHEELBASE_M
+from simulator.rig import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
 from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH
 from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
 from zoo.drives.drive_record import REPLAY, Drive, DriveRow
 from zoo.drives.interventions import INTERVENTION_S

@@ -6,8 +6,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from datamodules.driving_log import MAX_STEERING_DEG
-from datamodules.samples import MPS_PER_MPH, WHEELBASE_M
+from zoo.base.rig import MPS_PER_MPH, UDACITY
 from zoo.checkpoints.frame_memory import SessionPolicy
 from zoo.checkpoints.late_command import RETURN_M, outputs_at, returning
 from zoo.drives.latency_meter import LatencyMeter
@@ -25,11 +24,11 @@ class Car:
     def wish(self) -> float:
         """Return the steering of pure pursuit, -1..1."""
         bend = -2 * (self.right_m + RETURN_M * self.heading) / RETURN_M**2
-        wheel = math.degrees(math.atan(WHEELBASE_M * bend))
-        return float(np.clip(wheel / MAX_STEERING_DEG, -1, 1))
+        wheel = math.degrees(math.atan(UDACITY.wheelbase_m * bend))
+        return float(np.clip(wheel / UDACITY.steering_deg, -1, 1))
 
     def move(self, steering: float, seconds: float) -> None:
-        bend = math.tan(math.radians(steering * MAX_STEERING_DEG)) / WHEELBASE_M
+        bend = math.tan(math.radians(steering * UDACITY.steering_deg)) / UDACITY.wheelbase_m
         way = MPH * MPS_PER_MPH * seconds
         self.right_m += way * (self.heading + bend * way / 2)
         self.heading += bend * way

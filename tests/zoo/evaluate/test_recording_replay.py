@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from datamodules.recording import read_recordings
-from simulator.rig import MPS_PER_MPH
 from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
+from zoo.base.rig import MPS_PER_MPH
 from zoo.cli.command_config import read_options
 from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import measure
