@@ -27,7 +27,7 @@ from zoo.base.cores import usable_cores
 
 HERE = Path(__file__).parent
 OUT = Path("outputs/bench.json")
-PAGE, BEGIN, END = Path("docs/performance.md"), "<!-- bench -->", "<!-- end of bench -->"
+PAGE = Path("docs/performance.md")
 PAGE_WORDS = {"docs", "readme"}
 LONGEST_S = 240  # of a part
 PACKAGES = ("torch", "lightning", "albumentations", "opencv-python-headless", "numpy")
@@ -146,7 +146,7 @@ def write_page(contents: dict, rows: list[Row]) -> None:
         f"torch {torch}; {contents['seconds']:.0f} s."
     )
     table = markdown_table(["what", *COLUMNS], [[one.what, *one.cells()] for one in rows], left=2)
-    write_between(PAGE, BEGIN, END, f"{table}\n\n{machine}")
+    write_between(PAGE, "bench", f"{table}\n\n{machine}")
 
 
 if __name__ == "__main__":

@@ -218,7 +218,7 @@ def write_docs(sizes: list[int], head: list[str], lines: list[list[str]], load: 
         "before the start, one run each.\n\n"
     )
     table = markdown_table(head, lines)
-    write_between(DOCS, "<!-- growth -->", "<!-- end of growth -->", text + table)
+    write_between(DOCS, "growth", text + table)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,15 @@
 from pathlib import Path
 
 
-def write_between(page: Path, begin: str, end: str, text: str) -> None:
-    """Replace what stands between the two markers of a page.
+def write_between(page: Path, marker: str, text: str) -> None:
+    """Replace what stands between `<!-- MARKER -->` and `<!-- end of ... -->` of a page.
+
+    The last marker has the first word of `results of lenet`.
 
     Raises:
         SystemExit: the page has no such markers; the message names page and marker.
     """
+    begin, end = f"<!-- {marker} -->", f"<!-- end of {marker.partition(' of ')[0]} -->"
     before, first, rest = page.read_text().partition(begin)
     _, last, after = rest.partition(end)
     if not first or not last:

@@ -23,8 +23,6 @@ from zoo.report.network_section import Layer, network_layers
 
 PAGES = Path("docs/models")
 NORM = "batch normalization"
-LAYERS_END = "<!-- end of layers -->"
-NETWORKS, NETWORKS_END = "<!-- networks -->", "<!-- end of networks -->"
 
 
 @dataclass(frozen=True)
@@ -188,9 +186,9 @@ def write_tables() -> None:
     """Write every table into its page."""
     pages = pages_by_network()
     networks = [network_facts(name) for name in pages]
-    write_between(PAGES / "index.md", NETWORKS, NETWORKS_END, networks_table(networks, pages))
+    write_between(PAGES / "index.md", "networks", networks_table(networks, pages))
     for one in networks:
-        write_between(pages[one.name], layers_mark(one.name), LAYERS_END, layer_table(one))
+        write_between(pages[one.name], f"layers of {one.name}", layer_table(one))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from rich.table import Table
 from simulator.recorder import Recorder
 from zoo.base.terminal import command_line
 
-FIRST_TRY = ("drivezoo", "train", "experiment=first_try")  # benchmarks/first_try.py
+FIRST_TRY = ("drivezoo", "train", "experiment=first_try")  # docs/recipes.md
 BARS = " ▁▂▃▄▅▆▇█"
 BINS = 41
 

@@ -197,8 +197,14 @@ def composed(groups: tuple[str, ...]) -> dict:
 def fault_of_script(script: Path, arguments: list[str]) -> str | None:
     if not script.is_file():
         return f"no file {script}"
+    known = script.read_text()
+    if script.name == "study.py":
+        study = script.parent / "studies" / f"{arguments[0]}.yaml"
+        if not study.is_file():
+            return f"no study {arguments[0]}"
+        known = study.read_text() + (script.parent / "study_grid.py").read_text()
     keys = [word.partition("=")[0] for word in arguments if re.match(r"[a-z_]+=", word)]
-    missing = [key for key in keys if not re.search(rf"\b{key}\b", script.read_text())]
+    missing = [key for key in keys if not re.search(rf"\b{key}\b", known)]
     return f"no key {missing[0]}" if missing else None
 
 
@@ -247,6 +253,8 @@ def test_every_command_exists_with_its_keys() -> None:
         ("drivezoo evalute CKPT", "evalute"),
         ("make dem", "dem"),
         ("python benchmarks/no_such.py", "no_such.py"),
+        ("python benchmarks/study.py bord", "bord"),
+        ("python benchmarks/study.py board sedes=3", "sedes"),
     ],
 )
 def test_a_typo_would_be_found(command: str, word: str) -> None:

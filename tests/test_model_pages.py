@@ -6,9 +6,6 @@ from pathlib import Path
 import pytest
 
 from benchmarks.model_tables import (
-    LAYERS_END,
-    NETWORKS,
-    NETWORKS_END,
     NetworkFacts,
     layer_table,
     layers_mark,
@@ -37,7 +34,7 @@ def test_one_page_has_the_layers_of_a_network(name: str, networks: dict[str, Net
     pages = [page for page in PAGES.glob("*.md") if layers_mark(name) in page.read_text()]
     assert len(pages) == 1, f"{layers_mark(name)} must stand on one page"
     text = pages[0].read_text()
-    table = between(text, layers_mark(name), LAYERS_END)
+    table = between(text, layers_mark(name), "<!-- end of layers -->")
     assert table == layer_table(networks[name]), UPDATE
     counts = [int(cell.replace(",", "")) for cell in re.findall(r"([\d,]+) \|$", table, re.M)]
     assert sum(counts) == networks[name].parameters
@@ -49,7 +46,9 @@ def test_the_index_has_the_figures_that_the_command_prints(
     networks: dict[str, NetworkFacts], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(PAGES.parents[1])
-    table = between((PAGES / "index.md").read_text(), NETWORKS, NETWORKS_END)
+    table = between(
+        (PAGES / "index.md").read_text(), "<!-- networks -->", "<!-- end of networks -->"
+    )
     assert table == networks_table(list(networks.values()), DOCUMENTED), UPDATE
     printed = {
         row[0]: row[1:] for row in zip(*(c.cells for c in zoo_table()[0].columns), strict=True)

@@ -1,7 +1,7 @@
 """Trained networks that come with drivezoo; without slow imports.
 
-`benchmarks/pretrained.py` writes the files: `NAME.ckpt`, and `NAME.json` with what it is, what it
-was trained on and how it drives.
+`python benchmarks/study.py pretrained` writes the files: `NAME.ckpt`, and `NAME.json` with what it
+is, what it was trained on and how it drives.
 """
 
 import functools

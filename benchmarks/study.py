@@ -1,0 +1,111 @@
+"""Run a study of the manual: `python benchmarks/study.py NAME [only=lenet] [seeds=3] [runs=false]`.
+
+A study is a grid of trainings and drives in `benchmarks/studies/NAME.yaml`. The command trains and
+drives what is missing, adds each measured entry to the study's CSV file, and writes its tables and
+plots; `runs=false` writes tables and plots alone. Runs are kept, so that an interrupted command
+resumes, and a failed entry does not stop the others. Without a name it lists the studies.
+"""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.study_cells import packaged
+from benchmarks.study_grid import FOLDER, Entry, Study
+from benchmarks.study_plots import PLOTS
+from benchmarks.study_tables import merge, read_csv, write_csv, write_tables
+from zoo.base.errors import InputError, UsageError
+
+READERS = {"packaged": packaged}
+
+
+def add_rows(study: Study, rows: list[dict]) -> None:
+    """Add rows to the study's CSV file, in place of older ones of the same key."""
+    if rows and "csv" in study.config:
+        path = Path(study.config["csv"])
+        old = read_csv(path)
+        write_csv(path, merge(old, rows, study.config["key"], study.config.get("same", ())))
+
+
+def measure(study: Study, entry: Entry) -> None:
+    """Train what is missing of an entry, drive it and add its rows.
+
+    Raises:
+        InputError: a training or a drive failed.
+    """
+    from benchmarks.study_rows import ROWS
+
+    with ThreadPoolExecutor(study.options.jobs) as pool:
+        list(pool.map(lambda run: study.train(entry, run), entry.runs))
+    if study.options.drive:
+        add_rows(study, ROWS[study.config["rows"]](study, entry))
+
+
+def make_runs(study: Study) -> list[str]:
+    """Train and drive what is missing, and return the names of the entries that failed.
+
+    Raises:
+        InputError: `only` names no entry, or a recording was changed.
+    """
+    from benchmarks.study_rows import PREPARE
+
+    chosen, failed = study.chosen(), []
+    if "prepare" in study.config:
+        study.values |= PREPARE[study.config["prepare"]](study)
+    for entry in chosen:
+        try:
+            measure(study, entry)
+        except InputError as error:
+            print(error, file=sys.stderr, flush=True)
+            failed.append(entry.name)
+    return failed
+
+
+def write_results(study: Study) -> list[Path]:
+    """Write the study's tables and plots from its rows, and return the files.
+
+    A study without a table is printed.
+    """
+    config = study.config
+    rows = READERS[config["read"]]() if "read" in config else read_csv(Path(config["csv"]))
+    pages = write_tables(config.get("tables", []), rows)
+    plots = [Path(path) for path in config.get("plots", {})]
+    for path, name in zip(plots, config.get("plots", {}).values(), strict=True):
+        PLOTS[name](rows, path)
+    if rows and not pages:
+        table = Table(*rows[0])
+        for row in rows:
+            table.add_row(*row.values())
+        Console().print(table)
+    return [*map(Path, [config["csv"]] if "csv" in config else []), *pages, *plots]
+
+
+def main(arguments: list[str]) -> None:
+    """Make the runs, then write tables and plots.
+
+    Raises:
+        InputError: an option is wrong, or an entry failed or could not be verified.
+    """
+    if not arguments:
+        known = ", ".join(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+        raise UsageError(f"no study named; available: {known}")
+    study, failed = Study(arguments[0], arguments[1:]), []
+    if study.values.get("add"):
+        from benchmarks.study_rows import submitted_rows
+
+        add_rows(study, submitted_rows(Path(study.values["add"])))
+    elif study.options.runs and "grids" in study.config:
+        failed = make_runs(study)
+    if study.options.drive:
+        print(", ".join(map(str, write_results(study))))
+    if failed:
+        raise InputError(f"failed: {', '.join(failed)}; the same command resumes")
+
+
+if __name__ == "__main__":
+    from zoo.cli.run_command import run_command
+
+    sys.exit(run_command("study", main, sys.argv[1:]))

@@ -1,0 +1,270 @@
+"""The grid of a study: its entries, each trained with several seeds, and how they are trained."""
+
+import itertools
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import yaml
+
+from simulator.command_line import read_options
+from zoo.base.bounded_files import read_json
+from zoo.base.errors import InputError
+from zoo.base.whole_file import json_text, write_whole
+from zoo.benchmark.baselines import BASELINES
+from zoo.cli.compose import conf_folder
+
+FOLDER = Path(__file__).parent / "studies"
+NAMES = {"nvidia": "pilotnet", "tiny": "tiny41"}  # networks by the name of their recipe
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """The keys of every study; a study's `options` are further keys, and other defaults.
+
+    Args:
+        only: names of entries, or their first parts up to `-`, separated by commas; null: all.
+        seeds: largest number of training seeds of an entry.
+        quick: whether to cut each training with `quick=true`; such entries stand on their own.
+        threads: number of OpenMP threads of a training, and of processes that drive.
+        jobs: number of parallel trainings of an entry.
+        drive: whether to drive what is trained, and to write the table.
+        runs: whether to train and drive; false writes the tables of the CSV file alone.
+    """
+
+    only: str | None = None
+    seeds: int = 3
+    quick: bool = False
+    threads: int = 2
+    jobs: int = 1
+    drive: bool = True
+    runs: bool = True
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Trainings that differ only in the seed.
+
+    Attributes:
+        name: name that `only` takes.
+        labels: columns that tell the entry from others.
+        words: overrides of `drivezoo train`; empty for an entry that is not trained.
+        folder: folder of the runs, each named by its seed.
+        seeds: number of training seeds.
+    """
+
+    name: str
+    labels: dict[str, str]
+    words: tuple[str, ...]
+    folder: Path
+    seeds: int
+
+    @property
+    def runs(self) -> list[Path]:
+        """Folders of all runs."""
+        return [self.folder / str(seed) for seed in range(1, self.seeds + 1)]
+
+    @property
+    def finished(self) -> list[Path]:
+        """Folders of the finished runs."""
+        return [run for run in self.runs if (run / "metrics.json").is_file()]
+
+
+class Study:
+    """A study of `benchmarks/studies` with the options of a command.
+
+    Args:
+        name: name of the YAML file.
+        arguments: options as `key=value`.
+
+    Raises:
+        InputError: there is no such study, or an option is wrong.
+
+    Attributes:
+        config: contents of the YAML file.
+        options: options of `StudyOptions` and of the study.
+        values: values of `$name` in overrides and folders: the options, and what was prepared.
+    """
+
+    def __init__(self, name: str, arguments: list[str]) -> None:
+        path = FOLDER / f"{name}.yaml"
+        if not path.is_file():
+            known = ", ".join(sorted(path.stem for path in FOLDER.glob("*.yaml")))
+            raise InputError(f"{name}: no such study; available: {known}")
+        self.name, self.config = name, yaml.safe_load(path.read_text())
+        self.options = read_options(_options_type(self.config.get("options", {})), arguments)
+        self.values = dict(vars(self.options))
+
+    def entries(self) -> list[Entry]:
+        """Return all entries; one whose overrides need an option that is null is left out."""
+        runs = Path(filled(self.config["runs"], self.values) or "")
+        entries = []
+        for grid in self.config["grids"]:
+            axes = {
+                key: SOURCES[values]() if isinstance(values, str) else values
+                for key, values in grid["axes"].items()
+            }
+            for chosen in itertools.product(*(values.items() for values in axes.values())):
+                labels = dict(zip(axes, (str(name) for name, _ in chosen), strict=True))
+                words = [word for _, own in chosen for word in _words(own)]
+                given = [filled(word, self.values) for word in words]
+                if None in given:
+                    continue
+                fixed = grid.get("labels", {}).items()
+                labels |= {key: str(text).format(**labels) for key, text in fixed}
+                name = self.config["name"].format(**labels).replace(",", "").replace(" ", "_")
+                folder = runs / (f"{name}-quick" if self.options.quick and words else name)
+                seeds = min(self.options.seeds, grid.get("seeds", self.options.seeds))
+                entries.append(Entry(name, labels, tuple(map(str, given)), folder, seeds))
+        return entries
+
+    def chosen(self) -> list[Entry]:
+        """Return the entries that `only` names, in its order.
+
+        Raises:
+            InputError: it names an entry that does not exist.
+        """
+        known = self.entries()
+        if self.options.only is None:
+            return known
+        wanted = self.options.only.split(",")
+        groups = {entry.name: entry.name.partition("-")[0] for entry in known}
+        if unknown := set(wanted) - {*groups, *groups.values()}:
+            raise InputError(
+                f"only={self.options.only}: no entry {min(unknown)}; there are {', '.join(groups)}"
+            )
+        return [
+            entry for name in wanted for entry in known if name in (entry.name, groups[entry.name])
+        ]
+
+    def command(self, entry: Entry, keys: str = "command") -> list[str]:
+        """Return an entry's overrides with those of the study's `train` or `command`."""
+        common = [filled(word, self.values) for word in self.config.get(keys, [])]
+        quick = ["quick=true"] if self.options.quick else []
+        return [*entry.words, *map(str, common), *quick]
+
+    def train(self, entry: Entry, run: Path) -> None:
+        """Train one seed of an entry, or resume it, unless it has finished.
+
+        Raises:
+            InputError: the training failed.
+        """
+        if (run / "metrics.json").is_file() or not entry.words:
+            return
+        words = [*self.command(entry, "train"), f"seed={run.name}", f"hydra.run.dir={run}"]
+        if (run / ".hydra" / "config.yaml").is_file():
+            words = [f"resume={run}"]
+        run_logged(run / "log.txt", ["zoo", *words], self.options.threads)
+        print(f"{run}: trained", flush=True)
+
+
+def _options_type(own: dict[str, Any]) -> type[StudyOptions]:
+    """Return the dataclass of a study's options."""
+    types: dict[str, Any] = {one.name: one.type for one in fields(StudyOptions)}
+    keys = [
+        (key, types.get(key, _type_of(value)), field(default_factory=lambda value=value: value))
+        for key, value in own.items()
+    ]
+    return make_dataclass("Options", keys, bases=(StudyOptions,), frozen=True)
+
+
+def _type_of(value: object) -> Any:
+    if isinstance(value, list):
+        return list[type(value[0])]  # type: ignore[misc]
+    return str | None if value is None else type(value)
+
+
+def _words(own: str | Sequence | dict[str, str]) -> list[str]:
+    """Return overrides of the YAML, whose lists may hold lists.
+
+    `{study: NAME, entry: NAME}` means the overrides of another study's entry.
+    """
+    if isinstance(own, str):
+        return [own]
+    if isinstance(own, dict):
+        entries = Study(own["study"], []).entries()
+        return next(list(entry.words) for entry in entries if entry.name == own["entry"])
+    return [word for part in own for word in _words(part)]
+
+
+def filled(text: str, values: Mapping[str, object]) -> str | None:
+    """Return a text with its `$name` replaced; None if a value is None.
+
+    >>> filled("model.size=[$size]", {"size": [80, 256]}), filled("$root", {"root": None})
+    ('model.size=[80,256]', None)
+    """
+    named = {name: values[name] for name in re.findall(r"\$(\w+)", text)}
+    if None in named.values():
+        return None
+    given = {
+        name: ",".join(map(str, value)) if isinstance(value, list) else value
+        for name, value in named.items()
+    }
+    return Template(text).substitute(given)
+
+
+def recipes() -> dict[str, tuple[str, ...]]:
+    """Return the recipes of the results that are not published ones, by their name on the board."""
+    found = {}
+    for entry in Study("results", []).entries():
+        if entry.labels["in_table"] == "1" and not entry.labels["setting"].startswith("published"):
+            model, _, setting = entry.name.partition("-")
+            found[f"{NAMES.get(model, model)}-{setting}"] = entry.words
+    return found
+
+
+def experiments() -> dict[str, tuple[str, ...]]:
+    """Return the published recipes by name; VGG16's needs the file of its weights."""
+    names = sorted(path.stem for path in (conf_folder() / "experiment").glob("*.yaml"))
+    weights = {"vgg": ("model.weights=$weights",)}
+    return {name: (f"experiment={name}", *weights.get(name, ())) for name in names}
+
+
+# Axes of entries that are listed elsewhere.
+SOURCES: dict[str, Callable[[], dict]] = {
+    "baselines": lambda: dict.fromkeys(BASELINES, ()),
+    "experiments": experiments,
+    "recipes": recipes,
+}
+
+
+def run_logged(log: Path, words: list[str], threads: int) -> None:
+    """Run `python -m WORDS` with its output in a file, and write its seconds to another.
+
+    Raises:
+        InputError: the command failed; the message has its last line.
+    """
+    log.parent.mkdir(parents=True, exist_ok=True)
+    began, before = time.perf_counter(), os.times()
+    with log.open("w") as file:
+        status = subprocess.run(
+            [sys.executable, "-m", *words],
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            env=os.environ | {"OMP_NUM_THREADS": str(threads)},
+            check=False,
+        ).returncode
+    if status:
+        last = " ".join(log.read_text().strip().splitlines()[-1:])
+        raise InputError(f"{log.parent}: failed: {last}; see {log}")
+    after = os.times()
+    cpu_s = sum(after[2:4]) - sum(before[2:4])
+    seconds = {"wall_s": time.perf_counter() - began, "cpu_s": cpu_s}
+    write_whole(log.with_name(f"{log.stem}_seconds.json"), json_text(seconds))
+
+
+def kept(path: Path, measure: Callable[[], dict]) -> dict:
+    """Return the figures in a JSON file; measure and write them if there is none."""
+    if not path.is_file():
+        figures = measure()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, json_text(figures))
+        print(f"{path}: {figures}", flush=True)
+    return read_json(path)

@@ -1,0 +1,494 @@
+"""What each study measures of its runs: rows of its table, and what must exist before it trains.
+
+`ROWS` and `PREPARE` are named by the study's YAML. A function of `ROWS` drives what is missing, and
+returns the rows of one entry whose trainings have finished.
+"""
+
+import csv
+import hashlib
+import itertools
+import multiprocessing
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+
+os.environ.setdefault(
+    "NO_ALBUMENTATIONS_UPDATE", "1"
+)  # it would look for its newest version online
+
+import numpy as np
+from omegaconf import OmegaConf
+from rich.console import Console
+
+from benchmarks.study_grid import Entry, Study, kept, run_logged
+from datamodules.image import read_image
+from datamodules.recording import Recording, read_recordings
+from datamodules.split import Split, split_rows, write_split
+from simulator.human_control import REACTION_S
+from zoo.base.bounded_files import read_json
+from zoo.base.errors import InputError
+from zoo.base.whole_file import json_text, write_whole
+from zoo.cli.compose import compose_config
+from zoo.runs.metrics_file import read_metrics_file
+
+Row = dict[str, object]
+console = Console(soft_wrap=True)
+SUITE = "v1"  # of the board
+FIGURES = ("autonomy", "m_per_intervention", "without_intervention", "cte_mean_m", "steering_per_s")
+CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not one by one
+STALLED_S = 30.0
+# An expert that sways off its line and returns drives laps of the lake, which no training uses. The
+# networks' own test rows differ by split and by the offset of the labels: they cannot be compared.
+RECOVERIES = {
+    "out": "outputs/recordings/recoveries",
+    "passes": [{"track": "lake", "direction": "both", "laps": 1, "noise": 1.0, "seed": 9}],
+}
+OFFSET = 0.275  # of the side cameras' labels, also for networks trained with another one
+
+
+def recorded(config: object) -> str:
+    """Return the folder of the recording of a config; record it if it does not exist.
+
+    Raises:
+        InputError: the recording was changed.
+    """
+    from zoo.training.embedded_recording import with_recording
+
+    return str(with_recording(OmegaConf.create(config), console).data.root)
+
+
+def suite_root(study: Study) -> dict[str, str]:
+    """Return the folder of the benchmark's recording."""
+    return {"root": recorded(compose_config(["data=bench_v1"]))}
+
+
+def shares(study: Study) -> dict[str, int]:
+    """Write the splits that hold shares of the training rows, and return the samples of an epoch.
+
+    Raises:
+        InputError: the samples are fewer than a batch in each epoch.
+    """
+    samples = study.options.samples // 4
+    if samples < 32:
+        raise InputError(f"samples={4 * samples}: is less than a batch per epoch; set more")
+    recording = read_recordings(recorded(compose_config(["data=udacity_lake"])))
+    whole = split_rows(recording)
+    for share, (word,) in study.config["grids"][0]["axes"]["share"].items():
+        path = Path(word.partition("=")[2])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_split(path, recording, reduced(recording, whole, share))
+    return {"samples_per_epoch": samples}
+
+
+def reduced(recording: Recording, split: Split, share: float) -> Split:
+    """Return a split with a share of the training rows, in pieces of consecutive rows.
+
+    The rows of a smaller share are among those of a larger one.
+    """
+    breaks = (np.diff(split.train) > 1) | (np.diff(recording.recording[split.train]) != 0)
+    runs = np.split(split.train, np.flatnonzero(breaks) + 1)
+    chunks = [run[at : at + CHUNK_ROWS] for run in runs for at in range(0, len(run), CHUNK_ROWS)]
+    order = np.random.default_rng(0).permutation(len(chunks))
+    sizes = np.cumsum([len(chunks[number]) for number in order])
+    count = int(np.searchsorted(sizes, share * len(split.train))) + 1
+    chosen = np.concatenate([chunks[number] for number in order[:count]])
+    return Split(np.sort(chosen), split.val, split.test)
+
+
+def student_laps(study: Study) -> dict[str, str]:
+    """Record the laps of simulated students that do not exist yet."""
+    for control in REACTION_S:
+        folder = Path(study.config["runs"], "recordings", control)
+        if not (folder / "driving_log.csv").is_file():
+            words = [f"control={control}", f"laps={study.options.laps}", "seed=1", "track=lake"]
+            words += [f"speed={study.options.speed}", f"out={folder}"]
+            log = folder.parent / f"{control}.txt"
+            run_logged(log, ["simulator", "record", *words], study.options.threads)
+    return {}
+
+
+def result_rows(study: Study, entry: Entry) -> list[Row]:
+    """Return a row for each run: its test rows, its laps of lake and mountain, and recoveries."""
+    rows = []
+    for run in entry.finished:
+        metrics = read_metrics_file(run)
+        test, zero = metrics["open_loop"]["test"], metrics["baselines"]["test"]["always zero"]
+        row: Row = {
+            "model": entry.labels["model"],
+            "setting": entry.labels["setting"],
+            "split": OmegaConf.load(run / ".hydra" / "config.yaml").data.split,
+            "seed": run.name,
+            "in_table": entry.labels["in_table"],
+            "parameters": metrics["parameters"],
+            "epochs": metrics["epochs"],
+            "train_s": round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1),
+            "samples_per_second": round(metrics["samples_per_second"] or 0),
+        }
+        row |= {
+            f"test_{key}": round(test[key], 6) for key in ("mse", "mae", "balanced_mae", "bias")
+        }
+        row["test_zero_mse"] = round(zero["mse"], 6)
+        for track in ("lake", "mountain"):
+            driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
+            for key in ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms"):
+                row[f"{track}_{key}"] = round(driven[key][0], 4) if driven else ""
+        checkpoint = run / "checkpoints" / "best.ckpt"
+        figures = kept(run / "recoveries.json", lambda path=checkpoint: recovery_figures(path))
+        row |= {f"recoveries_{key}": round(value, 6) for key, value in figures.items()}
+        words = ["drivezoo", "train", *entry.words, f"seed={run.name}"]
+        rows.append(row | {"command": shlex.join(words)})
+    return rows
+
+
+@cache
+def recoveries() -> tuple[np.ndarray, np.ndarray, list[list[np.ndarray]]]:
+    """Return steering and speed of every third row of the recoveries, and frames by camera."""
+    recorded({"data": {"root": None, "record": RECOVERIES}})
+    recording = read_recordings(RECOVERIES["out"], None, "fail")
+    rows = np.arange(0, len(recording), 3)  # neighbours are alike
+    frames = [[read_image(path) for path in paths] for paths in recording.images[rows].T]
+    return recording.steering[rows], recording.speed_mph[rows], frames
+
+
+def recovery_figures(checkpoint: Path) -> dict[str, float]:
+    """Return a network's open-loop metrics on the recoveries.
+
+    `mse`, `mae` and `balanced_mae` are of the centre camera. `side_mae` is of the side cameras,
+    with the recorded steering corrected by `OFFSET` as label. `side_response` is that of
+    `zoo.training.open_loop`.
+    """
+    from zoo.checkpoints.policy import load_policy
+    from zoo.training.open_loop import open_loop_metrics, side_response
+
+    policy = load_policy(str(checkpoint))
+    true, speed, frames = recoveries()
+    center, left, right = (
+        np.array([policy(*pair)[0] for pair in zip(images, speed, strict=True)])
+        for images in frames
+    )
+    figures = open_loop_metrics(center, true)
+    sides = np.abs([left - (true + OFFSET), right - (true - OFFSET)])
+    figures |= {"side_mae": float(sides.mean()), "side_response": side_response(left, right)}
+    return {
+        key: figures[key] for key in ("mse", "mae", "balanced_mae", "side_mae", "side_response")
+    }
+
+
+def board_rows(study: Study, entry: Entry) -> list[Row]:
+    """Drive the suite with an entry's checkpoints; return its headline and a row for each group.
+
+    Raises:
+        InputError: the drives failed, or a checkpoint was trained on other rows.
+    """
+    drivers = [str(run / "checkpoints" / "best.ckpt") for run in entry.finished] or [entry.name]
+    suite = study.options.suite
+    folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
+    if not (folder / "result.json").is_file():
+        words = ["zoo.benchmark", *drivers, f"suite={suite}", f"entry={entry.folder.name}"]
+        words += [f"out={folder}", f"workers={study.options.threads}"]
+        run_logged(entry.folder / f"{folder.name}.txt", words, 1)
+        print(f"{folder}: driven", flush=True)
+    if suite != SUITE:
+        return []
+    if not entry.words:
+        return rows_of_result(folder, entry.name, "", "")
+    command = shlex.join(["drivezoo", "train", *study.command(entry)])
+    training = "quick" if study.options.quick else "whole"
+    return rows_of_result(folder, entry.name, training, command)
+
+
+def rows_of_result(folder: Path, name: str, training: str, command: str) -> list[Row]:
+    """Return the rows of an entry: its headline, then a row for each group.
+
+    Args:
+        folder: folder with the `result.json`.
+        name: name of the entry.
+        training: `whole`, `quick` or `submitted`; empty for a baseline.
+        command: command that trains it, without the seed.
+
+    Raises:
+        InputError: `result.json` is damaged, or a checkpoint was trained on other rows.
+    """
+    from zoo.benchmark.checked_result import read_result
+
+    result = read_result(folder)
+    first = result.checkpoints[0]
+    trained_on = " ".join(dict.fromkeys(driver.data for driver in result.checkpoints))
+    wanted = compose_config(["data=bench_v1"])["data"]["record"]["fingerprint"]
+    if training and trained_on != wanted:
+        raise InputError(
+            f"{folder}: trained on rows with the fingerprint {trained_on or 'unknown'}, bench_v1 "
+            f"has {wanted}; train on data=bench_v1 alone"
+        )
+    entry = {
+        "entry": name,
+        "training": training,
+        "network": first.model,
+        "parameters": str(first.parameters),
+        "training_seeds": str(len(result.checkpoints)),
+        "suite": result.suite,
+        "roads": result.roads,
+        "data": trained_on,
+        "code": str(result.code.get("hash")),
+        "digest": result.digest,
+        "command": command,
+    }
+    rows = []
+    for group, figures in {"headline": {"autonomy": result.headline}, **result.groups}.items():
+        roads = [drive for drive in result.drives if drive.group != "laps"]  # the headline's
+        row = entry | {"group": group, "drives": str(len(result.of_group(group) or roads))}
+        for figure, (bound, key) in itertools.product(
+            FIGURES, (("", "value"), ("_low", "low"), ("_high", "high"))
+        ):
+            value = getattr(figures.get(figure), key, None)
+            row[figure + bound] = "" if value is None else f"{value:.4f}"
+        rows.append(row)
+    return rows
+
+
+def submitted_rows(folder: Path) -> list[Row]:
+    """Drive all drives of a submitted entry again; return its rows if each digest is the same.
+
+    Raises:
+        InputError: a file is missing or damaged, or a drive differs.
+    """
+    from zoo.benchmark.checked_result import read_result
+
+    result = read_result(folder)
+    if result.suite != SUITE:
+        raise InputError(f"{folder}: drove the suite {result.suite}; the board has only {SUITE}")
+    for text in (result.entry, result.checkpoints[0].model):
+        if not re.fullmatch(r"[\w.-]{1,60}", text):  # it stands in Markdown
+            raise InputError(f"{folder}: {text[:60]!r}: name it with letters, digits, _, . and -")
+    for path in (folder / "card.md", folder / "command.txt"):
+        if not path.is_file():
+            raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
+    verify = [sys.executable, "-m", "zoo.benchmark", "verify", str(folder), "drives=0"]
+    if subprocess.run(verify, check=False).returncode:
+        raise InputError(f"{folder}: not added, since the drives could not be verified")
+    command = (folder / "command.txt").read_text().strip()
+    return rows_of_result(folder, result.entry, "submitted", command)
+
+
+class StalledError(Exception):
+    """The end of a drive whose throttle does not move the car; `args[0]` is the distance in m."""
+
+
+def drive_lap(
+    checkpoint: Path,
+    track: str,
+    control: str = "hold 15 mph",
+    frame_rate: float = 15.0,
+    laps: float = 1.0,
+) -> dict:
+    """Drive from a track's first point, and return the figures.
+
+    A drive ends where a throttle cannot move the car: putting it back at 0 mph would not help. Its
+    figures have only `stalled_m`, the distance.
+    """
+    import torch
+
+    from simulator.world import open_world
+    from zoo.checkpoints.policy import load_policy
+    from zoo.drives.drive_log import summarize
+    from zoo.drives.speed_controller import PI, Constant
+    from zoo.evaluate.embedded_drive import drive_closed_loop
+
+    torch.set_num_threads(1)  # one frame is too little work for two threads
+    kind, value = control.removesuffix(" mph").split()
+    controls = {
+        "hold": lambda: PI(float(value), kp=0.1, ki=0.002),
+        "proportional": lambda: PI(float(value), kp=0.5),
+        "throttle": lambda: Constant(float(value)),
+    }
+    world, moved_s = open_world(track, frame_rate=frame_rate), 0.0
+
+    def check(_: object, row: object) -> None:
+        nonlocal moved_s
+        if row.speed_mph > 1:
+            moved_s = row.time_s
+        elif row.time_s - moved_s > STALLED_S:
+            raise StalledError(world.travelled)
+
+    try:
+        policy = load_policy(checkpoint)
+        drive = drive_closed_loop(policy, world, controls[kind](), 0, laps=laps, show=check)
+        return summarize(drive)
+    except StalledError as stalled:
+        return {"stalled_m": round(stalled.args[0])}
+    finally:
+        world.pictures.close()
+
+
+def drive_and_keep(path: Path, settings: dict) -> dict:
+    """Drive the best checkpoint of a run, and keep the figures in a file of the run's folder."""
+    checkpoint = path.parents[1] / "checkpoints" / "best.ckpt"
+    return kept(path, lambda: drive_lap(checkpoint, **settings))
+
+
+def driven(
+    study: Study, entry: Entry, run: Path, **more: object
+) -> list[tuple[dict, dict[str, float]]]:
+    """Return settings and figures of the drives that the study's YAML lists for a run."""
+    settings = [
+        dict(zip(drives["axes"], values, strict=True)) | more
+        for drives in study.config["drives"]
+        if all(entry.labels[key] in names for key, names in drives.get("where", {}).items())
+        for values in itertools.product(*drives["axes"].values())
+    ]
+    names = ("-".join(map(str, drive.values())).replace(" ", "_") for drive in settings)
+    paths = [run / "drives" / f"{name}.json" for name in names]
+    with ProcessPoolExecutor(study.options.threads, multiprocessing.get_context("spawn")) as pool:
+        return list(zip(settings, pool.map(drive_and_keep, paths, settings), strict=True))
+
+
+def claim_rows(study: Study, entry: Entry) -> list[Row]:
+    """Return a row for each drive of each run."""
+    names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "speed_mph", "stalled_m")
+    return [
+        {
+            "recipe": entry.labels["recipe"],
+            "experiment": entry.words[0].partition("=")[2],
+            "data": entry.labels["data"],
+            "training": "quick" if study.options.quick else "published",
+            "weights": "imagenet" if entry.labels["recipe"] == "E" else "",
+            "seed": run.name,
+            **settings,
+            **{key: round(float(figures[key]), 4) if key in figures else "" for key in names},
+        }
+        for run in entry.finished
+        for settings, figures in driven(study, entry, run)
+    ]
+
+
+def transfer_rows(study: Study, entry: Entry) -> list[Row]:
+    """Return a row for each run: errors on held-out rows, and its drives."""
+    rows = []
+    for run in entry.finished:
+        metrics, options = read_metrics_file(run), study.options
+        with (run / "split.csv").open(newline="") as file:
+            train_rows = sum(line["part"] == "train" for line in csv.DictReader(file))
+        row: Row = {**entry.labels, "seed": run.name, "samples": options.samples}
+        row |= {"size": "x".join(map(str, options.size)), "train_rows": train_rows}
+        for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
+            row[f"{part}_{name}"] = round(metrics["open_loop"][part][name], 6)
+            zero = metrics["baselines"][part]["always zero"]
+            row[f"{part}_zero_{name}"] = round(zero[name], 6)
+        laps = driven(study, entry, run, laps=options.laps) if options.laps else []
+        row["laps"] = f"{options.laps:g}" if laps else ""
+        tracks = study.config["drives"][0]["axes"]["track"]
+        figures = {place["track"]: lap for place, lap in laps}
+        for track, name in itertools.product(tracks, ("autonomy", "interventions", "cte_mean_m")):
+            row[f"{track}_{name}"] = round(figures[track][name], 4) if laps else ""
+        words = ["drivezoo", "train", *study.command(entry), f"seed={run.name}"]
+        rows.append(row | {"command": shlex.join(words)})
+    return rows
+
+
+def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
+    """Write the checkpoint and the facts of a network, and drive it; the facts are its rows.
+
+    Raises:
+        InputError: the drives failed.
+    """
+    from zoo.benchmark.checked_result import read_result
+    from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
+    from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
+    from zoo.checkpoints.packaged_networks import FOLDER, packaged_names
+
+    for run in entry.finished:
+        metrics, path = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
+        contents = lean_contents(read_checkpoint_file(path))
+        # From `data.record`, a further training records what this one was trained on.
+        contents["drivezoo"]["config"]["data"]["root"] = None
+        checkpoint, data = build_checkpoint(contents, path), checkpoint_bytes(contents)
+        packaged = FOLDER / f"{entry.name}.ckpt"
+        write_whole(packaged, data)
+        sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
+        folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
+        jobs = {
+            "lake": ["zoo.evaluate", str(packaged), "track=lake", f"seeds={laps}", workers],
+            "quick": [
+                "zoo.benchmark",
+                str(packaged),
+                "suite=quick",
+                f"entry={entry.name}",
+                workers,
+            ],
+        }
+        for name, words in jobs.items():
+            if not list((folder / name).glob("*.json")):
+                run_logged(folder / f"{name}.txt", [*words, f"out={folder / name}"], 1)
+        figures = read_metrics_file(folder / "lake")["tracks"]["lake"]
+        result = read_result(folder / "quick")
+        facts = {
+            "network": type(checkpoint.network).__name__,
+            "parameters": metrics["parameters"],
+            "bytes": len(data),
+            "sha256": sha256,
+            "licence": "MIT",
+            "command": shlex.join(["drivezoo", "train", *study.command(entry)]),
+            "data": checkpoint.data,
+            "code": metrics["code"],
+            "versions": metrics["versions"],
+            "drives": {
+                "lake": {
+                    "command": f"drivezoo evaluate {entry.name} track=lake seeds={laps}",
+                    "drives": figures["drives"],
+                    "kept": figures["drives_without_intervention"],
+                    "autonomy": figures["autonomy"][0],
+                    "cte_mean_m": figures["cte_mean_m"][0],
+                },
+                "unseen": {
+                    "command": f"drivezoo benchmark {entry.name} suite=quick",
+                    "drives": len(result.drives),
+                    "kept": sum(not drive.figures["interventions"] for drive in result.drives),
+                    "headline": result.headline.model_dump(),
+                    "digest": result.digest,
+                },
+            },
+        }
+        write_whole(FOLDER / f"{entry.name}.json", json_text(facts))
+        packaged_names.cache_clear()
+    return []
+
+
+def first_try_rows(study: Study, entry: Entry) -> list[Row]:
+    """Return a row for each run: its seconds, and the laps of its best and last checkpoint."""
+    rows = []
+    for run in entry.finished:
+        metrics, seconds = read_metrics_file(run), read_json(run / "log_seconds.json")
+        best = last = metrics["drive"]["tracks"]["lake"]
+        if metrics["best_epoch"] != metrics["epochs"]:
+            words = [str(run / "checkpoints" / "last.ckpt"), "track=lake", "speed=15", "seeds=1"]
+            if not (run / "last" / "metrics.json").is_file():
+                words += [f"out={run / 'last'}"]
+                run_logged(run / "last.txt", ["zoo.evaluate", *words], study.options.threads)
+            last = read_metrics_file(run / "last")["tracks"]["lake"]
+        row: Row = {**entry.labels, "seed": run.name}
+        row |= {name: round(seconds[name]) for name in ("wall_s", "cpu_s")}
+        for name, score in (("best", best), ("last", last)):
+            row[name] = f"{score['autonomy'][0]:.1%}, {score['interventions'][0]:g}"
+        rows.append(row | {"best_epoch": f"{metrics['best_epoch']} of {metrics['epochs']}"})
+    return rows
+
+
+PREPARE: dict[str, Callable[[Study], dict]] = {
+    "bench_v1": suite_root,
+    "shares": shares,
+    "student_laps": student_laps,
+}
+ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
+    "results": result_rows,
+    "board": board_rows,
+    "claims": claim_rows,
+    "transfer": transfer_rows,
+    "pretrained": pretrained_rows,
+    "first_try": first_try_rows,
+}

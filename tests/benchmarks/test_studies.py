@@ -1,0 +1,416 @@
+"""The studies of `benchmarks/studies`: their grids, rows and pages."""
+
+import csv
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import study, study_grid, study_rows
+from benchmarks.study_grid import FOLDER, Entry, Study
+from benchmarks.study_tables import merge, read_csv, write_csv
+from datamodules.recording import read_recordings
+from datamodules.split import split_rows
+from tests.recordings import Written
+from zoo.base.errors import InputError
+from zoo.benchmark.baselines import BASELINES
+from zoo.benchmark.result import NEEDED, BenchmarkResult, write_result
+
+ROOT = Path(__file__).parents[2]
+FINGERPRINT = "447ba1b97b686b27"
+CLAIM = {
+    "recipe": "C",
+    "experiment": "tiny41",
+    "data": "expert",
+    "training": "published",
+    "weights": "",
+    "seed": "1",
+    "track": "udacity_lake",
+    "control": "throttle 0.2",
+    "frame_rate": "15.0",
+    "autonomy": "0.9",
+    "interventions": "2.0",
+    "cte_mean_m": "0.5",
+    "cte_max_m": "3.3",
+    "speed_mph": "20.0",
+    "stalled_m": "",
+}
+CLEAN = {"seed": "2", "autonomy": "1.0", "interventions": "0.0", "cte_max_m": "1.0"}
+FIGURES = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "speed_mph")
+STALLED = dict.fromkeys(FIGURES, "") | {"control": "throttle 0.3", "stalled_m": "43.0"}
+TRANSFER = {
+    "setting": "scratch",
+    "share": "0.1",
+    "seed": "1",
+    "samples": "4800",
+    "size": "40x128",
+    "train_rows": "390",
+    "val_mse": "0.0086",
+    "val_zero_mse": "0.004",
+    "val_balanced_mae": "0.08",
+    "val_zero_balanced_mae": "0.16",
+    "laps": "0.1",
+    "udacity_lake_autonomy": "0.9",
+    "udacity_jungle_autonomy": "",
+}
+
+
+@pytest.fixture
+def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder with copies of the manual's pages, which is the current folder.
+
+    The results of these tests have figures that are not those of their only drive.
+    """
+    for check in ("_check_sums", "_check_included_suite"):
+        monkeypatch.setattr(f"zoo.benchmark.checked_result.{check}", lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    left_out = shutil.ignore_patterns("_build", "*.csv", "*.png", "images", "api")
+    shutil.copytree(ROOT / "docs", "docs", ignore=left_out)
+    shutil.copy(ROOT / "README.md", "README.md")
+    return tmp_path
+
+
+def line_of(page: str, begin: str) -> str:
+    lines = Path(page).read_text().splitlines()
+    (line,) = [line for line in lines if line.startswith(begin)]
+    return line
+
+
+@pytest.mark.parametrize(
+    "name", sorted({path.stem for path in FOLDER.glob("*.yaml")} - {"first_try"})
+)
+def test_the_committed_pages_are_those_of_the_committed_figures(
+    name: str, pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    for path in (ROOT / "docs").glob("*.csv"):
+        shutil.copy(path, "docs")
+    if name == "offline_metrics":  # bootstraps for half a minute
+        monkeypatch.setattr("benchmarks.study_cells.RESAMPLINGS", 2)
+    study.main([name, "runs=false"])
+    written = capsys.readouterr().out.strip().split(", ")
+    assert len(written) > 1 or name == "pretrained"
+    if name == "offline_metrics":
+        line = line_of("docs/offline_metrics.md", "| balanced MAE | random | 35 | +0.61 (")
+        assert line != line_of(str(ROOT / "docs/offline_metrics.md"), line.partition("(")[0])
+        return
+    for path in map(Path, written):
+        assert path.is_file()
+        if path.suffix != ".png":
+            assert path.read_text() == (ROOT / path).read_text(), f"{path}: run study.py {name}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([], "available: board"),
+        (["bord"], "bord: no such study; available: board"),
+        (["board", "only=lennet"], "lennet"),
+        (["board", "sedes=2"], "sedes"),
+        (["claims", "seeds=many"], "seeds=many"),
+        (["transfer", "samples=64"], "samples"),
+        (["first_try", "only=lenet-real"], "lenet-real"),
+    ],
+)
+def test_a_wrong_option_is_named(arguments: list[str], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        study.main(arguments)
+
+
+# The grid
+
+
+def test_every_recipe_and_baseline_is_an_entry_of_the_board() -> None:
+    entries = {entry.name: entry.words for entry in Study("board", ["weights=vgg.pth"]).entries()}
+    experiments = {path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")}
+    assert {*experiments, *BASELINES} <= set(entries)
+    assert entries["lenet-with_bends"] == ("experiment=lenet", "augment=[brightness,bend]")
+    assert "model.weights=vgg.pth" in entries["vgg"]
+    assert "vgg" not in {entry.name for entry in Study("board", []).entries()}
+
+
+def test_a_recipe_means_its_variants_too() -> None:
+    chosen = Study("board", ["only=pilotnet-with_bends,lenet", "quick=true"]).chosen()
+    assert [entry.name for entry in chosen] == ["pilotnet-with_bends", "lenet", "lenet-with_bends"]
+    assert chosen[1].folder == Path("outputs/board/lenet-quick")
+
+
+def test_a_packaged_network_has_the_boards_recipe() -> None:
+    board = {entry.name: entry.words for entry in Study("board", []).entries()}
+    packaged = {entry.name: entry.words for entry in Study("pretrained", []).entries()}
+    assert packaged["tiny41"] == board["tiny41-no_bonnet"]
+
+
+def trained(run: Path) -> None:
+    (run / "metrics.json").parent.mkdir(parents=True)
+    (run / "metrics.json").write_text("{}")
+
+
+def test_a_finished_run_is_not_repeated_and_a_failed_entry_not_the_last(
+    pages: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    asked = []
+
+    def run_logged(log: Path, words: list[str], threads: int) -> None:
+        asked.append(words)
+        if "frozen_random-0.1" in str(log):
+            raise InputError(f"{log}: failed")
+        trained(log.parent)
+
+    def row(opened: Study, entry: Entry) -> list[dict]:
+        seeds = [TRANSFER | entry.labels | {"seed": run.name} for run in entry.finished]
+        return seeds if entry.finished else []
+
+    monkeypatch.setitem(study_rows.PREPARE, "shares", lambda _: {"samples_per_epoch": 64})
+    monkeypatch.setitem(study_rows.ROWS, "transfer", row)
+    monkeypatch.setattr(study_grid, "run_logged", run_logged)
+    words = ["transfer", "samples=256", "seeds=1"]
+    with pytest.raises(InputError, match=r"failed: frozen_random-0\.1; the same command resumes"):
+        study.main(words)
+    assert len(asked) == 12
+    assert {"data.samples_per_epoch=64", "model.size=[80,256]", "seed=1"} <= set(asked[0])
+    assert len(read_csv(Path("docs/transfer.csv"))) == 11
+    with pytest.raises(InputError):
+        study.main(words)
+    assert len(asked) == 13
+
+
+def test_an_interrupted_training_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked = []
+    monkeypatch.setattr(study_grid, "run_logged", lambda log, words, threads: asked.append(words))
+    opened = Study("claims", ["only=C"])
+    (entry,) = opened.chosen()
+    config = entry.runs[0] / ".hydra" / "config.yaml"
+    config.parent.mkdir(parents=True)
+    config.touch()
+    opened.train(entry, entry.runs[0])
+    assert asked == [["zoo", f"resume={entry.runs[0]}"]]
+
+
+def test_a_command_that_fails_is_named_with_its_last_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"trak: no such key.*log\.txt"):
+        study_grid.run_logged(tmp_path / "log.txt", ["simulator", "record", "trak=lake"], 1)
+
+
+# The rows
+
+
+def test_rows_are_kept_as_text_and_newer_ones_replace_older(tmp_path: Path) -> None:
+    path = tmp_path / "docs" / "claims.csv"
+    write_csv(path, [CLAIM, CLAIM | CLEAN])
+    key = Study("claims", []).config["key"]
+    newer = CLAIM | {"seed": 1, "frame_rate": 15.0, "autonomy": 0.7}
+    merged = merge(read_csv(path), [newer, CLAIM | {"seed": 3}], key)
+    assert [(str(row["seed"]), row["autonomy"]) for row in merged] == [
+        ("1", 0.7),
+        ("2", "1.0"),
+        ("3", "0.9"),
+    ]
+
+
+def test_a_smaller_share_has_rows_of_the_larger_one(recorded: Written) -> None:
+    recording = read_recordings(str(recorded.folder))
+    whole = split_rows(recording, block_s=0.5, gap_s=0.1)
+    parts = [study_rows.reduced(recording, whole, share) for share in (0.1, 0.3, 1.0)]
+    sizes = [len(part.train) for part in parts]
+    assert sizes == sorted(sizes)
+    assert np.array_equal(parts[-1].train, whole.train)
+    for part in parts:
+        assert np.isin(part.train, parts[-1].train).all()
+        assert np.array_equal(part.val, whole.val)
+
+
+def interval(value: float | None, low: float | None, high: float | None) -> dict:
+    return {"value": value, "low": low, "high": high}
+
+
+def write_entry(folder: Path, headline: float = 0.9, **changes: object) -> Path:
+    """Write the `result.json` of an entry with one checkpoint and one road."""
+    checkpoint = {
+        "file": "best.ckpt",
+        "sha256": "0" * 64,
+        "model": "LeNet",
+        "parameters": 137741,
+        "training_seed": 1,
+        "data": FINGERPRINT,
+    }
+    drive = {"checkpoint": 0, "group": "like", "track": "lakeside:501", "settings": {}}
+    like = {
+        "autonomy": interval(0.9, 0.85, 1.0),
+        "m_per_intervention": interval(None, 812.4, None),
+        "without_intervention": interval(0.0, 0.0, 0.79),
+        "cte_mean_m": interval(0.2, 0.15, 0.25),
+        "steering_per_s": interval(0.1, 0.1, 0.1),
+    }
+    result = {
+        "version": 1,
+        "suite": "v1",
+        "roads": "ab" * 8,
+        "code": {"hash": "abc", "commit": None},
+        "entry": "mine",
+        "checkpoints": [checkpoint],
+        "drives": [{**drive, "figures": dict.fromkeys(NEEDED, 1.0), "digest": "cd" * 8}],
+        "groups": {"like": like},
+        "headline": interval(headline, 0.8, 1.0),
+        "digest": "ef" * 8,
+    }
+    folder.mkdir(parents=True)
+    write_result(folder, BenchmarkResult(**{**result, **changes}))
+    return folder
+
+
+def add_entry(folder: Path, name: str, training: str = "whole") -> None:
+    rows = study_rows.rows_of_result(folder, name, training, "drivezoo train")
+    study.add_rows(Study("board", []), rows)
+
+
+def test_an_entry_stands_in_all_pages_of_the_board(pages: Path) -> None:
+    add_entry(write_entry(pages / "entry"), "lenet")
+    study.main(["board", "runs=false"])
+    page = Path("docs/benchmark.md").read_text()
+    assert "| `lenet` | whole | 137,741 | 1 | 90.0 % (80.0 to 100.0) | 90.0 % (85.0 to" in page
+    assert "0 of 1 (79 % or less)" in page
+    assert "| 812 or more | 0.0 % (0.0 to 79.0) | 0.20 (0.15 to 0.25) |" in page
+    assert "| LeNet | `lenet` | 137,741 | 90.0 % (80.0 to 100.0) |" in Path("README.md").read_text()
+    assert ">lenet</td>" in Path("docs/_static/board.html").read_text()
+
+
+def test_the_best_headline_stands_first_and_for_its_network(pages: Path) -> None:
+    for name, best in (("bad", 0.5), ("good", 0.8), ("worse", 0.4)):
+        add_entry(write_entry(pages / name, best), name)
+    study.main(["board", "runs=false"])
+    page = Path("docs/benchmark.md").read_text()
+    assert page.index("`good`") < page.index("`bad`") < page.index("`worse`")
+    readme = Path("README.md").read_text()
+    assert "`good`" in readme
+    assert "`bad`" not in readme
+
+
+def test_a_newer_result_replaces_the_older_and_those_on_other_roads(pages: Path) -> None:
+    add_entry(write_entry(pages / "roads", roads="0" * 16), "tiny41")
+    add_entry(write_entry(pages / "old", 0.5), "lenet")
+    add_entry(write_entry(pages / "quick", 0.3), "lenet", "quick")
+    add_entry(write_entry(pages / "new", 0.8), "lenet")
+    rows = [row for row in read_csv(Path("docs/benchmark.csv")) if row["group"] == "headline"]
+    assert [(row["entry"], row["autonomy"]) for row in rows] == [
+        ("lenet", "0.8000"),
+        ("lenet", "0.3000"),
+    ]
+
+
+def test_an_entry_trained_on_other_rows_is_refused(pages: Path) -> None:
+    folder = write_entry(pages / "entry")
+    result = folder / "result.json"
+    result.write_text(result.read_text().replace(FINGERPRINT, "0" * 16))
+    with pytest.raises(InputError, match=r"0{16}.*data=bench_v1"):
+        add_entry(folder, "lenet")
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [({}, r"card\.md"), ({"entry": "a | <b>"}, "letters"), ({"suite": "v1-quick"}, "quick")],
+)
+def test_a_submission_that_lacks_something_is_refused(
+    changes: dict, named: str, pages: Path
+) -> None:
+    """A name stands in Markdown; an entry of another suite is no line of the board."""
+    with pytest.raises(InputError, match=named):
+        study.main(["board", f"add={write_entry(pages / 'entry', **changes)}"])
+    assert not Path("docs/benchmark.csv").exists()
+
+
+# The pages
+
+
+def write_claims(*rows: dict) -> None:
+    write_csv(Path("docs/claims.csv"), rows)
+    study.main(["claims", "runs=false"])
+
+
+def test_a_line_sets_the_claim_against_all_training_seeds(pages: Path) -> None:
+    write_claims(CLAIM, CLAIM | CLEAN)
+    line = line_of("docs/claims.md", "| C")
+    for cell in ("drives", "95.0 % (31.5 to 100.0)", "1 of 2 (95 %: 9 to 91 %)", "0.50", "3.30"):
+        assert f"| {cell} |" in line
+
+
+def test_a_throttle_that_stalls_is_no_autonomy(pages: Path) -> None:
+    write_claims(CLAIM | STALLED, CLAIM | STALLED | {"seed": "2", "stalled_m": "50.0"})
+    line = line_of("docs/claims.md", "| C")
+    assert "| 2 of 2 stall, at 43 to 50 m |" in line
+    assert "0 of 2" in line
+    write_claims(CLAIM | STALLED, CLAIM | {"control": "throttle 0.3", "seed": "2"})
+    assert "1 of 2 stall, at 43 m; the others 90.0 %" in Path("docs/claims.md").read_text()
+
+
+def test_the_plot_of_frame_rates_needs_two(pages: Path) -> None:
+    write_claims(CLAIM)
+    assert "Not measured yet" in Path("docs/claims.md").read_text()
+    write_claims(CLAIM, CLAIM | {"frame_rate": "30.0"})
+    assert "claims_frame_rate.png" in Path("docs/claims.md").read_text()
+    assert Path("docs/claims_frame_rate.png").is_file()
+
+
+def test_the_page_of_transfer_names_what_was_not_run(pages: Path) -> None:
+    write_csv(Path("docs/transfer.csv"), [TRANSFER, TRANSFER | {"setting": "frozen ImageNet"}])
+    study.main(["transfer", "runs=false"])
+    text = Path("docs/models/efficientnet_lite0.md").read_text()
+    assert "| scratch | 10 % (390) | 1 | 0.50 | 90.0 % | - |" in text
+    assert "2 trainings of 4,800 samples" in text
+    assert "frozen random, 10 %, seed 1" in text.partition("Not trained: ")[2]
+    assert "Not driven: 2 of 4 drives" in text
+
+
+def test_trainings_of_another_length_are_not_compared(pages: Path) -> None:
+    longer = TRANSFER | {"samples": "64000", "val_balanced_mae": "0.016"}
+    write_csv(Path("docs/transfer.csv"), [TRANSFER, longer])
+    study.main(["transfer", "runs=false"])
+    assert line_of("docs/models/efficientnet_lite0.md", "| scratch | 10 % (390) | 1 | 0.10 |")
+
+
+def test_the_table_of_results_has_means_and_the_worst(pages: Path) -> None:
+    row = read_csv(ROOT / "docs" / "results.csv")[0] | {"model": "linear", "setting": "few"}
+    row |= {"parameters": "15", "train_s": "20", "test_mse": "0.5", "test_zero_mse": "0.25"}
+    row |= {"lake_autonomy": "1.0", "lake_cte_mean_m": "0.2", "lake_cte_max_m": "1.0"}
+    row |= {"mountain_autonomy": "0.5", "lake_latency_ms": "1.0"}
+    worse = {"seed": "2", "lake_autonomy": "0.8", "mountain_autonomy": "0.7"}
+    others = [row | {"setting": "compared", "in_table": "0"}, row | {"lake_autonomy": ""}]
+    write_csv(Path("docs/results.csv"), [row, row | worse, *others])
+    study.main(["results", "runs=false"])
+    few = "| linear | few | 15 | 2 | 20 s | 0.5000 (0.2500) | 90.0% (80.0%) | 0.20, 1.00 "
+    assert line_of("docs/recipes.md", "| linear |") == few + "| 60.0% (50.0%) | 1.0 |"
+    page = Path("docs/models/linear.md").read_text()
+    assert f"# few\n{row['command'].removesuffix(' seed=1')}\n```" in page
+
+
+def test_a_page_without_markers_is_named(pages: Path) -> None:
+    shutil.copy(ROOT / "docs" / "results.csv", "docs")
+    Path("docs/recipes.md").write_text("no markers\n")
+    with pytest.raises(SystemExit, match=r"docs/recipes\.md: .*<!-- results -->.*; add"):
+        study.main(["results", "runs=false"])
+
+
+# A training of its own
+
+
+@pytest.mark.slow
+def test_a_candidate_of_the_first_try_is_trained_and_driven(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    opened = Study("first_try", [f"real={recorded.folder}", "only=first_try-real", "seeds=1"])
+    small = ("model=tiny", "trainer.max_epochs=1", "data.samples_per_epoch=64", "score.laps=0.01")
+    (entry,) = opened.chosen()
+    split = ("data.block_s=0.5", "data.gap_s=0.1")
+    words = (*small, *split, f"data.root={recorded.folder}")
+    monkeypatch.setattr(Study, "chosen", lambda _: [Entry(**vars(entry) | {"words": words})])
+    monkeypatch.setitem(study_rows.PREPARE, "student_laps", lambda _: {})
+    assert study.make_runs(opened) == []
+    with Path("outputs/first_try/first_try.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["recording"] == "real"
+    assert int(row["cpu_s"]) > 0
+    assert row["best"] == row["last"]  # one epoch
