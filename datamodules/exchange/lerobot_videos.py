@@ -9,7 +9,7 @@ import numpy as np
 from datamodules.driving_log import CAMERAS
 from datamodules.exchange.lerobot_layout import CAMERA_PREFIX, video_file
 from datamodules.exchange.lerobot_stats import SAMPLED_FRAMES, FrameCounts
-from datamodules.exchange.video import VideoWriter
+from datamodules.exchange.video import video_writer
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
 from datamodules.recording import Recording
 from zoo.base.errors import InputError
@@ -52,7 +52,7 @@ def write_videos(
     for file in files:
         path = folder / video_file(CAMERA_PREFIX + camera, 0, file.number)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with VideoWriter(path, (FRAME_WIDTH, FRAME_HEIGHT), rate, crf) as video:
+        with video_writer(path, (FRAME_WIDTH, FRAME_HEIGHT), rate, crf) as video:
             for number in file.first_frames:
                 counts.append(FrameCounts())
                 for frame, row in enumerate(episodes[number]):

@@ -2,11 +2,8 @@
 
 import contextlib
 import os
-import subprocess
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 
 import imageio_ffmpeg
 import numpy as np
@@ -14,6 +11,7 @@ import numpy as np
 from datamodules.image import MOST_PIXELS
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_regular
+from zoo.base.video import VideoWriter
 
 MOST_VIDEO_BYTES = 64_000_000_000
 # As LeRobot's own writer: every second frame is a key frame, so that any frame is read quickly.
@@ -22,8 +20,8 @@ KEY_FRAMES = 2
 EXACT_COLOURS = ["-sws_flags", "bicubic+accurate_rnd+full_chroma_int+full_chroma_inp"]
 
 
-class VideoWriter:
-    """An H.264 video of a constant rate that is being written; a context manager.
+def video_writer(path: Path, size: tuple[int, int], fps: int, crf: int) -> VideoWriter:
+    """Return a writer of a new video.
 
     Args:
         path: path of the new .mp4.
@@ -31,60 +29,9 @@ class VideoWriter:
         fps: frames per second.
         crf: x264's quality, 1 (best) to 51.
     """
-
-    def __init__(self, path: Path, size: tuple[int, int], fps: int, crf: int) -> None:
-        self.path, self.frames = path, 0
-        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-n", "-v", "error", "-f", "rawvideo"]
-        command += ["-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", str(fps), "-i", "-"]
-        command += [*EXACT_COLOURS, "-an", "-c:v", "libx264", "-preset", "fast", "-crf", str(crf)]
-        # Without B-frames the first frame's time is 0.
-        command += ["-g", str(KEY_FRAMES), "-bf", "0", "-pix_fmt", "yuv420p"]
-        command += ["-movflags", "+faststart", f"file:{path.absolute()}"]
-        self._messages = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
-        self._ffmpeg = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=self._messages
-        )
-        assert self._ffmpeg.stdin is not None
-        self._pipe = self._ffmpeg.stdin
-
-    def __enter__(self) -> "VideoWriter":
-        return self
-
-    def add(self, frame: np.ndarray) -> None:
-        """Append a frame, uint8 [H, W, 3] RGB.
-
-        Raises:
-            InputError: ffmpeg has ended, as after a full disk.
-        """
-        try:
-            self._pipe.write(np.ascontiguousarray(frame).data)
-        except BrokenPipeError:
-            self._ffmpeg.wait()
-            raise self._failed() from None
-        self.frames += 1
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if kind is not None:
-            self._ffmpeg.kill()
-        with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended; its status is read below
-            self._pipe.close()
-        with self._messages:
-            if self._ffmpeg.wait() and kind is None:
-                raise self._failed()
-
-    def _failed(self) -> InputError:
-        self._messages.seek(0)
-        lines = self._messages.read().decode(errors="replace").split("\n")
-        reason = next(filter(None, reversed(lines)), f"exit status {self._ffmpeg.returncode}")
-        return InputError(
-            f"{self.path.name}: the video cannot be written: {reason}; nothing was written: free "
-            "some space, or name another folder with out="
-        )
+    # Without B-frames the first frame's time is 0.
+    encoding = ["-preset", "fast", "-crf", str(crf), "-g", str(KEY_FRAMES), "-bf", "0"]
+    return VideoWriter(path, path.name, size, fps, [*EXACT_COLOURS, *encoding])
 
 
 def read_frames(path: Path) -> Iterator[np.ndarray]:

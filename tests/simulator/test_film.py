@@ -143,7 +143,7 @@ def test_a_full_disk_leaves_the_film_before(small_disk: Path) -> None:
 def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
     film = Film(tmp_path / "lap.mp4", 20)
     film.add(grey(0))
-    film._ffmpeg.kill()
+    film._video._ffmpeg.kill()
     with pytest.raises(InputError, match=r"lap\.mp4.*signal: Killed"):
         film.__exit__(None, None, None)
     assert not list(tmp_path.iterdir())

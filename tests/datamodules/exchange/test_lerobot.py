@@ -12,7 +12,7 @@ import pytest
 from datamodules.exchange.lerobot_export import export_lerobot
 from datamodules.exchange.lerobot_import import import_lerobot
 from datamodules.exchange.parquet_columns import encoded_images
-from datamodules.exchange.video import VideoWriter, read_frames
+from datamodules.exchange.video import read_frames, video_writer
 from datamodules.image import read_image
 from datamodules.recording import Recording, read_recordings
 from datamodules.stretches import find_breaks
@@ -141,7 +141,7 @@ def write_foreign(folder: Path, steering: str = "steering wheel", png: bool = Fa
             continue
         path = folder / f"videos/{key}/chunk-000/file-000.mp4"
         path.parent.mkdir(parents=True)
-        with VideoWriter(path, (96, 64), 10, 18) as video:
+        with video_writer(path, (96, 64), 10, 18) as video:
             for frame in frames:
                 video.add(frame)
         episodes |= {f"videos/{key}/chunk_index": [0, 0], f"videos/{key}/file_index": [0, 0]}
@@ -292,7 +292,7 @@ def test_a_video_has_the_frames_that_were_written(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     smooth = cv2.resize(rng.integers(0, 256, (8, 16, 3), dtype=np.uint8), (320, 160))
     frames = [np.roll(smooth, 8 * shift, 1) for shift in range(9)]
-    with VideoWriter(tmp_path / "a.mp4", (320, 160), 14, 10) as video:
+    with video_writer(tmp_path / "a.mp4", (320, 160), 14, 10) as video:
         for frame in frames:
             video.add(frame)
     read = list(read_frames(tmp_path / "a.mp4"))

@@ -1,0 +1,96 @@
+"""A writer of H.264 videos, frame by frame, with the ffmpeg of imageio-ffmpeg.
+
+`imageio_ffmpeg.write_frames` does not look at ffmpeg's exit status and passes its messages on to
+the terminal, so that a video that a full disk cut off would count as complete.
+"""
+
+import contextlib
+import signal
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+import imageio_ffmpeg
+import numpy as np
+
+from zoo.base.errors import InputError
+
+DISK_FULL = "No space left on device"
+
+
+class VideoWriter(contextlib.AbstractContextManager):
+    """A video of a constant rate that is being written.
+
+    Args:
+        path: path of the .mp4; an existing file is replaced.
+        name: name of the video in errors.
+        size: width and height, even.
+        fps: frames per second.
+        options: ffmpeg's options of scaling and encoding.
+    """
+
+    def __init__(
+        self, path: Path, name: object, size: tuple[int, int], fps: float, options: Sequence[str]
+    ) -> None:
+        self.name, self.size = name, size
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo"]
+        command += ["-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:.6g}"]
+        # yuv420p is the format that every browser plays.
+        command += ["-i", "-", "-an", *options, "-c:v", "libx264", "-pix_fmt", "yuv420p"]
+        # The index comes first, so that a browser plays before it has the whole file.
+        command += ["-movflags", "+faststart", "-f", "mp4", f"file:{path.absolute()}"]
+        self._messages = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        # In its own session, because Ctrl-C must end the drive only; the video is then completed.
+        self._ffmpeg = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._messages,
+            start_new_session=True,
+        )
+        assert self._ffmpeg.stdin is not None
+        self._pipe = self._ffmpeg.stdin
+
+    def add(self, frame: np.ndarray) -> None:
+        """Append a frame, uint8 [H, W, 3] RGB.
+
+        Raises:
+            InputError: the frame has another size, or ffmpeg has ended, as after a full disk.
+        """
+        size = frame.shape[1], frame.shape[0]
+        if size != self.size:  # ffmpeg reads bytes without a shape
+            frames = "a frame is {} x {}, the film is {} x {}".format(*size, *self.size)
+            raise InputError(f"{self.name}: {frames}")
+        try:
+            self._pipe.write(np.ascontiguousarray(frame).data)
+        except BrokenPipeError:
+            self._ffmpeg.wait()
+            raise self._failed() from None
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._ffmpeg.kill()
+        with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended; its status is read below
+            self._pipe.close()
+        with self._messages:
+            if self._ffmpeg.wait() and kind is None:
+                raise self._failed()
+
+    def _failed(self) -> InputError:
+        """Return the error that names the video, the reason and the remedy."""
+        self._messages.seek(0)
+        lines = self._messages.read().decode(errors="replace").split("\n")
+        status = self._ffmpeg.returncode
+        reason = next(filter(None, reversed(lines)), f"ffmpeg ended with exit status {status}")
+        if status < 0:
+            reason = f"ffmpeg was ended by a signal: {signal.strsignal(-status)}"
+        if any(DISK_FULL in line for line in lines):
+            reason = f"the disk is full ({DISK_FULL}); free some space there"
+        return InputError(f"{self.name}: the video cannot be written: {reason.rpartition('] ')[2]}")
