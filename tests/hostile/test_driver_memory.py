@@ -15,8 +15,7 @@ from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
 from tests.zoo.commands import ROOT, command, environment, run
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served, served
-from zoo.drive.connections import MOST_QUIET_WEBSOCKETS
-from zoo.drive.held_bytes import MOST_HELD
+from zoo.drive.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
 
 # Each attack would take over 150 MB of a driver without its limits.
 LARGE = {

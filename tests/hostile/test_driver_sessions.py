@@ -17,7 +17,7 @@ import socketio
 from tests.zoo.drive.old_client import OldClient, telemetry
 from tests.zoo.drive.serve import Served, picture, served
 from zoo.drive.connections import MOST_PER_ADDRESS
-from zoo.drive.polling_sessions import MOST_QUIET
+from zoo.drive.socketio_server import MOST_QUIET
 
 RED = picture((204, 0, 0))  # steering 0.8
 FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})

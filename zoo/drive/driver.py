@@ -8,16 +8,24 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
 from zoo.checkpoints.command import PolicyFunction
 from zoo.drive.drive_writer import BackgroundWriter
-from zoo.drive.latest_state import LatestState
 from zoo.drive.notices import Notices
-from zoo.drive.reply import PUT_BACK, Reply, number_text, reply_values
 from zoo.drive.session import Session
-from zoo.drive.telemetry_message import Telemetry, TelemetryError, decimal_sign, read_telemetry
+from zoo.drive.telemetry_message import (
+    PUT_BACK,
+    Reply,
+    Telemetry,
+    TelemetryError,
+    decimal_sign,
+    number_text,
+    read_telemetry,
+    reply_values,
+)
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
 from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
@@ -290,10 +298,14 @@ class Driver:
         policy = self.load(Path(path))
         self.policy, self.checkpoint = policy, str(path)
 
-    def latest(self) -> LatestState:
-        """Return the present state of the drive, in a few microseconds."""
+    def latest(self) -> SimpleNamespace:
+        """Return the present state of the drive for the live page; None for unknown values.
+
+        `frame` is the latest frame, uint8 [160, 320, 3] RGB, which must not be changed; `lost` is
+        `off_road` or `standstill` while the car is in that state.
+        """
         row, tally, lead = self._row, self.tally, self._lead
-        return LatestState(
+        return SimpleNamespace(
             frame=self._frame,
             steering=row.steering,
             spread=row.spread if math.isfinite(row.spread) else None,

@@ -1,21 +1,32 @@
-"""The live page of a drive: the files of `static/`, the state they poll, and their commands."""
+"""The live page of a drive: the files of `static/`, the state they poll, and their commands.
+
+Slow calls run in threads of their own, outside the thread that serves the sockets.
+"""
 
 import hmac
 import math
+import threading
 import time
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from pathlib import Path
+from typing import TypeVar
 from urllib.parse import parse_qs
+
+import cv2
+import eventlet
+import numpy as np
+import torch
 
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.drive.background_call import call_in_thread
 from zoo.drive.driver import Driver
-from zoo.drive.live_saliency import LiveSaliency, jpeg
 from zoo.drive.page_requests import Answer, RequestError, json_answer, read_command, respond, route
-from zoo.drive.poll_interval import PollInterval
+from zoo.saliency.visual_backprop import Saliency, overlay
 
+POLL_MS = 100
+MOST_POLLS = 50  # per second, of all pages; 300 doubled the 99th percentile of the latency
+SALIENCY_S = 0.5  # least time between two drawings of the saliency
 FRAME_S = 0.1  # least time between two encodings of a frame, which all pages share
 MOST_LISTED = 50  # checkpoints in the list
 STATIC = Path(__file__).parent / "static"
@@ -24,6 +35,77 @@ FILES = {
     "/style.css": ("style.css", "text/css; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
 }
+
+Result = TypeVar("Result")
+
+
+class PollInterval:
+    """Poll interval that grows with the number of pages, so that they do not slow the driving.
+
+    Attributes:
+        poll_ms: milliseconds between two polls of a page.
+    """
+
+    def __init__(self) -> None:
+        self.poll_ms = POLL_MS
+        self._count, self._since_s = 0, 0.0
+
+    def asked(self, now_s: float) -> None:
+        """Count a poll of a page, and adapt `poll_ms` once a second.
+
+        Args:
+            now_s: time in seconds of a monotonic clock.
+        """
+        self._count += 1
+        elapsed_s = now_s - self._since_s
+        if elapsed_s >= 1:
+            pages = self._count / elapsed_s * self.poll_ms / 1000
+            self.poll_ms = round(max(POLL_MS, 1000 * pages / MOST_POLLS))
+            self._count, self._since_s = 0, now_s
+
+
+class LiveSaliency:
+    """Saliency over the latest frame, computed in a thread, at most twice per second.
+
+    Args:
+        driver: driver whose policy and frames are shown.
+    """
+
+    def __init__(self, driver: Driver) -> None:
+        self.driver = driver
+        self._saliency: Saliency | None = None
+        self._policy: object = None
+        self._image = b""
+        self._began_s = -np.inf
+        self._busy = False
+
+    def image(self) -> bytes:
+        """Return a JPEG of 320 x 160 pixels, `SALIENCY_S` old or less; empty without a frame.
+
+        Raises:
+            Exception: the saliency of this network cannot be computed.
+        """
+        while self._busy:
+            eventlet.sleep(0.02)
+        if time.monotonic() - self._began_s >= SALIENCY_S:
+            self._busy, self._began_s, self._image = True, time.monotonic(), b""
+            try:
+                self._image = call_in_thread(self._draw)
+            except Exception:
+                self._began_s = -np.inf  # the next call tries again
+                raise
+            finally:
+                self._busy = False
+        return self._image
+
+    def _draw(self) -> bytes:
+        torch.set_num_threads(1)  # of this thread alone; the driver's thread keeps its number
+        state, policy = self.driver.latest(), self.driver.policy
+        if state.frame is None:
+            return b""
+        if policy is not self._policy:
+            self._saliency, self._policy = Saliency(policy), policy
+        return jpeg(overlay(state.frame, self._saliency(state.frame, state.speed_mph)))
 
 
 class LivePage:
@@ -172,3 +254,36 @@ def _true_or_false(name: str, value: object) -> bool:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def jpeg(frame: np.ndarray) -> bytes:
+    """Encode an image, uint8 [H, W, 3] RGB, as JPEG."""
+    quality = (cv2.IMWRITE_JPEG_QUALITY, 88)
+    return cv2.imencode(".jpg", np.ascontiguousarray(frame[..., ::-1]), quality)[1].tobytes()
+
+
+def call_in_thread(function: Callable[..., Result], *arguments: object) -> Result:
+    """Call a function in a new thread; return its result, or raise its exception.
+
+    The calling green thread waits, while all other green threads run.
+
+    >>> call_in_thread(max, 2, 3)
+    3
+    """
+    results: list[Result] = []
+    failures: list[BaseException] = []
+
+    def call() -> None:
+        try:
+            results.append(function(*arguments))
+        except BaseException as error:
+            failures.append(error)
+
+    # Not eventlet's tpool, which can hang when the process ends (eventlet #989).
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        eventlet.sleep(0.02)
+    if failures:
+        raise failures[0]
+    return results[0]

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 from http import HTTPStatus
 from typing import Any
 
-import engineio
 import eventlet
 import socketio
 from eventlet import wsgi
@@ -173,30 +172,22 @@ class DriveServer:
             began_s = websocket.received_s
         # The original sends one argument; null, or no argument, means that a person drives.
         reply = self.driver.answer(session, arguments[0] if arguments else None)
-        at_once = websocket is not None and not self._unsent(sid)
-        if not (at_once and websocket.send_event(reply.event, reply.values)):
-            self.sio.emit(reply.event, reply.values, to=sid)
-            # engineio sends it in another task, which must run before the next frame is read.
-            eventlet.sleep(0)
+        self.sio.emit(reply.event, reply.values, to=sid)
+        # engineio sends it in another task, which must run before the next frame is read.
+        eventlet.sleep(0)
         sent_s = websocket.sent_s if websocket is not None else 0.0
         sent_s = sent_s if sent_s > began_s else time.perf_counter()
         self.driver.sent(reply, 1000 * (sent_s - began_s))
 
     def _hung_up(self, sid: str) -> bool:
         """Disconnect a client that reads no replies; return whether it was."""
-        if self._unsent(sid) < MOST_UNSENT:
+        eio_sid = self.sio.manager.eio_sid_from_sid(sid, "/")
+        engine = self.sio.eio.sockets.get(eio_sid)
+        if engine is None or engine.queue.qsize() < MOST_UNSENT:
             return False
         self.driver.notices.report("a simulator was disconnected: it reads no replies")
-        self.sio.hang_up(self.sio.manager.eio_sid_from_sid(sid, "/"))
+        self.sio.hang_up(eio_sid)
         return True
-
-    def _unsent(self, sid: str) -> int:
-        """Return the number of replies that wait until the client reads earlier ones."""
-        engine = self._engine(sid)
-        return 0 if engine is None else engine.queue.qsize()
-
-    def _engine(self, sid: str) -> engineio.socket.Socket | None:
-        return self.sio.eio.sockets.get(self.sio.manager.eio_sid_from_sid(sid, "/"))
 
 
 def listen(host: str, port: int) -> GreenSocket:

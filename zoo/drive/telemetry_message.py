@@ -1,4 +1,4 @@
-"""Reading of telemetry messages, whatever a client sends."""
+"""Telemetry messages, read whatever a client sends, and the replies to them."""
 
 import base64
 import binascii
@@ -19,8 +19,10 @@ from datamodules.image import (
     jpeg_size,
 )
 from zoo.base.rig import UDACITY
+from zoo.drives.drive_record import DriveRow
 
 NUMBERS = ("steering_angle", "throttle", "speed")
+PUT_BACK = "put_back"  # key of a reply: speed of the car that is put back on the centre
 # Limits of an image, checked before it is decoded in the thread that answers all clients: a
 # progressive JPEG of 400 kB with 10,796 scans took 32 s, and one of 4096 x 4096 pixels 1 s. A
 # simulator's image has 17 kB.
@@ -184,3 +186,35 @@ def _image_size(image: bytes) -> tuple[int, int]:
             return head.size
     except Exception as error:  # Pillow raises many types of exceptions for arbitrary bytes
         raise ValueError(f"the file is no JPEG or PNG ({type(error).__name__})") from None
+
+
+@dataclass(frozen=True)
+class Reply:
+    """Reply to a telemetry.
+
+    Attributes:
+        event: name of the event to send.
+        values: argument of the event.
+        row: row of the drive.
+        image: image to record, as the client sent it; None to record none.
+    """
+
+    event: str
+    values: dict[str, str]
+    row: DriveRow
+    image: bytes | None = None
+
+
+def reply_values(steering: float, throttle: float, decimal: str) -> dict[str, str]:
+    """Return the argument of a `steer` event, with the client's own decimal sign.
+
+    >>> reply_values(0.05, 0.2, ",")
+    {'steering_angle': '0,0500', 'throttle': '0,2000'}
+    """
+    pair = {"steering_angle": steering, "throttle": throttle}
+    return {name: number_text(value, decimal) for name, value in pair.items()}
+
+
+def number_text(value: float, decimal: str) -> str:
+    """Return a number with four decimals and the client's decimal sign."""
+    return f"{value:.4f}".replace(".", decimal)

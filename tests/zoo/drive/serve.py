@@ -92,7 +92,7 @@ def main(folder: str, option: str | None = None) -> None:
     from engineio.socket import Socket
     from eventlet.greenthread import GreenThread
 
-    from zoo.drive import connections, polling_sessions
+    from zoo.drive import connections, socketio_server
     from zoo.drive.__main__ import StopOnSignal
     from zoo.drive.drive_writer import BackgroundWriter
     from zoo.drive.driver import Driver
@@ -113,7 +113,7 @@ def main(folder: str, option: str | None = None) -> None:
     server = DriveServer(driver, listen("127.0.0.1", 0), page)
     line = f"listening on http://127.0.0.1:{server.port}"
     if option and page is None:
-        connections.HEAD_S = connections.QUIET_S = polling_sessions.QUIET_S = float(option)
+        connections.HEAD_S = connections.QUIET_S = socketio_server.QUIET_S = float(option)
     server.serve(lambda: notices.print(line), lambda: stop.asked)
     gc.collect()
     tasks = sum(isinstance(one, GreenThread) and not one.dead for one in gc.get_objects())

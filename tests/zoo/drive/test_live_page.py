@@ -16,7 +16,7 @@ from tests.zoo.commands import start
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served, picture, served
-from zoo.drive.poll_interval import MOST_POLLS, POLL_MS, PollInterval
+from zoo.drive.live_page import MOST_POLLS, POLL_MS, PollInterval
 
 Answer = tuple[int, str, bytes]
 

@@ -10,13 +10,13 @@ from PIL import Image
 
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture
-from zoo.drive.reply import reply_values
 from zoo.drive.telemetry_message import (
     TelemetryError,
     decimal_sign,
     jpeg_size,
     parse_number,
     read_telemetry,
+    reply_values,
 )
 
 ANY_JSON = st.recursive(
