@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from drivezoo.served_drive import ServedDrive
     from drivezoo.training import Training
     from zoo.benchmark.benchmarked import Benchmarked
-    from zoo.compare.compared_entries import ComparedEntries
+    from zoo.compare.comparison import ComparedEntries
     from zoo.evaluate.evaluation import Evaluation
     from zoo.evaluate.replay_score import Replay
-    from zoo.leaderboard.ranked_entries import Ranking
+    from zoo.leaderboard.ranking_table import Ranking
     from zoo.results import FinishedRuns
 
 # A checkpoint as the commands take it, what `train` returned, or a policy.
@@ -77,7 +77,7 @@ def evaluate(driver: Driver, **keys: Any) -> Evaluation:
     from zoo.cli.command_config import read_options
     from zoo.evaluate.__main__ import evaluate as evaluate_driver
     from zoo.evaluate.evaluate_options import EvaluateOptions
-    from zoo.runs.result_table import write_asked
+    from zoo.runs.table_files import write_asked
 
     if "replay" in keys:
         raise UsageError("replay: call drivezoo.replay(driver, recording)")

@@ -11,7 +11,7 @@ from drivezoo.one_line_errors import one_line_errors
 if TYPE_CHECKING:
     from drivezoo.training import Training
     from zoo.benchmark.benchmarked import Benchmarked
-    from zoo.runs.result_table import Cell
+    from zoo.runs.table import Cell
 
 
 @one_line_errors
@@ -49,7 +49,7 @@ def write_table(rows: Sequence[Mapping[str, Cell]], path: str | Path) -> Path:
     Raises:
         InputError: the file's name has another ending, or it cannot be written.
     """
-    from zoo.runs.result_table import table_of
-    from zoo.runs.result_table import write_table as write
+    from zoo.runs.table import Table
+    from zoo.runs.table_files import write_table as write
 
-    return write(table_of(rows), path)
+    return write(Table.of_figures(rows), path)

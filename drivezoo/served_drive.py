@@ -8,7 +8,8 @@ from pathlib import Path
 
 from zoo.drives.drive_log import SUMMARY_NAME, read_summary
 from zoo.drives.metrics import METRICS
-from zoo.runs.result_table import Result, ResultTable, table_of
+from zoo.runs.table import Table
+from zoo.runs.table_files import Result
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,9 +37,9 @@ class ServedDrive(Result):
         driven_m, lost = (self.figures.get(key) or 0 for key in ("driven_m", "interventions"))
         return f"ServedDrive in {self.folder}: {driven_m:.0f} m, {lost:g} interventions"
 
-    def result_table(self) -> ResultTable:
+    def result_table(self) -> Table:
         """Return one row with all figures."""
-        return table_of([{key: one for key, one in self.figures.items() if key in METRICS}])
+        return Table.of_figures([{key: one for key, one in self.figures.items() if key in METRICS}])
 
 
 @contextmanager

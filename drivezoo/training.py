@@ -7,7 +7,8 @@ from zoo.checkpoints.checkpoint_path import checkpoint_of
 from zoo.evaluate.track_scores import how_well
 from zoo.results import read_finished
 from zoo.runs.metrics_file import read_metrics_file
-from zoo.runs.result_table import Cell, Result, ResultTable
+from zoo.runs.table import Cell, Table
+from zoo.runs.table_files import Result
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,6 +51,6 @@ class Training(Result):
             lines.insert(0, f"  test MSE {mse:.4f}, always zero {figures['test_mse_zero']:.4f}")
         return "\n".join([f"Training of {figures['experiment']} in {self.folder}", *lines])
 
-    def result_table(self) -> ResultTable:
+    def result_table(self) -> Table:
         """Return one row, as `drivezoo results` prints it."""
         return read_finished([self.folder]).result_table()

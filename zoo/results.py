@@ -15,7 +15,8 @@ from zoo.base.terminal import printable
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
-from zoo.runs.result_table import Cell, Result, ResultTable, TableColumn, check_table, table_of
+from zoo.runs.table import Cell, Column, Table
+from zoo.runs.table_files import Result, check_table
 
 COMMAND = Command(__doc__, {"[RUN_FOLDER...]": "folders of finished runs"})
 HEADINGS = {  # printed columns by name
@@ -63,20 +64,20 @@ class FinishedRuns(Result):
     def __repr__(self) -> str:
         return f"FinishedRuns: {', '.join(map(str, self.folders))}"
 
-    def result_table(self) -> ResultTable:
+    def result_table(self) -> Table:
         """Return a row for each run."""
         texts = {name: [row[n] for row in self.cells] for n, name in enumerate(HEADINGS)}
-        table = table_of(self.figures)
+        table = Table.of_figures(self.figures)
         parts = {part for names in PARTS.values() for part in names}
         columns = []
         for one in table.columns:
             if one.name in texts:
                 names = (one.name, *PARTS.get(one.name, ()))
                 figures = {name: table.figures[name] for name in names}
-                one = TableColumn(one.name, HEADINGS[one.name], texts[one.name], figures)
+                one = Column(one.name, HEADINGS[one.name], texts[one.name], figures)
             if one.name not in parts:
                 columns.append(replace(one, short=one.name in SHORT))
-        return ResultTable(columns, "Errors of the steering; in brackets: always zero, the mean.")
+        return Table(columns, "Errors of the steering; in brackets: always zero, the mean.")
 
 
 def print_results(arguments: list[str]) -> None:

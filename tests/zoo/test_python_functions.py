@@ -24,7 +24,7 @@ from tests.zoo.notebooks import FOLDER as NOTEBOOKS
 from tests.zoo.notebooks import run_notebook
 from tests.zoo.written_checkpoints import write_constant
 from zoo.benchmark.benchmarked import Benchmarked
-from zoo.runs.result_table import write_asked
+from zoo.runs.table_files import write_asked
 
 SHORT = {"laps": 0.02, "workers": 1}  # the expert of this setup drives once for all tests
 

@@ -58,16 +58,19 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
     names = [one if one in BASELINES else str(find_checkpoint(one)) for one in names]
     with loading():
         from zoo.base.new_folder import command_folder
-        from zoo.benchmark.benchmarked import TABLE_COLUMNS, Benchmarked
+        from zoo.benchmark.benchmarked import (
+            TABLE_COLUMNS,
+            Benchmarked,
+            entry_result,
+            write_entry,
+        )
         from zoo.benchmark.drivers import find_drivers
         from zoo.benchmark.drives import drive_suite
-        from zoo.benchmark.entry import entry_result, write_entry
         from zoo.benchmark.finished_drives import NAME, FinishedDrives
-        from zoo.benchmark.marks import reached_marks
-        from zoo.benchmark.marks_page import write_marks
+        from zoo.benchmark.marks import reached_marks, write_marks
         from zoo.benchmark.suite import read_suite
         from zoo.runs.code_fingerprint import code_fingerprint
-        from zoo.runs.result_table import check_plot, check_table, write_asked
+        from zoo.runs.table_files import check_plot, check_table, write_asked
 
         # Report wrong input before processes start.
         check_table(options.table, options.columns, TABLE_COLUMNS)

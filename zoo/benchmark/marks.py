@@ -1,18 +1,27 @@
-"""Pass marks of a course: figures that an entry of the benchmark must reach.
+"""Pass marks of a course: figures that an entry of the benchmark must reach, and their files.
 
 A suite's file has them by group: `marks: {like: {autonomy: 0.9, cte_mean_m: 0.8}}`. The group
 `headline` has the autonomy of the whole suite. A figure that is better when it is lower, such as
 `cte_mean_m`, must not be above its mark.
 """
 
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from zoo.base.errors import InputError
+from zoo.base.terminal import command_line
+from zoo.base.whole_file import json_text, write_whole
 from zoo.cli.nearest import hint
+from zoo.runs.page import Page
+from zoo.runs.table import Table
+
+VERSION = 1  # of marks.json
+JSON_NAME, PAGE_NAME = "marks.json", "marks.html"
+WORST = 3  # drives of a missed mark's group that the page lists
 
 HEADLINE = "headline"  # the group of the whole suite's figure, which is an autonomy
 # Heading, format and whether higher is better.
@@ -152,9 +161,9 @@ def missed_line(reached: Sequence[Reached]) -> str:
     return f"{len(missed)} of {len(reached)} marks missed: {'; '.join(texts)}"
 
 
-def mark_rows(result: Mapping[str, Any], reached: Sequence[Reached]) -> list[list[str]]:
-    """Return group, figure, mark, figure, 95 % interval, and passed or missed, as texts."""
-    return [
+def marks_table(result: Mapping[str, Any], reached: Sequence[Reached]) -> Table:
+    """Return a row for each mark: what was reached, with its 95 % interval."""
+    rows = [
         [
             "whole suite" if mark.group == HEADLINE else mark.group,
             mark.heading,
@@ -165,6 +174,7 @@ def mark_rows(result: Mapping[str, Any], reached: Sequence[Reached]) -> list[lis
         ]
         for mark, value, is_passed in reached
     ]
+    return Table.of(["group", "figure", "mark", "reached", "95 % interval", ""], rows)
 
 
 def _figure(result: Mapping[str, Any], mark: Mark) -> Mapping[str, Any]:
@@ -178,3 +188,74 @@ def _interval(mark: Mark, figure: Mapping[str, Any]) -> str:
     if low is None:
         return ""
     return f"{mark.text(low)} or more" if high is None else f"{mark.text(low)} to {mark.text(high)}"
+
+
+def write_marks(folder: Path, result: Mapping[str, Any], reached: Sequence[Reached]) -> list[Path]:
+    """Write `marks.json` for an autograder and `marks.html` for the student; return the paths.
+
+    Args:
+        folder: folder of the result.
+        result: contents of `result.json`.
+        reached: see `reached_marks`.
+    """
+    passed = sum(one.passed for one in reached)
+    content = {
+        "version": VERSION,
+        "entry": result["entry"],
+        "suite": result["suite"],
+        "roads": result["roads"],
+        "digest": result["digest"],
+        "passed": passed == len(reached),
+        "marks_passed": passed,
+        "marks": [
+            asdict(mark) | {"reached": value, "passed": is_passed}
+            for mark, value, is_passed in reached
+        ],
+    }
+    count = f"{passed} of {len(reached)} marks reached"
+    missed = list(dict.fromkeys(one.mark.group for one in reached if not one.passed))
+    page = Page(Path(__file__).with_name("static") / "marks.html").render(
+        title=f"{result['entry']}, suite {result['suite']}: {count}",
+        result=result,
+        count=count,
+        marks=marks_table(result, reached),
+        passed=not missed,
+        worst={group: _worst(result, group) for group in missed},
+    )
+    return [
+        write_whole(folder / JSON_NAME, json_text(content)),
+        write_whole(folder / PAGE_NAME, page),
+    ]
+
+
+def _worst(result: Mapping[str, Any], group: str) -> tuple[Table, str]:
+    """Return a group's drives with most interventions and largest errors, and how to film one."""
+    drives = [one for one in result["drives"] if group in (one["group"], HEADLINE)]
+    drives.sort(key=lambda one: (-one["figures"]["interventions"], -one["figures"]["cte_mean_m"]))
+    headings = ["road", "settings", "autonomy", "interventions", "mean error, m"]
+    rows = [
+        [
+            one["track"],
+            ", ".join(_typed(one["settings"])) or "-",
+            f"{one['figures']['autonomy']:.1%}",
+            f"{one['figures']['interventions']:.0f}",
+            f"{one['figures']['cte_mean_m']:.2f}",
+        ]
+        for one in drives[:WORST]
+    ]
+    command = _command(result["checkpoints"][drives[0]["checkpoint"]], drives[0])
+    return Table.of(headings, rows), command
+
+
+def _command(checkpoint: Mapping[str, Any], drive: Mapping[str, Any]) -> str:
+    """Return the command that films a drive; empty for a baseline, which has no checkpoint."""
+    if checkpoint["sha256"] is None:
+        return ""
+    typed = _typed(drive["settings"])
+    words = [checkpoint["file"], f"track={drive['track']}", *typed, "film=true"]
+    return command_line(["drivezoo", "evaluate", *words])
+
+
+def _typed(settings: Mapping[str, object]) -> list[str]:
+    """Return settings as they are typed in a command: weather={fog: 0.4, wet: 1}."""
+    return [f"{key}={json.dumps(value)}".replace('"', "") for key, value in settings.items()]

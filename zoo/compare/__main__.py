@@ -15,7 +15,7 @@ from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
-    from zoo.compare.compared_entries import ComparedEntries
+    from zoo.compare.comparison import ComparedEntries
 
 RESULT = "result.json of a benchmark, or its folder"
 COMMAND = Command(__doc__, {"A": RESULT, "B": RESULT})
@@ -41,11 +41,10 @@ def compare(
             be written.
     """
     from zoo.benchmark.result import NAME
-    from zoo.compare.compared_entries import ComparedEntries
-    from zoo.compare.comparison_table import HEADINGS
-    from zoo.runs.result_table import check_plot, check_table, write_asked
+    from zoo.compare.comparison import COLUMNS, ComparedEntries
+    from zoo.runs.table_files import check_plot, check_table, write_asked
 
-    check_table(options.table, options.columns, HEADINGS)
+    check_table(options.table, options.columns, COLUMNS)
     check_plot(options.plot)
     out = Path(options.out).expanduser()
     given = [Path(one).expanduser() for one in (first, second)]
@@ -62,11 +61,11 @@ def command(arguments: list[str]) -> None:
     (first, second), options = COMMAND.read(arguments, CompareOptions)
     from rich.console import Console
 
-    from zoo.compare.comparison_table import print_comparison
+    from zoo.compare.comparison import print_comparison
 
     result, written = compare(first, second, options)
     console = Console(emoji=False)
-    print_comparison(result.a, result.b, result.groups, console)
+    print_comparison(result, console)
     print_written(written, console=console)
 
 

@@ -20,7 +20,8 @@ from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-from zoo.runs.result_table import ResultTable, TableColumn, check_table, write_table
+from zoo.runs.table import Column, Table
+from zoo.runs.table_files import check_table, write_table
 
 if TYPE_CHECKING:
     from zoo.checkpoints.dropout_policy import DropoutPolicy
@@ -63,14 +64,18 @@ def doubt(arguments: list[str]) -> None:
         policy = doubt_policy(contents, paths[0] if len(paths) == 1 else out)
         write_checkpoint(out, contents)
     table = members_table(paths, policy)
-    print_table(table, f"{policy.name}: {policy.parameters:,} parameters")
+    from rich.console import Console
+    from rich.text import Text
+
+    title = Text(f"{policy.name}: {policy.parameters:,} parameters")
+    Console(emoji=False).print(table.printed(title=title, title_justify="left"))
     written = [out]
     if options.table is not None:
         written.append(write_table(table, options.table, options.columns))
     print_written(written, ["evaluate", out, "track=lake"])
 
 
-def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> ResultTable:
+def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> Table:
     """Return a row for each checkpoint: its file, its network, and the view that it sees."""
     members = getattr(policy, "members", [policy])
     names, files = [short_name(one) for one in paths], [str(one) for one in paths]
@@ -82,26 +87,12 @@ def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy
     }
     sees = [f"{wide} x {high} {colour}" for wide, high, colour in zip(*views.values(), strict=True)]
     columns = [
-        TableColumn("checkpoint", "checkpoint", names, {"checkpoint": files}),
-        TableColumn("network", "network", [one.name for one in members]),
-        TableColumn(
-            "parameters", "parameters", [f"{one:,}" for one in counts], {"parameters": counts}
-        ),
-        TableColumn("sees", "sees", sees, views),
+        Column("checkpoint", "checkpoint", names, {"checkpoint": files}),
+        Column("network", "network", [one.name for one in members]),
+        Column("parameters", "parameters", [f"{one:,}" for one in counts], {"parameters": counts}),
+        Column("sees", "sees", sees, views),
     ]
-    return ResultTable(columns, f"Networks of {policy.name}")
-
-
-def print_table(table: ResultTable, title: str) -> None:
-    """Print a table under its title."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    printed = Table(*table.headings, title=Text(title), title_justify="left")
-    for row in table.cells:
-        printed.add_row(*map(Text, row))
-    Console(emoji=False).print(printed)
+    return Table(columns, f"Networks of {policy.name}")
 
 
 def _check_distinct(paths: Sequence[Path]) -> None:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from zoo.runs.notebook_figure import NotebookFigure
 from zoo.runs.plots import BLUE, GREY
-from zoo.runs.table_text import Bounded
+from zoo.runs.table import Bounded
 
 
 def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None = None) -> Figure:

@@ -55,7 +55,7 @@ def evaluate(
         from zoo.monitor.guarded_policy import guarded
         from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.plots import save_figure
-        from zoo.runs.result_table import check_plot, check_table
+        from zoo.runs.table_files import check_plot, check_table
         from zoo.verdict.evidence import Evidence, read_evidence
         from zoo.verdict.judgement import judge
 
@@ -120,7 +120,7 @@ def command(arguments: list[str]) -> None:
         options = read_options(COMMAND.name, EvaluateOptions, rest)
         result = evaluate(checkpoint, options, console)
         from zoo.evaluate.evaluation import print_end, print_evaluation
-        from zoo.runs.result_table import write_asked
+        from zoo.runs.table_files import write_asked
 
         print_evaluation(result, console)
         written = write_asked(result, options.table, options.plot, options.columns)

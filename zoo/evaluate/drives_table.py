@@ -4,14 +4,12 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from rich.table import Table
-from rich.text import Text
+from rich.console import Console
 
 from zoo.drives.intervals import ONE_TRACK
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.record_fields import Spread
-from zoo.runs.result_table import TableColumn
-from zoo.runs.table_text import two_lines
+from zoo.runs.table import Column, Table
 
 DEVIATION = f"±: sample standard deviation over start seeds. {ONE_TRACK}"
 SHORT = ("autonomy", "drives_without_intervention", "drives", "cte_mean_m")  # in TeX
@@ -112,22 +110,21 @@ def drives_table(tracks: dict[str, dict], table: str = DRIVES) -> Table:
         tracks: figures of each track by its name, as `mean_and_spread` returns them.
         table: DRIVES or REPLAYS.
     """
-    caption = None
-    if table == DRIVES and any(one.get("drives", 1) > 1 for one in tracks.values()):
-        caption = DEVIATION
-    shown = Table(caption=caption, caption_justify="left")
-    shown.add_column("driving", no_wrap=True)
-    for track in tracks:
-        shown.add_column(Text(track))
+    has_deviation = table == DRIVES and any(one.get("drives", 1) > 1 for one in tracks.values())
     rows = table_rows(table)
-    for one in figure_columns(tracks, table):
-        if one.name in rows:
-            narrow = one.name == "drives_without_intervention" and len(tracks) > 1
-            shown.add_row(one.heading, *(map(two_lines, one.cells) if narrow else one.cells))
-    return shown
+    figures = [one for one in figure_columns(tracks, table) if one.name in rows]
+    columns = [Column("track", "driving", list(tracks)), *figures]
+    return Table(columns, DEVIATION if has_deviation else "").turned()
 
 
-def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[TableColumn]:
+def print_drives(tracks: dict[str, dict], console: Console, table: str = DRIVES) -> None:
+    """Print `drives_table`."""
+    found = drives_table(tracks, table)
+    caption = found.caption or None
+    console.print(found.printed(whole=[0], caption=caption, caption_justify="left"))
+
+
+def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[Column]:
     """Return a column for each figure that a track has, with a row for each track.
 
     Args:
@@ -146,7 +143,7 @@ def figure_columns(tracks: Mapping[str, Mapping], table: str = DRIVES) -> list[T
                 pairs = [one or (None, None) for one in found]
                 means, deviations = zip(*pairs, strict=True)
                 values = {key: means, f"{key}_std": deviations}
-            columns.append(TableColumn(key, label, texts, values, short=key in SHORT))
+            columns.append(Column(key, label, texts, values, short=key in SHORT))
     return columns
 
 

@@ -9,12 +9,13 @@ from rich.console import Console
 from simulator.track_names import short_name
 from zoo.cli.closing_lines import print_written
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
-from zoo.evaluate.drives_table import DEVIATION, drives_table, figure_columns
+from zoo.evaluate.drives_table import DEVIATION, figure_columns, print_drives
 from zoo.evaluate.guard_effect import guard_line
 from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
 from zoo.evaluate.track_scores import how_well
-from zoo.runs.result_table import Result, ResultTable, TableColumn
+from zoo.runs.table import Column, Table
+from zoo.runs.table_files import Result
 from zoo.verdict.judgement import Verdict, print_verdict
 
 By = dict[str, dict[float, dict]]
@@ -54,12 +55,12 @@ class Evaluation(Result):
         lines = [f"  {name}: {how_well(one)}" for name, one in self.tracks.items()]
         return "\n".join([f"Evaluation in {self.folder}: {self.verdict.headline}", *lines])
 
-    def result_table(self) -> ResultTable:
+    def result_table(self) -> Table:
         """Return a row of figures for each track."""
-        columns = [TableColumn("track", "track", list(self.tracks)), *figure_columns(self.tracks)]
+        columns = [Column("track", "track", list(self.tracks)), *figure_columns(self.tracks)]
         name = Path(str(self.metrics["checkpoint"])).name
         caption = f"{name} in the embedded world, {_how(self.usual)}. {DEVIATION}."
-        return ResultTable(columns, caption)
+        return Table(columns, caption)
 
     def plot(self) -> Figure:
         """Return a figure of the drives on each track, or of the perturbations' values."""
@@ -70,7 +71,7 @@ class Evaluation(Result):
 
 def print_evaluation(result: Evaluation, console: Console) -> None:
     """Print the tables of an evaluation and the effect of a guard."""
-    console.print(drives_table(result.tracks))
+    print_drives(result.tracks, console)
     if "guard" in result.metrics:
         line = guard_line(result.metrics["guard"])
         console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -21,7 +21,8 @@ from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import DriveRow
 from zoo.drives.metrics import METRICS, REPLAYS, measure
 from zoo.evaluate.evaluate_options import SpeedMph
-from zoo.runs.result_table import Result, ResultTable, check_table, write_asked
+from zoo.runs.table import Table
+from zoo.runs.table_files import Result, check_table, write_asked
 
 if TYPE_CHECKING:
     from zoo.checkpoints.command import PolicyFunction
@@ -64,12 +65,12 @@ class Replay(Result):
         lost = f"{self.figures['interventions']:g} interventions"
         return f"Replay in {self.folder}: autonomy {self.figures['autonomy']:.1%}, {lost}"
 
-    def result_table(self) -> ResultTable:
+    def result_table(self) -> Table:
         """Return one row with all figures."""
         from zoo.evaluate.drives_table import figure_columns, mean_and_spread
 
         columns = figure_columns({"replay": mean_and_spread([self.figures])}, REPLAYS)
-        return ResultTable(
+        return Table(
             [
                 replace(one, figures={one.name: [self.figures[one.name]]})
                 for one in columns
@@ -151,9 +152,9 @@ def replay_and_print(
     """
     checkpoint = str(find_checkpoint(checkpoint))
     found = replay_recording(checkpoint, recording_folder, options, console)
-    from zoo.evaluate.drives_table import drives_table, mean_and_spread
+    from zoo.evaluate.drives_table import mean_and_spread, print_drives
 
-    console.print(drives_table({"replay": mean_and_spread([found.figures])}, REPLAYS))
+    print_drives({"replay": mean_and_spread([found.figures])}, console, REPLAYS)
     for line in found.keyboard:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     following = ["film", found.folder] if options.frames else ["evaluate", checkpoint]

@@ -5,8 +5,6 @@ from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from zoo.base.regular_file import hash_file
 from zoo.base.terminal import printable
@@ -21,7 +19,6 @@ from zoo.report import blocks
 from zoo.report.report_page import to_html
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
-from zoo.runs.table_text import two_lines
 
 VERSION = 1
 JSON, PAGE, PLOT = "guard.json", "guard.html", "guard.png"
@@ -88,13 +85,10 @@ def plain_result(result: GuardResult) -> dict:
 
 def print_result(result: GuardResult, console: Console) -> None:
     """Print the tables and sentences."""
+    style = {"box": SIMPLE_HEAD, "show_edge": False, "pad_edge": False, "padding": (0, 1, 0, 0)}
     for table in guard_tables.all_tables(result):
-        shown = Table(title=table.title, title_justify="left", box=SIMPLE_HEAD, show_edge=False)
-        shown.pad_edge, shown.padding = False, (0, 1, 0, 0)
-        for number, heading in enumerate(table.headings):
-            shown.add_column(heading, justify="right" if number else "left", no_wrap=not number)
-        for row in table.rows:
-            shown.add_row(*[Text(two_lines(one)) for one in row])
+        shown = table.narrow().printed(left=1, whole=[0], title=table.caption, **style)
+        shown.title_justify = "left"
         console.print(shown)
     for line in _lines(result):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
@@ -114,8 +108,7 @@ def _lines(result: GuardResult) -> list[str]:
 
 def _page(folder: Path, result: GuardResult, plot: Path) -> str:
     tables = [
-        blocks.Section(one.title, [blocks.Rows(one.headings, one.rows)])
-        for one in guard_tables.all_tables(result)
+        blocks.Section(one.caption, [blocks.Rows(one)]) for one in guard_tables.all_tables(result)
     ]
     data = plot.read_bytes()
     caption = "Scores of nominal windows and of windows 1 s before a failure in weather and light"

@@ -20,7 +20,7 @@ from zoo.guard.conditions import DEGRADED, WEATHER, Condition, shifted_condition
 from zoo.guard.guard_files import print_result, write_files
 from zoo.guard.guard_options import GuardOptions
 from zoo.guard.guard_result import NOMINAL, Fitted, GuardResult, Pairs, of_group
-from zoo.guard.guard_tables import TABLE_COLUMNS, all_warnings
+from zoo.guard.guard_tables import TABLE_COLUMNS, warnings_table
 from zoo.guard.labelled_windows import LEADS_S, WINDOW_S
 from zoo.guard.observed_drive import ObservedDrive
 from zoo.guard.paired_drives import Driven, drive_pairs
@@ -30,7 +30,7 @@ from zoo.monitor.guard_file import Guard, write_guard
 from zoo.monitor.scores import METHODS, Score, fit_score
 from zoo.monitor.signals import ENSEMBLE, signal_sources
 from zoo.monitor.threshold import Threshold, fit_threshold
-from zoo.runs.result_table import check_table, write_table
+from zoo.runs.table_files import check_table, write_table
 
 GUARD = "guard.pt"
 TIMED = 100  # frames whose score is timed
@@ -92,7 +92,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
             write_files(folder, result)
         print_result(result, console)
         if options.table is not None:
-            written.append(write_table(all_warnings(result), options.table, options.columns))
+            written.append(write_table(warnings_table(result), options.table, options.columns))
         following = ["evaluate", checkpoint, f"guard={path}", "weather={fog: 0.6}"]
         print_written([path, *written], following, console)
         return result

@@ -1,8 +1,7 @@
-"""The result of a guard as tables of texts, for the terminal and the page."""
+"""The result of a guard as tables, for the terminal, the page and a file."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,75 +11,56 @@ from zoo.guard.guard_result import NOMINAL, GuardResult, Pairs, of_group
 from zoo.guard.labelled_windows import LEADS_S
 from zoo.guard.published import THIRDEYE
 from zoo.guard.warning_figures import FIGURES
-from zoo.runs.result_table import ResultTable, TableColumn
-from zoo.runs.table_text import interval_figures, with_interval
+from zoo.runs.table import Column, Table, interval_column, with_interval
 
 TABLE_COLUMNS = ("group", "score", "lead_s", *FIGURES)
 HEADINGS = ("recall %", "precision %", "false alarms %", "F3 %", "AUC %")
 TITLES = {WEATHER: "Fog, rain and light", DEGRADED: "Degraded networks"}
 
 
-@dataclass(frozen=True)
-class Cells:
-    """A table of texts.
+def warnings_table(result: GuardResult, only: str | None = None) -> Table:
+    """Return a row for each group of conditions, method and lead; a CSV file has shares as 0..1.
 
-    Attributes:
-        title: title.
-        headings: headings of the columns.
-        rows: cells of each row.
+    Args:
+        result: result of the command.
+        only: the only group, whose name is then the title; None for all groups.
     """
-
-    title: str
-    headings: list[str]
-    rows: list[list[str]]
-
-
-def warning_table(result: GuardResult, group: str) -> Cells:
-    """Return the figures of a group of conditions: a row for each method and lead."""
-    rows = []
-    for method, by_lead in result.figures[group].items():
-        for lead, figures in by_lead.items():
-            texts = [with_interval(figures[name], "{:.0f}", 100) for name in FIGURES]
-            rows.append([method if lead == LEADS_S[0] else "", str(lead), *texts])
-    return Cells(TITLES[group], ["score", "lead s", *HEADINGS], rows)
-
-
-def all_warnings(result: GuardResult) -> ResultTable:
-    """Return the figures of all groups as one table for a file, shares as 0..1."""
     found = [
         (group, method, lead, figures)
         for group, by_method in result.figures.items()
         for method, by_lead in by_method.items()
         for lead, figures in by_lead.items()
+        if only in (None, group)
     ]
+    leads = [lead for _, _, lead, _ in found]
+    methods = [method for _, method, _, _ in found]
+    if only is not None:  # each method is named once
+        pairs = zip(methods, leads, strict=True)
+        methods = [method if lead == LEADS_S[0] else "" for method, lead in pairs]
     columns = [
-        TableColumn("group", "group", [one for one, *_ in found]),
-        TableColumn("score", "score", [one for _, one, *_ in found]),
-        TableColumn(
-            "lead_s",
-            "lead s",
-            [str(one[2]) for one in found],
-            {"lead_s": [one[2] for one in found]},
-        ),
+        Column("group", "group", [group for group, *_ in found]),
+        Column("score", "score", methods),
+        Column("lead_s", "lead s", list(map(str, leads)), {"lead_s": leads}),
     ]
     for name, heading in zip(FIGURES, HEADINGS, strict=True):
-        figures = [one[-1][name] for one in found]
-        texts = [with_interval(one, "{:.0f}", 100) for one in figures]
-        columns.append(TableColumn(name, heading, texts, interval_figures(name, figures)))
-    return ResultTable(columns, "Warnings before failures, in brackets 95 % intervals over drives.")
+        figures = [one[name] for *_, one in found]
+        columns.append(interval_column(name, heading, figures, "{:.0f}", 100))
+    if only is not None:
+        return Table(columns[1:], TITLES[only])
+    return Table(columns, "Warnings before failures, in brackets 95 % intervals over drives.")
 
 
-def published_table() -> Cells:
+def published_table() -> Table:
     """Return the figures of ThirdEye on the original simulator."""
     rows = [
         [name, str(lead), str(recall), str(precision), str(rate), str(f3), ""]
         for name, lead, recall, precision, rate, f3 in THIRDEYE
     ]
     title = "Published (ThirdEye, levels of weather in the original simulator)"
-    return Cells(title, ["score", "lead s", *HEADINGS], rows)
+    return Table.of(["score", "lead s", *HEADINGS], rows, title)
 
 
-def score_table(result: GuardResult) -> Cells:
+def score_table(result: GuardResult) -> Table:
     """Return the threshold and the cost of each score, and its alarms without a failure."""
     fitted = result.fitted
     groups = [group for group in (WEATHER, DEGRADED) if group in result.figures]
@@ -94,10 +74,10 @@ def score_table(result: GuardResult) -> Cells:
         for method, threshold in fitted.thresholds.items()
     ]
     names = [f"alarms without a failure, {group} %" for group in groups]
-    return Cells("Scores", ["score", "threshold", "ms per frame", *names], rows)
+    return Table.of(["score", "threshold", "ms per frame", *names], rows, "Scores")
 
 
-def pair_table(pairs: Pairs) -> Cells:
+def pair_table(pairs: Pairs) -> Table:
     """Return the interventions without a guard, with it, and at its mean speed."""
     kinds = list(dict.fromkeys(one.kind for one in pairs.conditions))
     rows = []
@@ -111,7 +91,7 @@ def pair_table(pairs: Pairs) -> Cells:
         speed = f"{np.mean([pairs.guarded[row].speed_mph for row in own]):.1f}"
         rows.append([kind, str(len(own)), *counts, alarms, speed])
     headings = ["condition", "drives", "without", "with the guard", "at its mean speed"]
-    return Cells("Interventions", [*headings, "alarms", "mean speed, mph"], rows)
+    return Table.of([*headings, "alarms", "mean speed, mph"], rows, "Interventions")
 
 
 def prevented(pairs: Pairs) -> tuple[Estimate, Estimate]:
@@ -164,10 +144,10 @@ def method_line(result: GuardResult) -> str:
     )
 
 
-def all_tables(result: GuardResult) -> Sequence[Cells]:
-    """Return the tables in the order of the terminal and the page."""
+def all_tables(result: GuardResult) -> Sequence[Table]:
+    """Return the tables in the order of the terminal and the page; a caption is the title."""
     failed = {one.condition.group for one in result.shifted if one.windows.failures}
-    tables = [warning_table(result, group) for group in result.figures if group in failed]
+    tables = [warnings_table(result, group) for group in result.figures if group in failed]
     tables += [published_table(), score_table(result)]
     return [*tables, *([] if result.pairs is None else [pair_table(result.pairs)])]
 

@@ -12,6 +12,7 @@ from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text
 from zoo.report.card_section import INTENDED_USE
 from zoo.report.markdown import to_markdown
+from zoo.runs.table import Table
 
 TAGS = ["drivezoo", "behavioural-cloning", "self-driving", "simulator"]
 # Metrics of the header, of those that a track's figures can have.
@@ -146,7 +147,7 @@ def _scores(of: Described) -> list[Block]:
     speed = (of.metrics.get("drive") or {}).get("speed_mph")
     where = "Drives of its run in drivezoo's embedded simulator"
     text = f"{where}, at {speed:g} mph." if speed else f"{where}."
-    return [Text(text), Rows(headers, rows)]
+    return [Text(text), Rows(Table.of(headers, rows))]
 
 
 def _training(of: Described) -> list[Block]:

@@ -6,10 +6,11 @@ from rich.console import Console
 from rich.table import Table
 
 from zoo.checkpoints.keras_layers import LayerNote
-from zoo.cli.fitted_table import Cells, fitted_table
 from zoo.input_search.combinations import Combination
 from zoo.input_search.judgement import Judgement
 from zoo.input_search.trials import Trial, Trials
+from zoo.runs.fitted_table import fitted_table
+from zoo.runs.table import Table as Columns
 
 SHOWN = 10  # most rows of the table of trials
 
@@ -17,18 +18,18 @@ SHOWN = 10  # most rows of the table of trials
 def architecture_table(name: str, notes: Sequence[LayerNote], width: int) -> Table:
     """Return the file's layers, and what was understood of each."""
     total = sum(one.parameters for one in notes)
-    names = [
-        Cells("", tuple(str(one.position) for one in notes), "right"),
-        Cells("name", tuple(one.name for one in notes)),
-        Cells("layer", tuple(one.kind for one in notes)),
-        Cells("understood", tuple(one.understood.removeprefix(one.kind).strip() for one in notes)),
+    rows = [
+        (
+            *(str(one.position), one.name, one.kind),
+            one.understood.removeprefix(one.kind).strip(),
+            " x ".join(map(str, one.shape)),
+            f"{one.parameters:,}",
+        )
+        for one in notes
     ]
-    figures = [
-        Cells("output", tuple(" x ".join(map(str, one.shape)) for one in notes), "right"),
-        Cells("parameters", tuple(f"{one.parameters:,}" for one in notes), "right"),
-    ]
+    columns = Columns.of(["", "name", "layer", "understood", "output", "parameters"], rows).columns
     title = f"{name}: {len(notes)} layers, {total:,} parameters"
-    return fitted_table(title, names, figures, width, first=2)[0]
+    return fitted_table(title, columns[:4], columns[4:], width, first=2)[0]
 
 
 def input_table(found: Combination, sources: dict[str, str], width: int) -> Table:
@@ -43,34 +44,32 @@ def input_table(found: Combination, sources: dict[str, str], width: int) -> Tabl
         "resize": view.resize if view.size else "-",
         "scale": f"pixel / {divisor:g} - {less:g}",
     }
-    names = [
-        Cells("input", tuple(values)),
-        Cells("value", tuple(values.values())),
-        Cells("from", tuple(sources[key] for key in values)),
-    ]
-    return fitted_table("what the network sees", names, [], width)[0]
+    rows = [(key, value, sources[key]) for key, value in values.items()]
+    columns = Columns.of(["input", "value", "from"], rows).columns
+    return fitted_table("what the network sees", columns, [], width)[0]
 
 
 def trials_table(trials: Trials, judged: Judgement, width: int) -> Table:
     """Return the best trials, the chosen one first, the others from the highest score."""
     others = [one for one in trials.finalists if one is not judged.best]
     shown = [judged.best, *others][:SHOWN]
-    names = [
-        Cells("colour", tuple(one.combination.view.colour for one in shown)),
-        Cells("crop", tuple("{},{}".format(*one.combination.view.crop) for one in shown)),
-        Cells("resize", tuple(_resize(one) for one in shown)),
+    rows = [
+        (
+            one.combination.view.colour,
+            "{},{}".format(*one.combination.view.crop),
+            _resize(one),
+            "{:g},{:g}".format(*one.combination.scale),
+            *map(_figure, (one.score, one.correlation, one.recovery)),
+        )
+        for one in shown
     ]
-    scales = tuple("{:g},{:g}".format(*one.combination.scale) for one in shown)
-    if len(set(scales)) > 1:  # else the file or the user tells it
-        names.append(Cells("scale", scales))
-    figures = [
-        _figures("agreement", [one.score for one in shown]),
-        _figures("correlation", [one.correlation for one in shown]),
-        _figures("recovery", [one.recovery for one in shown]),
-    ]
+    headings = ["colour", "crop", "resize", "scale", "agreement", "correlation", "recovery"]
+    *names, scale, _, _, _ = columns = Columns.of(headings, rows).columns
+    if len(set(scale.cells)) > 1:  # else the file or the user tells it
+        names.append(scale)
     frames = len(shown[0].steering)
     title = f"the best of {len(trials.coarse)} inputs tried, on {frames} frames in bends"
-    return fitted_table(title, names, figures, width, first=2)[0]
+    return fitted_table(title, names, columns[4:], width, first=2)[0]
 
 
 def print_judgement(judged: Judgement, console: Console) -> None:
@@ -117,6 +116,5 @@ def _resize(trial: Trial) -> str:
     return trial.combination.view.resize if trial.combination.view.size else "-"
 
 
-def _figures(heading: str, values: Sequence[float | None]) -> Cells:
-    cells = tuple("-" if one is None else f"{one:.3f}" for one in values)
-    return Cells(heading, cells, "right")
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

@@ -20,7 +20,7 @@ from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
-    from zoo.leaderboard.ranked_entries import Ranking
+    from zoo.leaderboard.ranking_table import Ranking
 
 COMMAND = Command(
     __doc__, {"[FOLDER...]": "folders that contain runs, sweeps or drives; default: outputs"}
@@ -53,9 +53,9 @@ def leaderboard(
     Raises:
         InputError: a folder does not exist, or contains neither runs nor drives.
     """
-    from zoo.leaderboard.ranked_entries import Ranking
     from zoo.leaderboard.ranking_page import write_page
-    from zoo.runs.result_table import check_table, write_asked
+    from zoo.leaderboard.ranking_table import Ranking
+    from zoo.runs.table_files import check_table, write_asked
 
     check_table(options.table, options.columns)
     named = [Path(one) for one in names]
@@ -79,8 +79,7 @@ def leaderboard(
 def show_leaderboard(arguments: list[str]) -> None:
     """Read the arguments, rank the runs and print the ranking."""
     names, options = COMMAND.read(arguments, LeaderboardOptions)
-    from zoo.leaderboard.ranked_entries import following, print_ranking
-    from zoo.leaderboard.ranking_table import wide_console
+    from zoo.leaderboard.ranking_table import following, print_ranking, wide_console
 
     console = wide_console()
     ranking, title, written = leaderboard(names, options)

@@ -9,20 +9,20 @@ from zoo.base.whole_file import write_output
 from zoo.evaluate.drives_table import with_deviation
 from zoo.leaderboard.ranking import Count, Entry, Unranked
 from zoo.leaderboard.ranking_table import (
-    Column,
+    Figure,
     figure_columns,
     figure_text,
     folder_label,
     length_text,
     named_columns,
     run_name,
+    seeds_column,
     setting_columns,
-    setting_text,
-    training_seeds,
     unranked_lines,
     value_of,
 )
 from zoo.runs.page import Page
+from zoo.runs.table import Column
 
 CURVES = ("drive/autonomy", "drive/cte_mean", "val/mse", "train/loss")
 
@@ -43,11 +43,18 @@ def write_page(
         OSError: the file cannot be written.
     """
     figures, settings = figure_columns(entries), setting_columns(entries)
+    texts = [*named_columns(entries, under), *settings, seeds_column(entries)]
     # Counts have no axis: it could not show of how many drives they are.
     axes = [one for one in figures if one.form]
     data = {
-        "axes": [*map(_setting_axis, settings), *map(_figure_axis, axes)],
-        "entries": [_script_entry(entry, settings, figures, under) for entry in entries],
+        "axes": [
+            *({"key": one.name, "heading": one.name, "kind": "setting"} for one in settings),
+            *map(_figure_axis, axes),
+        ],
+        "entries": [
+            _script_entry(place, entry, settings, figures, under)
+            for place, entry in enumerate(entries)
+        ],
         "curves": [
             name for name in CURVES if any(name in r.curves for e in entries for r in e.runs)
         ],
@@ -56,7 +63,14 @@ def write_page(
         title=title,
         where=f"{under.resolve()} \N{MIDDLE DOT} {datetime.now():%Y-%m-%d %H:%M}",
         lead=_lead(entries, under),
-        **_table(entries, settings, figures, under),
+        heads=[(one.heading, True) for one in texts] + [(one.heading, False) for one in figures],
+        rows=[
+            [
+                *((column.cells[place], None) for column in texts),
+                *((figure_text(entry, one), value_of(entry, one)) for one in figures),
+            ]
+            for place, entry in enumerate(entries)
+        ],
         data=data,
         unranked=unranked_lines(unranked, under),
     )
@@ -83,7 +97,7 @@ def render_page(
         data: `axes`, `entries` and `curves` that the page's script draws.
         unranked: lines below the table.
     """
-    return Page(Path(__file__).parent / "static", script="page.js").render(
+    return Page(Path(__file__).with_name("static") / "ranking.html", "ranking.js").render(
         title=title,
         where=where,
         lead=lead,
@@ -115,8 +129,8 @@ def _lead(entries: Sequence[Entry], under: Path) -> str:
     if len(entries) < count:
         what += f", grouped by training seed into {len(entries)} settings"
     for column in (
-        Column("autonomy", "autonomy", "{:.1%}"),
-        Column("validation MSE", "val_mse", "{:.4f}"),
+        Figure("autonomy", "autonomy", "{:.1%}"),
+        Figure("validation MSE", "val_mse", "{:.4f}"),
     ):
         if best.figures.get(column.key):
             figure = with_deviation(best.figures[column.key], column.form, len(best.runs))
@@ -127,34 +141,7 @@ def _lead(entries: Sequence[Entry], under: Path) -> str:
     return f"{what}."
 
 
-def _table(
-    entries: Sequence[Entry], settings: Sequence[str], figures: Sequence[Column], under: Path
-) -> dict:
-    """Return the table for the template.
-
-    Returns:
-        `heads`: headings, each with whether the column holds text.
-        `rows`: rows of cells, each a text and the number to sort by (None: sort by the text).
-    """
-    names = named_columns(entries, under)
-    words = [*(one.heading for one in names), *settings, "training seeds"]
-    heads = [(one, True) for one in words] + [(one.heading, False) for one in figures]
-    rows = []
-    for place, entry in enumerate(entries):
-        texts = [one.cells[place] for one in names]
-        texts += [setting_text(entry.first.overrides.get(key)) for key in settings]
-        texts.append(training_seeds(entry))
-        row = [(text, None) for text in texts]
-        row += [(figure_text(entry, one), value_of(entry, one)) for one in figures]
-        rows.append(row)
-    return {"heads": heads, "rows": rows}
-
-
-def _setting_axis(key: str) -> dict:
-    return {"key": key, "heading": key, "kind": "setting"}
-
-
-def _figure_axis(column: Column) -> dict:
+def _figure_axis(column: Figure) -> dict:
     share = "%" in column.form
     return {
         "key": column.key,
@@ -166,12 +153,16 @@ def _figure_axis(column: Column) -> dict:
 
 
 def _script_entry(
-    entry: Entry, settings: Sequence[str], figures: Sequence[Column], under: Path
+    place: int,
+    entry: Entry,
+    settings: Sequence[Column],
+    figures: Sequence[Figure],
+    under: Path,
 ) -> dict:
     """Return an entry in the form that the page's script reads."""
-    values = {key: entry.first.overrides.get(key) for key in settings}
+    values = {one.name: one.figures[one.name][place] for one in settings}
     values |= {one.key: value_of(entry, one) for one in figures if value_of(entry, one) is not None}
-    own = " ".join(f"{key}={setting_text(values[key])}" for key in settings)
+    own = " ".join(f"{one.name}={one.cells[place]}" for one in settings)
     return {
         "name": f"{run_name(entry, under)}: {own or entry.first.name}",
         "values": values,

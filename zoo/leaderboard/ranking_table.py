@@ -1,25 +1,35 @@
-"""The ranking as a table for the terminal, and its columns as the HTML page shows them."""
+"""The ranking as a table: for the terminal, the page and files, and the result that holds it."""
 
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.table import Table
 
 from zoo.base.terminal import printable
-from zoo.cli.fitted_table import ENOUGH, FRAME, Cells, fits, fitted_table
 from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.metric_registry import LOWER, Metric
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import with_deviation
-from zoo.leaderboard.ranking import Count, Entry, Unranked
-from zoo.runs.table_text import two_lines
+from zoo.leaderboard.ranked_drive import read_drives
+from zoo.leaderboard.ranking import BENCHMARK, Count, Entry, Unranked, protocols, rank, read_runs
+from zoo.runs.fitted_table import ENOUGH, FRAME, fits, fitted_table, width_of
+from zoo.runs.table import Cell, Column, Table, interval_figures, two_lines, with_interval
+from zoo.runs.table_files import Result
 from zoo.runs.trained_recordings import recording_names
 
+if TYPE_CHECKING:
+    import rich.table
+
+CAPTION = (
+    "Ranking by autonomy. In brackets: 95 % interval over training seeds (Student's t); ±: sample "
+    "standard deviation over training seeds."
+)
+FEW = 3  # settings that stand for the run's folder in a TeX table
 ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
 WIDTH = 140  # of a table that is not printed on a terminal
 # Overrides that get no column: paths, and the seed, which has a column of its own.
@@ -27,7 +37,7 @@ NO_SETTINGS = ("data.root", "data.images", "data.cache", "seed")
 
 
 @dataclass(frozen=True)
-class Column:
+class Figure:
     """A column of figures in the ranking.
 
     Attributes:
@@ -48,40 +58,40 @@ class Column:
         return self.key.rpartition("/")[2] == "autonomy"
 
 
-def figure_columns(entries: Sequence[Entry]) -> list[Column]:
+def figure_columns(entries: Sequence[Entry]) -> list[Figure]:
     """Return the figures that at least one entry has, the most important first."""
     tracks = list(dict.fromkeys(name for entry in entries for name in entry.first.tracks))
     labels = {track: Path(track).stem if "/" in track else track for track in tracks}
     first, *others = leaderboard_metrics()
     found = [_column(first, track, label) for track, label in labels.items()]
     drives = [
-        Column(f"drives without intervention, {label}", f"{track}/drives", "")
+        Figure(f"drives without intervention, {label}", f"{track}/drives", "")
         for track, label in labels.items()
     ]
     if len(tracks) > 1:
-        found = [Column(first.label, first.name, first.form), *drives, *found]
+        found = [Figure(first.label, first.name, first.form), *drives, *found]
     else:
         found += drives
     for track, label in labels.items():
         found += [_column(one, track, label) for one in others]
-        laps = Column(f"laps, {label}", f"{track}/laps", "{:.1f}")
-        driven = Column(f"driven, {label} (m)", f"{track}/driven_m", "{:,.0f}")
+        laps = Figure(f"laps, {label}", f"{track}/laps", "{:.1f}")
+        driven = Figure(f"driven, {label} (m)", f"{track}/driven_m", "{:,.0f}")
         unknown = [one for one in entries if not one.figures.get(laps.key)]
         found += [laps, *([driven] if any(one.figures.get(driven.key) for one in unknown) else [])]
     found += [
-        Column("val MSE", "val_mse", "{:.4f}", less=True),
-        Column("test MSE", "test_mse", "{:.4f}", less=True),
-        Column("seconds", "wall_s", "{:,.0f}", less=True),
+        Figure("val MSE", "val_mse", "{:.4f}", less=True),
+        Figure("test MSE", "test_mse", "{:.4f}", less=True),
+        Figure("seconds", "wall_s", "{:,.0f}", less=True),
     ]
     return [one for one in found if any(entry.figures.get(one.key) for entry in entries)]
 
 
-def _column(metric: Metric, track: str, label: str) -> Column:
+def _column(metric: Metric, track: str, label: str) -> Figure:
     heading = metric.column_heading(label)
-    return Column(heading, f"{track}/{metric.name}", metric.form, metric.direction == LOWER)
+    return Figure(heading, f"{track}/{metric.name}", metric.form, metric.direction == LOWER)
 
 
-def short_figures(columns: Sequence[Column]) -> set[str]:
+def short_figures(columns: Sequence[Figure]) -> set[str]:
     """Return the keys of the figures that a TeX table shows by default.
 
     They are the autonomy, on one track also the drives and the error; or the errors of the steering
@@ -93,7 +103,7 @@ def short_figures(columns: Sequence[Column]) -> set[str]:
     return set(driven or ("val_mse", "test_mse"))
 
 
-def figure_text(entry: Entry, column: Column) -> str:
+def figure_text(entry: Entry, column: Figure) -> str:
     """Return a figure as text, such as `98.2% ± 0.4%`; a dash where there is none."""
     value = entry.figures.get(column.key)
     if value is None:
@@ -103,42 +113,24 @@ def figure_text(entry: Entry, column: Column) -> str:
     return with_deviation(value, column.form) + length_text(entry, column)
 
 
-def length_text(entry: Entry, column: Column) -> str:
+def length_text(entry: Entry, column: Figure) -> str:
     """Return what stands behind an autonomy over less than a lap, such as ` of 0.1 laps`."""
     length = column.has_interval and entry.short_drive(column.key.rpartition("/")[0] or None)
     return f" of {length}" if length else ""
 
 
-def interval_of(entry: Entry, column: Column) -> Estimate:
+def interval_of(entry: Entry, column: Figure) -> Estimate:
     """Return a share of an entry with its 95 % interval over the training seeds."""
     value, deviation = entry.figures.get(column.key) or (math.nan, None)
     return mean_over_seeds(value, deviation, len(entry.runs), (0, 1))
 
 
-def value_of(entry: Entry, column: Column) -> float | None:
+def value_of(entry: Entry, column: Figure) -> float | None:
     """Return a figure as a number to sort by; None where there is none."""
     figure = entry.figures.get(column.key)
     if isinstance(figure, Count):
         return figure.without_intervention / figure.drives
     return figure[0] if figure else None
-
-
-def setting_columns(entries: Sequence[Entry]) -> list[str]:
-    """Return the override keys whose values differ between entries, in typed order."""
-    keys = dict.fromkeys(key for entry in entries for key in entry.first.overrides)
-    varied = []
-    for key in keys:
-        values = {entry.first.overrides.get(key) for entry in entries}
-        if key not in NO_SETTINGS and len(values) > 1:
-            varied.append(key)
-    return varied
-
-
-def has_model_column(entries: Sequence[Entry], settings: Sequence[str]) -> bool:
-    """Return whether the runs' names differ and no column of settings shows it."""
-    return len({one.first.name for one in entries}) > 1 and not {"model", "experiment"} & set(
-        settings
-    )
 
 
 def wide_console() -> Console:
@@ -164,34 +156,81 @@ def setting_text(value: str | None) -> str:
     return f"{number:.4g}" if len(value) > 7 else value
 
 
-def training_seeds(entry: Entry) -> str:
-    """Return an entry's training seeds: `1`, or `1, 2, 3` with `(n = 3)` in a second line."""
-    listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
-    return f"{listed}\n(n = {len(entry.runs)})" if len(entry.runs) > 1 else listed
-
-
-def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Cells]:
+def named_columns(entries: Sequence[Entry], under: Path | None) -> list[Column]:
     """Return the columns that identify entries: rank, folders, model, source, recording."""
+    places = list(range(1, len(entries) + 1))
     found = [
-        Cells("", tuple(str(number) for number in range(1, len(entries) + 1)), "right"),
-        Cells("run", tuple(run_name(entry, under) for entry in entries)),
+        Column("rank", "", list(map(str, places)), {"rank": places}),
+        Column("run", "run", [run_name(entry, under) for entry in entries]),
     ]
-    if has_model_column(entries, setting_columns(entries)):
-        found.append(Cells("model", tuple(entry.first.name for entry in entries)))
-    sources = tuple(entry.first.source or "-" for entry in entries)
+    names = [entry.first.name for entry in entries]
+    if len(set(names)) > 1 and not {"model", "experiment"} & set(setting_keys(entries)):
+        found.append(Column("model", "model", names))
+    sources = [entry.first.source or "-" for entry in entries]
     if set(sources) - {"-", EMBEDDED}:
-        found.append(Cells("drive", sources))
+        found.append(Column("drive", "drive", sources))
     recordings = [entry.first.trained_on for entry in entries]
     if len(set(recordings)) > 1:
-        names = recording_names(recordings)
-        found.append(Cells("recording", tuple(names[one] for one in recordings)))
+        labels = recording_names(recordings)
+        found.append(Column("recording", "recording", [labels[one] for one in recordings]))
     return found
+
+
+def setting_columns(entries: Sequence[Entry]) -> list[Column]:
+    """Return a column for each override whose values differ between entries, in typed order."""
+    columns = []
+    for key in setting_keys(entries):
+        values = [entry.first.overrides.get(key) for entry in entries]
+        columns.append(Column(key, key, list(map(setting_text, values)), {key: values}))
+    return columns
+
+
+def setting_keys(entries: Sequence[Entry]) -> list[str]:
+    """Return the override keys whose values differ between entries, in typed order."""
+    keys = dict.fromkeys(key for entry in entries for key in entry.first.overrides)
+    values = {key: {entry.first.overrides.get(key) for entry in entries} for key in keys}
+    return [key for key in keys if key not in NO_SETTINGS and len(values[key]) > 1]
+
+
+def seeds_column(entries: Sequence[Entry]) -> Column:
+    """Return the training seeds: `1`, or `1, 2, 3` with `(n = 3)` in a second line."""
+    counts = [len(entry.runs) for entry in entries]
+    texts = []
+    for entry, count in zip(entries, counts, strict=True):
+        listed = ", ".join("-" if run.seed is None else str(run.seed) for run in entry.runs)
+        texts.append(f"{listed}\n(n = {count})" if count > 1 else listed)
+    return Column("training_seeds", "training seeds", texts, {"training_seeds": counts})
+
+
+def figure_column(entries: Sequence[Entry], figure: Figure, short: bool) -> Column:
+    """Return a column with intervals or deviations, or the numbers of drives."""
+    name = figure.key.replace("/", "_")
+    found = [entry.figures.get(figure.key) for entry in entries]
+    texts = [figure_text(entry, figure) for entry in entries]
+    figures: dict[str, Sequence[Cell]]
+    if any(isinstance(one, Count) for one in found):
+        counts = [one if isinstance(one, Count) else None for one in found]
+        figures = {
+            name: [one and one.drives for one in counts],
+            f"{name}_without_intervention": [one and one.without_intervention for one in counts],
+        }
+    else:
+        means, deviations = zip(*(one or (None, None) for one in found), strict=True)
+        figures = {name: means, f"{name}_std": deviations}
+        if figure.has_interval:
+            intervals = [interval_of(entry, figure) for entry in entries]
+            figures |= interval_figures(name, intervals)
+            texts = [
+                with_interval(one, figure.form) + length_text(entry, figure)
+                for entry, one in zip(entries, intervals, strict=True)
+            ]
+    return Column(name, figure.heading, texts, figures, short)
 
 
 def ranking_table(
     entries: Sequence[Entry], title: str, under: Path | None = None, width: int = WIDTH
-) -> tuple[Table, list[str]]:
-    """Return the ranking as a table with a row for each entry, the best first.
+) -> tuple["rich.table.Table", list[str]]:
+    """Return the ranking for a terminal: a row for each entry, the best first.
 
     Args:
         entries: rows of the ranking.
@@ -202,44 +241,39 @@ def ranking_table(
     Returns:
         The table, and the headings of the figures that do not fit.
     """
-    names = named_columns(entries, under)
-    settings = [
-        Cells(key, tuple(setting_text(entry.first.overrides.get(key)) for entry in entries))
-        for key in setting_columns(entries)
-    ]
-    seeds = Cells("training seeds", tuple(map(training_seeds, entries)))
-    last = [seeds] if len({run.seed for one in entries for run in one.runs}) > 1 else []
+    names, settings = named_columns(entries, under), setting_columns(entries)
+    seeds = {run.seed for entry in entries for run in entry.runs}
+    last = [seeds_column(entries)] if len(seeds) > 1 else []
     shown = figure_columns(entries)
-    figures = [_figure_cells(entries, column, narrow=False) for column in shown]
+    figures = [_terminal_column(entries, one, narrow=False) for one in shown]
     identifying = [*names, *settings, *last]
     table, left_out = fitted_table(title, identifying, figures, width)
     if left_out:
-        figures = [_figure_cells(entries, column, narrow=True) for column in shown]
-        room = width - sum(one.width + FRAME for one in figures[:ALWAYS_SHOWN])
+        figures = [_terminal_column(entries, one, narrow=True) for one in shown]
+        room = width - sum(width_of(one) + FRAME for one in figures[:ALWAYS_SHOWN])
         if len(settings) > 1 and not fits(identifying, ENOUGH, room):
             identifying = [*names, _in_one_column(settings), *last]
         table, left_out = fitted_table(title, identifying, figures, width, ALWAYS_SHOWN)
     pairs = zip(shown, figures, strict=True)
-    return table, [column.heading for column, cells in pairs if cells in left_out]
+    return table, [figure.heading for figure, column in pairs if column in left_out]
 
 
-def _figure_cells(entries: Sequence[Entry], column: Column, narrow: bool) -> Cells:
-    """Return a figure's cells; narrow ones have the deviation in a second line."""
-    cells = [figure_text(entry, column) for entry in entries]
-    heading = column.heading.replace(", ", ",\n").replace("without ", "without\n")
+def _terminal_column(entries: Sequence[Entry], figure: Figure, narrow: bool) -> Column:
+    """Return a figure's texts; narrow ones have the deviation in a second line."""
+    cells = [figure_text(entry, figure) for entry in entries]
+    heading = figure.heading.replace(", ", ",\n").replace("without ", "without\n")
     if narrow:
-        cells = [two_lines(one).replace(" of ", "\nof ", column.has_interval) for one in cells]
-    return Cells(heading, tuple(cells), "right")
+        cells = [two_lines(one).replace(" of ", "\nof ", figure.has_interval) for one in cells]
+    return Column(figure.key, heading, cells)
 
 
-def _in_one_column(settings: Sequence[Cells]) -> Cells:
+def _in_one_column(settings: Sequence[Column]) -> Column:
     """Return all settings as one column of `key=value` lines."""
-    keys = [column.heading for column in settings]
     cells = []
     for values in zip(*(column.cells for column in settings), strict=True):
-        typed = [(key, value) for key, value in zip(keys, values, strict=True) if value != "-"]
-        cells.append("\n".join(f"{key}={value}" for key, value in typed))
-    return Cells("settings", tuple(cells))
+        typed = zip((column.name for column in settings), values, strict=True)
+        cells.append("\n".join(f"{key}={value}" for key, value in typed if value != "-"))
+    return Column("settings", "settings", cells)
 
 
 def run_name(entry: Entry, under: Path | None) -> str:
@@ -285,3 +319,92 @@ def unranked_lines(unranked: Sequence[Unranked], under: Path | None) -> list[str
             more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
             lines.append(printable(f"{len(found)} {text}: {', '.join(named)}{more}"))
     return lines
+
+
+@dataclass(frozen=True, repr=False)
+class Ranking(Result):
+    """Ranked runs and drives.
+
+    Attributes:
+        entries: rows of the ranking, the best first.
+        unranked: runs without figures.
+        different: how the runs were driven, where it is not the same for all.
+        under: folder to which the runs' folders are shown relative.
+    """
+
+    entries: list[Entry]
+    unranked: list[Unranked]
+    different: list[str]
+    under: Path
+
+    @classmethod
+    def read(cls, folders: Sequence[Path], under: Path, drives: Sequence[Path] = ()) -> "Ranking":
+        """Rank the runs of some folders, and drives together with them."""
+        runs, unranked = read_runs(folders)
+        driven, unread = read_drives(drives)
+        runs = [*runs, *driven]
+        return cls(rank(runs), [*unranked, *unread], protocols(runs), under)
+
+    def __repr__(self) -> str:
+        best = f"; the best: {run_name(self.entries[0], self.under)}" if self.entries else ""
+        return f"Ranking of {len(self.entries)} entries{best}"
+
+    def result_table(self) -> Table:
+        """Return a row for each entry, the best first."""
+        entries, shown = self.entries, figure_columns(self.entries)
+        settings, short = setting_columns(entries), short_figures(shown)
+        few = 0 < len(settings) <= FEW
+        columns = [
+            *(replace(one, short=not few) for one in named_columns(entries, self.under)),
+            *(replace(one, short=few) for one in settings),
+            seeds_column(entries),
+            *(figure_column(entries, one, one.key in short) for one in shown),
+        ]
+        return Table(columns, CAPTION)
+
+
+def following(entries: Sequence[Entry]) -> list[str]:
+    """Return the next command: the best driver on other roads, since few tracks chose it.
+
+    Of results of the benchmark: whether the best is better than the next on the same roads.
+    """
+    if entries and entries[0].first.source == BENCHMARK:
+        same = [
+            one.first
+            for one in entries
+            if one.first.tracks.keys() == entries[0].first.tracks.keys()
+        ]
+        return ["compare", *(str(one.folder) for one in same[:2])] if len(same) > 1 else []
+    if not entries or entries[0].first.source not in ("", EMBEDDED):
+        return []
+    best = entries[0].first
+    is_run = best.val_mse is not None
+    if not is_run and best.name == "-":  # the drive's file does not name the checkpoint
+        return []
+    return ["benchmark", str(best.folder) if is_run else best.name, "suite=quick"]
+
+
+def print_ranking(ranking: Ranking, title: str, console: Console, page: str) -> None:
+    """Print the table, and a line for each kind of unranked run.
+
+    Args:
+        ranking: ranking to print.
+        title: title of the table.
+        console: output of the table and the lines below it.
+        page: file name of the HTML page, which has all columns.
+    """
+    if ranking.entries:
+        table, left_out = ranking_table(ranking.entries, title, ranking.under, console.width)
+        console.print(table)
+        if left_out:
+            line = left_out_line(left_out, console.width, page)
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if ranking.different:
+        different = "; ".join(ranking.different)
+        console.print(
+            f"compare with care, the drives had different conditions: {different}",
+            highlight=False,
+            markup=False,
+        )
+    for line in unranked_lines(ranking.unranked, ranking.under):
+        console.print(line, highlight=False, markup=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
+from zoo.runs.table import Table
 
 
 class MissingError(Exception):
@@ -54,22 +54,14 @@ class Rows:
     """A table.
 
     Attributes:
-        headers, rows: texts of the cells.
+        table: headings and texts of the cells.
         left: number of first columns that hold words, aligned to the left; others hold figures.
-        bold: indices of bold rows.
+        bold: numbers of bold rows.
     """
 
-    headers: list[str]
-    rows: list[list[str]]
+    table: Table
     left: int = 1
     bold: frozenset[int] = frozenset()
-
-    @classmethod
-    def of(cls, table: Table, left: int = 1, bold: frozenset[int] = frozenset()) -> "Rows":
-        """Return a terminal table's contents."""
-        columns = [[_indented(str(cell)) for cell in column.cells] for column in table.columns]
-        headers = [str(column.header) for column in table.columns]
-        return cls(headers, [list(row) for row in zip(*columns, strict=True)], left, bold)
 
 
 @dataclass(frozen=True)
@@ -166,12 +158,6 @@ class Section:
     def anchor(self) -> str:
         """Return the target of links to the section."""
         return self.title.lower().replace(" ", "-")
-
-
-def _indented(text: str) -> str:
-    """Return a text with visible leading blanks: HTML and Markdown hide normal ones."""
-    words = text.lstrip(" ")
-    return "\N{NO-BREAK SPACE}" * (len(text) - len(words)) + words
 
 
 def walk(blocks: list[Block]) -> list[Block]:

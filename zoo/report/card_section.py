@@ -8,6 +8,7 @@ from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Bullets, Code, Fold, Heading, MissingError, Rows, Text, gather
 from zoo.report.reported_run import Run
 from zoo.report.training_section import worse_than_nothing
+from zoo.runs.table import Table
 from zoo.verdict.evidence import training_command
 
 GROUPS = ("model", "data", "augment", "loss", "optim", "schedule", "trainer", "callbacks", "score")
@@ -43,7 +44,7 @@ def _choices(run: Run) -> list[Block]:
     chosen = [[group, _text(run.choices[group])] for group in GROUPS if run.choices.get(group)]
     if chosen and (root := run.config["data"].get("root")):  # data=lake does not name its folder
         chosen.append(["data.root", _text(root)])
-    return [Rows(["group", "option"], chosen, left=2)] if chosen else []
+    return [Rows(Table.of(["group", "option"], chosen), left=2)] if chosen else []
 
 
 def _text(choice: object) -> str:
@@ -52,7 +53,7 @@ def _text(choice: object) -> str:
 
 def _versions(run: Run) -> list[Block]:
     rows = [[package, version] for package, version in run.figures("versions").items()]
-    return [Fold("Versions", [Rows(["package", "version"], rows, left=2)])]
+    return [Fold("Versions", [Rows(Table.of(["package", "version"], rows), left=2)])]
 
 
 def _config(run: Run) -> list[Block]:

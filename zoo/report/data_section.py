@@ -11,6 +11,7 @@ from zoo.report.blocks import Block, Heading, Images, MissingError, Rows, Text, 
 from zoo.report.recovery_stretch import find_recovery
 from zoo.report.report_images import labelled_frame, read_frame, smaller
 from zoo.report.reported_run import Run
+from zoo.runs.table import Table
 
 SHOWN = 6  # number of frames of the recovery
 
@@ -38,7 +39,7 @@ def _recordings(run: Run) -> list[Block]:
             ]
         )
     headers = ["recording", "rows", "with side cameras", "minutes", "rows/s", "pauses"]
-    blocks: list[Block] = [Rows([*headers, "steering exactly 0", "mean mph"], rows)]
+    blocks: list[Block] = [Rows(Table.of([*headers, "steering exactly 0", "mean mph"], rows))]
     trained_on = (run.metrics.get("data") or {}).get("fingerprint")
     if trained_on and trained_on != recording.fingerprint():
         blocks.append(
@@ -65,6 +66,7 @@ def _split(run: Run) -> list[Block]:
     ]
     leaks = run.metrics.get("leak") or {}
     if leaks:
+        headings = ["rows", "seconds to the nearest", "difference to the most similar"]
         rows = [
             [
                 part,
@@ -80,7 +82,7 @@ def _split(run: Run) -> list[Block]:
                 "of the difference between any two frames. Near 0 s and 0 %, held-out rows are "
                 "almost copies of training rows, and their figures mean little."
             ),
-            Rows(["rows", "seconds to the nearest", "difference to the most similar"], rows),
+            Rows(Table.of(headings, rows)),
         ]
     return blocks
 

@@ -62,7 +62,7 @@ def _scores(run: Run) -> list[Block]:
             f"{ONE_TRACK} The same start seed gives the same figures to the digit, except the "
             "latency."
         ),
-        Rows.of(drives_table(run.tracks), bold=frozenset({0})),
+        Rows(drives_table(run.tracks), bold=frozenset({0})),
     ]
 
 

@@ -10,6 +10,7 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.models.memory import Memory, frame_outputs
 from zoo.report.blocks import Block, Rows, Text, gather
 from zoo.report.reported_run import Run
+from zoo.runs.table import Table
 
 
 @dataclass(frozen=True)
@@ -104,8 +105,7 @@ def _table(run: Run) -> list[Block]:
             "the pixels."
         ),
         Rows(
-            ["layer", "type", "output", "parameters"],
-            rows,
+            Table.of(["layer", "type", "output", "parameters"], rows),
             left=2,
             bold=frozenset({len(rows) - 1}),
         ),

@@ -18,9 +18,8 @@ def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> s
         folder: folder of the page; links to films that are too large for it are relative to it.
     """
     page = Page(
-        Path(__file__).parent / "static",
+        Path(__file__).with_name("static") / "report.html",
         sources="img-src data:; media-src data: 'self' file:; ",
-        trim=True,
         filters={
             "base64": lambda data: base64.b64encode(data).decode(),
             "relative": lambda path: Path(os.path.relpath(path, folder)).as_posix(),

@@ -1,7 +1,10 @@
 """The sections on the training and on the open-loop figures."""
 
+from rich.console import Console
+
 from zoo.report.blocks import Block, Heading, Images, Missing, Rows, Text, gather
 from zoo.report.reported_run import Run
+from zoo.runs.table import Table
 
 OPEN_LOOP = (
     "Open-loop figures compare the predicted steering with the recorded steering, row by row. "
@@ -43,19 +46,45 @@ def _curves(run: Run) -> list[Block]:
     return [Images([image])]
 
 
-def _figures(run: Run) -> list[Block]:
-    from zoo.report.open_loop_table import metrics_table
+def metrics_table(name: str, figures: dict, baselines: dict) -> Table:
+    """Return a table of open-loop figures of the network, of always zero and of the mean.
 
+    Args:
+        name: network's name.
+        figures: figures by part of the split.
+        baselines: figures by part of the split and predictor.
+    """
+    rows = []
+    for part, own in figures.items():
+        for predictor, row in {name: own, **baselines[part]}.items():
+            texts = [f"{row[key]:.4f}" for key in ("mse", "mae", "balanced_mae")]
+            shown = part if predictor == name else ""
+            rows.append([shown, predictor, *texts, f"{row['bias']:+.4f}"])
+    return Table.of(["rows", "predictor", "MSE", "MAE", "balanced MAE", "bias"], rows)
+
+
+def print_metrics(table: Table, console: Console) -> None:
+    """Print `metrics_table`; a part of the split begins with the network's row."""
+    title = "steering, centre camera, best checkpoint"
+    shown = table.printed(left=2, title=title, title_justify="left")
+    for number, (part, *_) in enumerate(table.cells):
+        shown.rows[number].style = "bold" if part else "dim"
+        if part and number:
+            shown.rows[number - 1].end_section = True
+    console.print(shown)
+
+
+def _figures(run: Run) -> list[Block]:
     figures, baselines = run.figures("open_loop"), run.figures("baselines")
     table = metrics_table(run.metrics["model"], figures, baselines)
-    own = frozenset(range(0, 3 * len(figures), 3))
+    own = frozenset(number for number, (part, *_) in enumerate(table.cells) if part)
     return [
         Text(
             f"{OPEN_LOOP} The table also has two predictors that ignore the image: one always "
             "predicts zero, the other the mean of the training rows. Balanced MAE is the mean of "
             "the MAEs in 21 steering bins. A positive bias is to the right."
         ),
-        Rows.of(table, left=2, bold=own),
+        Rows(table, left=2, bold=own),
         *_verdict(run),
     ]
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import yaml
 from rich.console import Console
-from rich.table import Table
 
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
@@ -19,7 +18,8 @@ from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
-from zoo.runs.result_table import ResultTable, TableColumn, check_table, write_table
+from zoo.runs.table import Column, Table
+from zoo.runs.table_files import check_table, write_table
 from zoo.search.failure_archive import Archive
 from zoo.search.failure_map import failure_map
 from zoo.search.first_failure import TRACK, opened_drivers
@@ -186,39 +186,35 @@ def _write_mildest(report: Report, mildest: Driven) -> Path:
 TABLE_COLUMNS = ("feature", "usual", "passed", "failed", "mildest")
 
 
-def features_table(report: Report, drives: list[Driven]) -> ResultTable:
+def features_table(report: Report, drives: list[Driven]) -> Table:
     """Return a row for each feature: its usual value, its quartiles, and the mildest failure's."""
     mildest = report.mildest(drives)
     features = report.space.features
     usual = [report.usual[key] for key in features]
     worst = [None if mildest is None else mildest.candidate.features[key] for key in features]
     columns = [
-        TableColumn(
+        Column(
             "feature",
             "feature",
             [one.label for one in features.values()],
             {"feature": list(features)},
         ),
-        TableColumn("usual", "family's usual", [f"{one:.3g}" for one in usual], {"usual": usual}),
+        Column("usual", "family's usual", [f"{one:.3g}" for one in usual], {"usual": usual}),
     ]
     for name, failed in (("passed", False), ("failed", True)):
         chosen = [drive.candidate for drive in drives if drive.outcome.failed is failed]
         found = [_quartiles([one.features[key] for one in chosen]) for key in features]
         figures = {f"{name}_{part}": [one[part] for one in found] for part in found[0]}
         texts = [_range(one) if chosen else "" for one in found]
-        columns.append(TableColumn(name, name, texts, figures))
+        columns.append(Column(name, name, texts, figures))
     texts = ["" if one is None else f"{one:.3g}" for one in worst]
-    columns.append(TableColumn("mildest", "mildest failure", texts, {"mildest": worst}))
-    return ResultTable(columns, "Features of the roads: median and, in brackets, quartiles.")
+    columns.append(Column("mildest", "mildest failure", texts, {"mildest": worst}))
+    return Table(columns, "Features of the roads: median and, in brackets, quartiles.")
 
 
 def _print_figures(report: Report, drives: list[Driven], console: Console) -> None:
     failed = [one for one in drives if one.outcome.failed]
-    found = features_table(report, drives)
-    table = Table(*found.headings)
-    for texts in found.cells:
-        table.add_row(*texts)
-    console.print(table)
+    console.print(features_table(report, drives).printed())
     archive = report.archive
     console.print(
         f"{len(drives)} drives, {len(failed)} with an intervention; cells: {len(archive.driven)} "

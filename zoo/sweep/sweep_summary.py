@@ -6,8 +6,8 @@ from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
-from zoo.leaderboard.ranked_entries import Ranking, following, print_ranking
 from zoo.leaderboard.ranking_page import write_page
+from zoo.leaderboard.ranking_table import Ranking, following, print_ranking
 from zoo.sweep.sweep_record import job_folders
 
 PAGE = "ranking.html"

@@ -20,7 +20,7 @@ from zoo.checkpoints.checkpoint_path import short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import working
 from zoo.evaluate.track_scores import RunScore, score_run
-from zoo.report.open_loop_table import metrics_table
+from zoo.report.training_section import metrics_table, print_metrics
 from zoo.report.write_up import write_report
 from zoo.runs import curves_files, plots
 from zoo.runs.code_fingerprint import code_fingerprint
@@ -111,7 +111,7 @@ def save_plots(open_loop: OpenLoop, folder: Path, console: Console) -> None:
 
 def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     """Print the table of a network's open-loop figures."""
-    console.print(metrics_table(name, open_loop.figures, open_loop.baselines))
+    print_metrics(metrics_table(name, open_loop.figures, open_loop.baselines), console)
     zeros = {part: one["always zero"]["mae"] for part, one in open_loop.baselines.items()}
     if worse := [part for part, own in open_loop.figures.items() if own["mae"] > zeros[part]]:
         console.print(

@@ -17,13 +17,12 @@ from simulator.track_names import road_folder
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.__main__ import command
+from zoo.benchmark.benchmarked import PAGE, groups_table, print_result
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import drive_road
 from zoo.benchmark.finished_drives import NAME as UNFINISHED
-from zoo.benchmark.page import NAME as PAGE
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import summarize_drives
-from zoo.benchmark.table import print_result, table_cells
 from zoo.cli.stop_errors import StoppedError
 
 
@@ -106,7 +105,7 @@ def test_a_narrow_terminal_shows_every_figure(entry: Path, width: int) -> None:
     result = read_result(entry)
     print_result(result, console)
     printed = console.file.getvalue()
-    for _, *cells in table_cells(result)[1]:
+    for _, *cells in groups_table(result).cells:
         for cell in cells:
             figure, _, interval = cell.rstrip(")").partition(" (")
             low, _, high = interval.removesuffix(" or more").partition(" to ")

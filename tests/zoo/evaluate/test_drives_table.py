@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from zoo.evaluate.drives_table import drives_table, mean_and_spread
+from zoo.evaluate.drives_table import mean_and_spread, print_drives
 
 
 def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict:
@@ -22,7 +22,7 @@ def drive(autonomy: float = 1.0, interventions: int = 0, **more: object) -> dict
 
 def printed(tracks: dict, width: int = 120) -> str:
     console = Console(file=io.StringIO(), width=width)
-    console.print(drives_table(tracks))
+    print_drives(tracks, console)
     return console.file.getvalue()
 
 

@@ -29,10 +29,9 @@ from zoo.leaderboard.__main__ import (
     show_leaderboard,
 )
 from zoo.leaderboard.ranked_drive import load_drive, read_drives
-from zoo.leaderboard.ranked_entries import Ranking, print_ranking
 from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
 from zoo.leaderboard.ranking_page import write_page
-from zoo.leaderboard.ranking_table import named_columns, ranking_table
+from zoo.leaderboard.ranking_table import Ranking, named_columns, print_ranking, ranking_table
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.status import write_status
 
@@ -448,7 +447,7 @@ def test_runs_on_other_recordings_are_separate_entries(tmp_path: Path) -> None:
     entries = rank(read_runs(sorted(tmp_path.iterdir()))[0])
 
     (column,) = [one for one in named_columns(entries, tmp_path) if one.heading == "recording"]
-    assert column.cells == ("a/lake (aaaaaa)", "a/lake (bbbbbb)", "b/lake")
+    assert column.cells == ["a/lake (aaaaaa)", "a/lake (bbbbbb)", "b/lake"]
 
 
 def test_a_recording_that_all_share_gets_no_column(tmp_path: Path) -> None:

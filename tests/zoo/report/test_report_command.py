@@ -21,6 +21,7 @@ from zoo.report.blocks import Image, Images, Rows, Section, Text
 from zoo.report.markdown import to_markdown
 from zoo.report.report_page import to_html
 from zoo.report.write_up import write_report
+from zoo.runs.table import Table
 
 MISSING = re.compile(r'<p class="missing">(.*?)</p>')
 
@@ -246,7 +247,7 @@ def test_help_needs_no_torch(tmp_path: Path) -> None:
 def test_a_runs_name_cannot_become_markup(tmp_path: Path) -> None:
     evil = '<script>alert("1")</script>|`*_'
     image = Image("a.png", b"", evil, plot=True)
-    sections = [Section("Data", [Text(evil), Rows([evil], [[evil]]), Images([image])])]
+    sections = [Section("Data", [Text(evil), Rows(Table.of([evil], [[evil]])), Images([image])])]
     page = to_html(evil, sections, evil, tmp_path)
     assert "<script" not in page
     assert 'alt="&lt;script' in page

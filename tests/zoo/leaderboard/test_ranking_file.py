@@ -1,4 +1,4 @@
-"""Tables of results as files: which columns they have, and how TeX shows them."""
+"""The ranking as a table in a file: its settings, seeds, figures and names."""
 
 import csv
 from pathlib import Path
@@ -6,20 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.sweeps import write_run
-from zoo.base.errors import UsageError
 from zoo.leaderboard.__main__ import LeaderboardOptions, leaderboard, show_leaderboard
-from zoo.runs.result_table import ResultTable, TableColumn, check_table, tex_text, write_table
-
-TABLE = ResultTable(
-    [
-        TableColumn("network", "network", ["a_1"]),
-        TableColumn(
-            "autonomy", "autonomy", ["98% ± 1%"], {"autonomy": [0.98], "autonomy_std": [0.01]}
-        ),
-        TableColumn("seconds", "seconds", ["-5"], {"seconds": [-5.0]}, short=False),
-    ],
-    "Drives on 3 roads_",
-)
 
 
 def write_sweep(folder: Path) -> Path:
@@ -34,41 +21,6 @@ def rows_of(path: Path) -> list[list[str]]:
     """Return the cells of a TeX table's rows, the headings first."""
     lines = [line for line in path.read_text().splitlines() if line.endswith(r"\\")]
     return [line.removesuffix(r" \\").split(" & ") for line in lines]
-
-
-def test_columns_are_chosen_by_name_in_their_order(tmp_path: Path) -> None:
-    path = write_table(TABLE, tmp_path / "a.csv", "seconds, network")
-    assert path.read_text() == "seconds,network\n-5.0,a_1\n"
-
-
-def test_a_column_of_a_csv_file_has_all_its_figures(tmp_path: Path) -> None:
-    path = write_table(TABLE, tmp_path / "a.csv", "autonomy")
-    assert path.read_text() == "autonomy,autonomy_std\n0.98,0.01\n"
-
-
-def test_tex_has_the_main_columns_and_others_that_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "a.tex"
-    assert rows_of(write_table(TABLE, path))[0] == ["network", "autonomy"]
-    assert rows_of(write_table(TABLE, path, "network,seconds"))[1] == [r"a\_1", "$-$5"]
-
-
-def test_a_caption_makes_the_tex_table_a_float() -> None:
-    text = tex_text(TABLE)
-    assert r"\caption{Drives on 3 roads\_}" in text
-    for name in ("table", "tabular"):
-        assert text.count(rf"\begin{{{name}}}") == text.count(rf"\end{{{name}}}") == 1
-    assert r"\begin{table}" not in tex_text(ResultTable(TABLE.columns))
-
-
-@pytest.mark.parametrize("columns", ["autnomy", "network,network", ""])
-def test_a_wrong_column_is_named_before_the_work(columns: str) -> None:
-    with pytest.raises(UsageError, match=f"columns={columns}"):
-        check_table("a.tex", columns, ["network", "autonomy"])
-
-
-def test_columns_without_a_table_are_refused() -> None:
-    with pytest.raises(UsageError, match="table=FILE"):
-        check_table(None, "autonomy")
 
 
 def test_the_table_of_a_sweep_for_a_paper_is_short_and_has_an_interval(

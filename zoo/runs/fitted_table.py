@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
+
+from zoo.runs.table import Column
 
 LEAST = 8  # least width of a column of names, in characters
 LONGEST_WORD = 16  # a longer word is broken
@@ -15,24 +15,18 @@ ENOUGH = 14  # its width before less important figures are shown
 FRAME = 3  # width of a column's border and padding
 
 
-@dataclass(frozen=True)
-class Cells:
-    """A column: its heading and its cells, as plain text."""
+def width_of(column: Column) -> int:
+    """Return the width of a column's longest line."""
+    return _widest(line for text in _texts(column) for line in text.splitlines())
 
-    heading: str
-    cells: tuple[str, ...]
-    justify: Literal["left", "right"] = "left"
 
-    @property
-    def width(self) -> int:
-        """Return the width of the longest line."""
-        return _widest(line for one in (self.heading, *self.cells) for line in one.splitlines())
+def least_width(column: Column) -> int:
+    """Return the width that breaks no word, or `LONGEST_WORD` if one is longer."""
+    return min(_widest(word for text in _texts(column) for word in _words(text)), LONGEST_WORD)
 
-    @property
-    def least(self) -> int:
-        """Return the width that breaks no word, or `LONGEST_WORD` if one is longer."""
-        words = [word for one in (self.heading, *self.cells) for word in _words(one)]
-        return min(_widest(words), LONGEST_WORD)
+
+def _texts(column: Column) -> Sequence[str]:
+    return column.heading, *column.cells
 
 
 def wrapped(text: str, width: int) -> str:
@@ -59,14 +53,14 @@ def _widest(texts: Iterable[str]) -> int:
     return max((cell_len(one.rstrip()) for one in texts), default=0)
 
 
-def fits(columns: Sequence[Cells], least: int, width: int) -> bool:
+def fits(columns: Sequence[Column], least: int, width: int) -> bool:
     """Return whether a table of columns, each cut to `least`, is no wider than `width`."""
-    return sum(min(one.width, least) for one in columns) + FRAME * len(columns) < width
+    return sum(min(width_of(one), least) for one in columns) + FRAME * len(columns) < width
 
 
 def fitted_table(
-    title: str, names: Sequence[Cells], figures: Sequence[Cells], width: int, first: int = 1
-) -> tuple[Table, list[Cells]]:
+    title: str, names: Sequence[Column], figures: Sequence[Column], width: int, first: int = 1
+) -> tuple[Table, list[Column]]:
     """Return a table of at most `width`, and the figures that are left out of it.
 
     Args:
@@ -76,20 +70,21 @@ def fitted_table(
         width: width of the terminal in characters.
         first: number of figures that are shown even if each name gets only `LEAST` characters.
     """
-    chosen: list[Cells] = []
-    left_out: list[Cells] = []
+    chosen: list[Column] = []
+    left_out: list[Column] = []
     for number, figure in enumerate(figures):
-        room = width - sum(one.width + FRAME for one in [*chosen, figure])
-        least = LEAST if number < first else max(ENOUGH, *(one.least for one in names))
+        room = width - sum(width_of(one) + FRAME for one in [*chosen, figure])
+        least = LEAST if number < first else max(ENOUGH, *(least_width(one) for one in names))
         has_room = fits(names, least, room)
         (chosen if has_room else left_out).append(figure)
-    widths = _widths(names, width - sum(one.width + FRAME for one in chosen))
+    widths = _widths(names, width - sum(width_of(one) + FRAME for one in chosen))
     table = Table(title=Text(title, style="table.title"), title_justify="left")
     for column, wide in zip(names, widths, strict=True):
         heading = Text(wrapped(column.heading, wide))
-        table.add_column(heading, justify=column.justify, overflow="fold", width=wide)
+        justify = "left" if column.heading else "right"  # the number of the row has none
+        table.add_column(heading, justify=justify, overflow="fold", width=wide)
     for column in chosen:
-        table.add_column(Text(column.heading), justify=column.justify, width=column.width)
+        table.add_column(Text(column.heading), justify="right", width=width_of(column))
     shown = [
         tuple(wrapped(cell, wide) for cell in column.cells)
         for column, wide in zip(names, widths, strict=True)
@@ -100,19 +95,19 @@ def fitted_table(
     return table, left_out
 
 
-def _widths(columns: Sequence[Cells], width: int) -> list[int]:
+def _widths(columns: Sequence[Column], width: int) -> list[int]:
     """Return the columns' widths in characters, which share `width`; the narrowest grow first.
 
     Words are broken only where all columns together have too little room for whole ones, in the
     widest columns.
     """
-    widths = [min(one.width, max(one.least, LEAST)) for one in columns]
+    widths = [min(width_of(one), max(least_width(one), LEAST)) for one in columns]
     room = width - 1 - FRAME * len(columns) - sum(widths)
     while room < 0 and max(widths) > LEAST:
         widths[widths.index(max(widths))] -= 1
         room += 1
     while room > 0:
-        short = [n for n, one in enumerate(columns) if widths[n] < one.width]
+        short = [n for n, one in enumerate(columns) if widths[n] < width_of(one)]
         if not short:
             break
         widths[min(short, key=lambda n: widths[n])] += 1

@@ -1,0 +1,373 @@
+"""Tables of results: rounded texts for people, unrounded figures for programs."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from html import escape
+from typing import TYPE_CHECKING, Any, Protocol
+
+from zoo.base.errors import UsageError
+from zoo.base.terminal import printable
+from zoo.cli.nearest import hint
+
+if TYPE_CHECKING:
+    import rich.table
+
+Cell = str | int | float | bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table, as printed texts and as figures.
+
+    Attributes:
+        name: name in `columns=`.
+        heading: printed heading.
+        cells: printed texts, rounded, with their intervals or deviations.
+        figures: unrounded figures by name, one column of a CSV file each; None where there is no
+            figure. Empty for the texts themselves, under `name`.
+        short: whether a TeX table has the column if `columns=` names none.
+    """
+
+    name: str
+    heading: str
+    cells: Sequence[str]
+    figures: Mapping[str, Sequence[Cell]] = field(default_factory=dict)
+    short: bool = True
+
+    @property
+    def by_name(self) -> Mapping[str, Sequence[Cell]]:
+        """Return the figures by name, or the texts where there are none."""
+        return self.figures or {self.name: self.cells}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of results.
+
+    Attributes:
+        columns: columns of the same number of rows.
+        caption: what the rows are, and what an interval or a deviation is, for TeX.
+    """
+
+    columns: Sequence[Column]
+    caption: str = ""
+
+    @classmethod
+    def of(
+        cls, headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str = ""
+    ) -> "Table":
+        """Return a table of texts."""
+        cells = ([row[number] for row in rows] for number in range(len(headings)))
+        return cls([Column(*one) for one in zip(headings, headings, cells, strict=True)], caption)
+
+    @classmethod
+    def of_figures(cls, rows: Sequence[Mapping[str, Cell]]) -> "Table":
+        """Return rows of figures as a table whose printed numbers have four digits.
+
+        >>> Table.of_figures([{"network": "lenet", "autonomy": 0.98765}, {"network": None}]).cells
+        [('lenet', '0.9877'), ('-', '-')]
+        """
+        columns = []
+        for name in dict.fromkeys(name for row in rows for name in row):
+            values = [row.get(name) for row in rows]
+            columns.append(Column(name, name, list(map(_text, values)), {name: values}))
+        return cls(columns)
+
+    @property
+    def rows(self) -> list[dict[str, Cell]]:
+        """Return the rows as figures by name, unrounded; None where there is no figure."""
+        names, values = self.figures, self.figures.values()
+        return [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
+
+    @property
+    def figures(self) -> dict[str, Sequence[Cell]]:
+        """Return the unrounded figures of all columns by name."""
+        return {name: values for each in self.columns for name, values in each.by_name.items()}
+
+    @property
+    def headings(self) -> list[str]:
+        """Return the printed headings."""
+        return [column.heading for column in self.columns]
+
+    @property
+    def cells(self) -> list[tuple[str, ...]]:
+        """Return the rows as printed texts."""
+        return list(zip(*(column.cells for column in self.columns), strict=True))
+
+    def short(self) -> "Table":
+        """Return the table of the columns that TeX shows by default."""
+        return replace(self, columns=[column for column in self.columns if column.short])
+
+    def chosen(self, columns: str) -> "Table":
+        """Return the table of the columns that a user names, in the named order.
+
+        Raises:
+            UsageError: there is no such column.
+        """
+        by_name = {column.name: column for column in self.columns}
+        return replace(self, columns=[by_name[name] for name in column_names(columns, by_name)])
+
+    def turned(self) -> "Table":
+        """Return the table with a column for each row, and the headings as its first column."""
+        first, *others = self.columns
+        headings = [column.heading for column in others]
+        return Table.of(
+            [first.heading, *first.cells],
+            [[heading, *one.cells] for heading, one in zip(headings, others, strict=True)],
+            self.caption,
+        )
+
+    def narrow(self) -> "Table":
+        """Return the table with a second line for intervals and deviations, but in column 0."""
+        first, *others = self.columns
+        others = [replace(column, cells=list(map(two_lines, column.cells))) for column in others]
+        return replace(self, columns=[first, *others])
+
+    def printed(
+        self, left: int | None = None, whole: Iterable[int] = (), **style: Any
+    ) -> "rich.table.Table":
+        """Return the table for a terminal; no text is read as markup.
+
+        Args:
+            left: number of first columns aligned to the left; None for all.
+            whole: numbers of columns whose lines are not broken.
+            **style: arguments of `rich.table.Table`, such as title and box.
+        """
+        from rich.table import Table as Printed
+        from rich.text import Text
+
+        shown = Printed(**style)
+        for number, heading in enumerate(self.headings):
+            is_left = left is None or number < left
+            justify = "left" if is_left else "right"
+            shown.add_column(Text(heading), justify=justify, no_wrap=number in whole)
+        for row in self.cells:
+            shown.add_row(*map(Text, row))
+        return shown
+
+    def csv(self) -> str:
+        r"""Return the figures as CSV; an empty cell has no figure.
+
+        >>> Table.of_figures([{"a": 1, "b": 0.1}, {"a": None}]).csv()
+        'a,b\n1,0.1\n,\n'
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerows([self.figures, *zip(*self.figures.values(), strict=True)])
+        return text.getvalue()
+
+    def tex(self) -> str:
+        r"""Return the texts for LaTeX in the style of booktabs; with a caption, as a float.
+
+        >>> run = Column("run", "run", ["a_1"])
+        >>> autonomy = Column("autonomy", "autonomy", ["98% ± 1%"], {"autonomy": [0.98]})
+        >>> print(Table([run, autonomy]).tex())
+        % \usepackage{booktabs}
+        \begin{tabular}{lr}
+        \toprule
+        run & autonomy \\
+        \midrule
+        a\_1 & 98\% $\pm$ 1\% \\
+        \bottomrule
+        \end{tabular}
+        <BLANKLINE>
+        """
+        lines = [" & ".join(map(tex_escape, row)) + r" \\" for row in (self.headings, *self.cells)]
+        above, below = [], []
+        if self.caption:
+            above = [r"\begin{table}", r"\centering", rf"\caption{{{tex_escape(self.caption)}}}"]
+            below = [r"\end{table}"]
+        parts = [
+            r"% \usepackage{booktabs}",
+            *above,
+            rf"\begin{{tabular}}{{{''.join('l' if one else 'r' for one in self._are_texts())}}}",
+            r"\toprule",
+            lines[0],
+            r"\midrule",
+            *lines[1:],
+            r"\bottomrule",
+            r"\end{tabular}",
+            *below,
+        ]
+        return "\n".join(parts) + "\n"
+
+    def markdown(self, left: int | None = None, bold: Collection[int] = ()) -> str:
+        r"""Return the texts as Markdown.
+
+        Args:
+            left: number of first columns aligned to the left; None for those of texts.
+            bold: numbers of bold rows.
+
+        >>> print(Table.of(["a|b", "n"], [["x_1", "2"]]).markdown(left=1, bold=[0]))
+        | a\|b | n |
+        | --- | ---: |
+        | **x\_1** | **2** |
+        """
+        are_left = (
+            self._are_texts() if left is None else [n < left for n in range(len(self.columns))]
+        )
+        lines = [map(markdown_cell, self.headings), ["---" if one else "---:" for one in are_left]]
+        for number, row in enumerate(self.cells):
+            mark = "**" if number in bold else ""
+            lines.append([f"{mark}{markdown_cell(cell)}{mark}" if cell else "" for cell in row])
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+    def html(self, caption: str = "") -> str:
+        """Return the texts as an element of HTML, which notebooks show."""
+        head = "".join(f"<th>{_html(heading)}</th>" for heading in self.headings)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{_html(cell)}</td>' for cell in row)}</tr>" for row in self.cells
+        )
+        return (
+            f"<table><caption>{_html(caption or self.caption)}</caption>"
+            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        )
+
+    def _are_texts(self) -> list[bool]:
+        """Return of each column whether its first figures are texts."""
+        firsts = (next(iter(column.by_name.values())) for column in self.columns)
+        return [any(isinstance(value, str) for value in values) for values in firsts]
+
+
+def column_names(columns: str, known: Iterable[str]) -> list[str]:
+    """Return the names in `a,b`; raise UsageError for one that is no column, or is there twice."""
+    names = [name.strip() for name in columns.split(",")]
+    for place, name in enumerate(names):
+        if name not in known:
+            raise UsageError(f"columns={columns}: there is no column {name}; {hint(name, known)}")
+        if name in names[:place]:
+            raise UsageError(f"columns={columns}: names {name} twice")
+    return names
+
+
+class Bounded(Protocol):
+    """A figure with the bounds of its interval; None or NaN where one is not known."""
+
+    @property
+    def value(self) -> float | None:
+        """Return the figure."""
+
+    @property
+    def low(self) -> float | None:
+        """Return the lower bound."""
+
+    @property
+    def high(self) -> float | None:
+        """Return the upper bound."""
+
+
+def with_interval(figure: Bounded, form: str, factor: float = 1) -> str:
+    """Return a figure with its interval, both times a factor.
+
+    >>> from types import SimpleNamespace as Figure
+    >>> with_interval(Figure(value=0.9, low=0.8, high=0.95), "{:.0f}", 100)
+    '90 (80 to 95)'
+    >>> with_interval(Figure(value=None, low=710.0, high=None), "{:.0f}")
+    'none (710 or more)'
+    >>> with_interval(Figure(value=math.nan, low=math.nan, high=math.nan), "{:.0f}")
+    '-'
+    """
+    value, low, high = (
+        None if number is None else form.format(factor * number)
+        for number in map(known, (figure.value, figure.low, figure.high))
+    )
+    if low is None:
+        return value or "-"
+    value = value or "none"
+    return f"{value} ({low} or more)" if high is None else f"{value} ({low} to {high})"
+
+
+def two_lines(cell: str) -> str:
+    r"""Return a text with its interval or deviation in a second line, for a narrow column.
+
+    >>> two_lines("90 (80 to 95)"), two_lines("none (710 or more)"), two_lines("98.2% ± 0.4%")
+    ('90\n80..95', 'none\n>= 710', '98.2%\n± 0.4%')
+    >>> two_lines("3 of 3 (95 %: 44 % or more)"), two_lines("plain")
+    ('3 of 3 (95 %:\n44 % or more)', 'plain')
+    """
+    interval = re.fullmatch(r"(.+) \(([^:]+)\)", cell)
+    if interval is None:
+        return cell.replace(" ±", "\n±").replace(": ", ":\n")
+    bounds = re.sub("^(.+) or more$", r">= \1", interval[2]).replace(" to ", "..")
+    return f"{interval[1]}\n{bounds}"
+
+
+def interval_figures(name: str, figures: Sequence[Bounded]) -> dict[str, list[Cell]]:
+    """Return figures as columns of a table: `NAME`, `NAME_low` and `NAME_high`."""
+    return {
+        name: [known(figure.value) for figure in figures],
+        f"{name}_low": [known(figure.low) for figure in figures],
+        f"{name}_high": [known(figure.high) for figure in figures],
+    }
+
+
+def interval_column(
+    name: str,
+    heading: str,
+    figures: Sequence[Bounded],
+    form: str,
+    factor: float = 1,
+    short: bool = True,
+) -> Column:
+    """Return a column of figures with their intervals; the texts are times a factor."""
+    texts = [with_interval(figure, form, factor) for figure in figures]
+    return Column(name, heading, texts, interval_figures(name, figures), short)
+
+
+def known(value: float | None) -> float | None:
+    """Return a finite number; None for NaN, an infinite one and None."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+_TEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "±": r"$\pm$",
+    "-": "$-$",
+    ">=": r"$\geq$",
+    "<=": r"$\leq$",
+    **{sign: f"${sign}$" for sign in "<>|"},
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+}
+
+
+def tex_escape(text: str) -> str:
+    r"""Return a text for LaTeX, in one line.
+
+    >>> tex_escape("50_% >= {x}"), tex_escape("-1 to 2, 2026-01-02")
+    ('50\\_\\% $\\geq$ \\{x\\}', '$-$1 to 2, 2026-01-02')
+    """
+    special = r"[<>]=|[\\~^±<>|&%$#_{}]|(?<![\w-])-(?=\d)"
+    return re.sub(special, lambda sign: _TEX[sign[0]], " ".join(text.split()))
+
+
+def markdown_escape(text: str) -> str:
+    """Return a text with Markdown's special characters escaped."""
+    return re.sub(r"([\\`*_\[\]<>#])", r"\\\1", text)
+
+
+def indented(text: str) -> str:
+    """Return a text with visible leading blanks: HTML and Markdown hide normal ones."""
+    words = text.lstrip(" ")
+    return "\N{NO-BREAK SPACE}" * (len(text) - len(words)) + words
+
+
+def markdown_cell(cell: str) -> str:
+    """Return a text as a cell of a Markdown table."""
+    escaped = markdown_escape(indented(cell.rstrip(" ")))
+    return escaped.replace("|", "\\|").replace("\n", " ")
+
+
+def _text(value: Cell) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _html(text: str) -> str:
+    return escape(printable(text)).replace("\\n", "<br>")

@@ -1,0 +1,171 @@
+"""Results as files: a table as CSV, TeX, Parquet, Markdown or HTML, a plot as PDF, SVG or PNG."""
+
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from zoo.base.errors import InputError, UsageError
+from zoo.base.whole_file import write_output
+from zoo.base.written_files import check_output
+from zoo.runs.table import Cell, Table, column_names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PLOTS = (".pdf", ".svg", ".png")
+
+
+class Result(ABC):
+    """Base of the objects that hold the results of a command."""
+
+    @abstractmethod
+    def result_table(self) -> Table:
+        """Return the result as a table."""
+
+    def plot(self) -> "Figure":
+        """Return a figure of the result."""
+        raise NotImplementedError(f"{type(self).__name__} has no plot")
+
+    def table(self) -> list[dict[str, Cell]]:
+        """Return the rows of the table: figures by name, unrounded."""
+        return self.result_table().rows
+
+    def to_pandas(self) -> Any:
+        """Return the table as a pandas DataFrame.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError(
+                "pandas is not installed; pip install pandas, or use table()"
+            ) from None
+        return pandas.DataFrame(self.table())
+
+    def write_table(self, path: str | Path, columns: str | Sequence[str] | None = None) -> Path:
+        """Write the table as a file, see `write_table`; return its path.
+
+        Args:
+            path: file to write.
+            columns: names of the columns; None for all, and for the most important in TeX.
+
+        Raises:
+            InputError: the file's name has another ending, or it cannot be written.
+            UsageError: there is no such column.
+        """
+        names = columns if isinstance(columns, str | None) else ",".join(columns)
+        return write_table(self.result_table(), path, names)
+
+    def _repr_html_(self) -> str:
+        """Return the table as HTML, which notebooks show."""
+        return self.result_table().short().html(repr(self))
+
+
+def check_table(
+    path: str | Path | None, columns: str | None = None, known: Iterable[str] = ()
+) -> None:
+    """Raise InputError for a table's file that cannot be written; call before long work.
+
+    Args:
+        path: file of the table; None for no table.
+        columns: names of its columns, with commas between them.
+        known: names that the table has; none where they depend on what the work finds.
+    """
+    if path is None:
+        if columns is not None:
+            raise UsageError(f"columns={columns}: are those of table=FILE; name the file, too")
+        return
+    if columns is not None and known:
+        column_names(columns, known)
+    check_ending(path, tuple(FORMS), "table")
+    if Path(path).suffix == ".parquet":
+        _pyarrow(path)
+
+
+def check_plot(path: str | Path | None, key: str = "plot") -> None:
+    """Raise UsageError for a plot's file that is neither PDF, SVG nor PNG."""
+    if path is not None:
+        check_ending(path, PLOTS, key)
+
+
+def check_ending(path: str | Path, endings: Sequence[str], key: str) -> None:
+    """Raise UsageError for a file whose name has another ending, or that is a folder."""
+    if Path(path).suffix not in endings:
+        raise UsageError(f"{key}={path}: must end in {', '.join(endings[:-1])} or {endings[-1]}")
+    if Path(path).expanduser().is_dir():
+        raise UsageError(f"{key}={path}: is a folder; name a file")
+    check_output(Path(path).expanduser(), key)
+
+
+def write_table(table: Table, path: str | Path, columns: str | None = None) -> Path:
+    """Write a table as a file whose ending is one of `FORMS`; return its path.
+
+    CSV and Parquet have the unrounded figures, the others the printed texts; TeX has only the most
+    important columns. `columns` names others, with commas between them.
+
+    Raises:
+        InputError: the file's name has another ending, or it cannot be written.
+        UsageError: there is no such column.
+    """
+    check_table(path)
+    path = Path(path).expanduser()
+    if columns is not None:
+        table = table.chosen(columns)
+    elif path.suffix == ".tex":
+        table = table.short()
+    return write_output(path, FORMS[path.suffix](table), "table")
+
+
+def write_plot(figure: "Figure", path: str | Path) -> Path:
+    """Write a figure as a .pdf, .svg or .png file; return its path.
+
+    Raises:
+        InputError: the file's name has another ending, or it cannot be written.
+    """
+    check_plot(path)
+    path = Path(path).expanduser()
+    contents = io.BytesIO()
+    figure.savefig(contents, dpi=200, format=path.suffix[1:])
+    return write_output(path, contents.getvalue(), "plot")
+
+
+def write_asked(
+    result: Result, table: str | None, plot: str | None = None, columns: str | None = None
+) -> list[Path]:
+    """Write the table and the plot that the user asks for; return their paths."""
+    written = [] if table is None else [result.write_table(table, columns)]
+    if plot is not None:
+        written.append(write_plot(result.plot(), plot))
+    return written
+
+
+def parquet_bytes(table: Table) -> bytes:
+    """Return the figures of a table as a Parquet file."""
+    pyarrow = _pyarrow("table")
+    columns = {name: list(values) for name, values in table.figures.items()}
+    contents = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table(columns), contents)
+    return contents.getvalue()
+
+
+def _pyarrow(path: str | Path) -> Any:
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(
+            f"{path}: Parquet needs pyarrow; pip install 'drivezoo[parquet]', or name a .csv file"
+        ) from None
+    return pyarrow
+
+
+FORMS: dict[str, Callable[[Table], str | bytes]] = {
+    ".csv": Table.csv,
+    ".tex": Table.tex,
+    ".parquet": parquet_bytes,
+    ".md": lambda table: table.markdown() + "\n",
+    ".html": lambda table: f'<!doctype html>\n<meta charset="utf-8">\n{table.html()}\n',
+}
