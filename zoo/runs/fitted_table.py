@@ -80,16 +80,19 @@ def fitted_table(
     widths = _widths(names, width - sum(width_of(one) + FRAME for one in chosen))
     table = Table(title=Text(title, style="table.title"), title_justify="left")
     for column, wide in zip(names, widths, strict=True):
-        heading = Text(wrapped(column.heading, wide))
-        justify = "left" if column.heading else "right"  # the number of the row has none
-        table.add_column(heading, justify=justify, overflow="fold", width=wide)
+        table.add_column(
+            Text(wrapped(column.heading, wide)),
+            justify="left" if column.heading else "right",  # the number of the row has none
+            overflow="fold",
+            width=wide,
+        )
     for column in chosen:
         table.add_column(Text(column.heading), justify="right", width=width_of(column))
     shown = [
         tuple(wrapped(cell, wide) for cell in column.cells)
         for column, wide in zip(names, widths, strict=True)
     ]
-    shown += [column.cells for column in chosen]
+    shown += [tuple(column.cells) for column in chosen]
     for place, cells in enumerate(zip(*shown, strict=True)):
         table.add_row(*map(Text, cells), style=None if place else "bold")
     return table, left_out

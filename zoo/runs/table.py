@@ -142,9 +142,11 @@ class Table:
 
         shown = Printed(**style)
         for number, heading in enumerate(self.headings):
-            is_left = left is None or number < left
-            justify = "left" if is_left else "right"
-            shown.add_column(Text(heading), justify=justify, no_wrap=number in whole)
+            shown.add_column(
+                Text(heading),
+                justify="left" if left is None or number < left else "right",
+                no_wrap=number in whole,
+            )
         for row in self.cells:
             shown.add_row(*map(Text, row))
         return shown
