@@ -13,10 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.exchange.lerobot_export import export_lerobot
-from datamodules.exchange.lerobot_import import import_lerobot
-from datamodules.exchange.tub_export import export_tub
-from datamodules.exchange.tub_import import import_tub
+from datamodules.formats.lerobot_export import export_lerobot
+from datamodules.formats.recording_writer import convert_to_recording
+from datamodules.formats.tub_export import export_tub
 from datamodules.image import read_image
 from datamodules.recording import Recording, read_recordings
 
@@ -37,8 +36,8 @@ def main(folders: list[str]) -> None:
     print("|---|---|---:|---:|---:|---:|---:|---:|---:|")
     with tempfile.TemporaryDirectory() as temporary:
         for name, there, back in (
-            ("LeRobot", export_lerobot, import_lerobot),
-            ("Donkeycar", export_tub, import_tub),
+            ("LeRobot", export_lerobot, convert_to_recording),
+            ("Donkeycar", export_tub, convert_to_recording),
         ):
             out, again = Path(temporary) / name, Path(temporary) / f"{name}_again"
             seconds = [

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.bad_rows import BadRows
 from datamodules.log_text import (
     MOST_LOG_BYTES,
     find_delimiter,
@@ -29,6 +28,7 @@ NUMBERS = COLUMNS[3:]
 # Ranges of the numbers. Forks reverse with a throttle below 0; the original's car reaches 31 mph.
 RANGES = {"steering": (-1, 1), "throttle": (-1, 1), "brake": (0, 1), "speed": (0, 200)}
 
+HINTED_SHARE = 0.05  # share of bad rows from which a cause that all rows share is likely
 MANY_ROWS = "divide the recording"
 ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 
@@ -37,6 +37,47 @@ ROWS_AT_ONCE = 1_000  # few enough to stay in the processor's cache
 _NUMBER = re.compile(r"-?((0|[1-9]\d*)(,\d*[1-9])?|[1-9](,\d*[1-9])?E[-+]?\d+)$", re.IGNORECASE)
 _HEADING = re.compile(r"[A-Za-z_][\w /-]*")  # a column's name
 _IMAGE = re.compile(r"\.(jpe?g|png)$", re.IGNORECASE)
+
+
+class BadRows:
+    """The rows of one recording that cannot be used.
+
+    Args:
+        on_bad_row: `fail` refuses the recording, `skip` leaves the rows out.
+
+    Attributes:
+        faults: place and fault of each bad row, in the order of the rows.
+    """
+
+    def __init__(self, on_bad_row: str = "fail") -> None:
+        self._skips = on_bad_row == "skip"
+        self.faults: list[str] = []
+
+    def finish(self, good: int, hint: str = "") -> None:
+        """Refuse the recording if a row is bad, unless bad rows are left out and others remain.
+
+        Args:
+            good: number of the other rows.
+            hint: likely cause of many bad rows, and its remedy.
+
+        Raises:
+            InputError: names the first bad row, the number of bad rows, and the remedy.
+        """
+        bad, rows = len(self.faults), good + len(self.faults)
+        if not bad or (self._skips and good):
+            return
+        first = self.faults[0]
+        if bad > 1:
+            first += f" ({bad:,} of {rows:,} rows are bad)"
+        if hint and bad >= HINTED_SHARE * rows:
+            raise InputError(f"{first}; {hint}")
+        if bad == rows > 1:
+            raise InputError(f"{first}; correct all rows, or name another recording")
+        row, them = ("the row", "it") if bad == 1 else ("these rows", "them")
+        raise InputError(
+            f"{first}; correct or delete {row}, or leave {them} out with on_bad_row=skip "
+            "(in a training data.on_bad_row=skip)"
+        )
 
 
 @dataclass(frozen=True)
@@ -151,7 +192,7 @@ def read_log(log: Path, bad: BadRows | None = None) -> Iterator[LogRow]:
     order: list[str] | None = None
     line = good = 0
     fields: list[str] = []
-    for line, fields in read_fields(log, bad):
+    for line, fields in read_fields(log, bad.faults):
         if order is None:
             order = _column_order(log, fields)
             if _is_header(fields):

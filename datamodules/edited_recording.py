@@ -18,9 +18,8 @@ import numpy as np
 from datamodules.driving_log import CAMERAS, number_text
 from datamodules.image import read_image
 from datamodules.image_files import find_file_fault, link_or_copy
-from datamodules.recording import LOG_NAME, Recording, file_name
+from datamodules.recording import LOG_NAME, Recording, file_name, read_source, write_source
 from datamodules.recording_edits import Edits, edit_options
-from datamodules.source_format import read_source, write_source
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 

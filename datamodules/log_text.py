@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 
-from datamodules.bad_rows import BadRows
 from zoo.base.errors import InputError
 from zoo.base.regular_file import MOST_LINE, open_text
 
@@ -18,8 +17,8 @@ _NO_TEXT = re.compile(r"[\0\udc80-\udcff][^/\\]*$")
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
-def read_fields(log: Path, bad: BadRows) -> Iterator[tuple[int, list[str]]]:
-    """Yield each row's line and stripped fields, without empty rows; other rows go to `bad`."""
+def read_fields(log: Path, faults: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield each row's line and stripped fields, without empty rows; a fault for each other row."""
     _refuse_utf_16(log)
     # A folder's name may be in an old code page: images are found by their file names.
     with open_text(log, MOST_LOG_BYTES, errors="surrogateescape") as file:
@@ -29,13 +28,13 @@ def read_fields(log: Path, bad: BadRows) -> Iterator[tuple[int, list[str]]]:
             try:
                 fields = next(reader, None)
             except csv.Error as error:
-                bad.faults.append(f"{log}, row {line}: not a CSV row ({error})")
+                faults.append(f"{log}, row {line}: not a CSV row ({error})")
                 continue
             if fields is None:
                 return
             if reader.line_num > line:
                 closes = f"a quote opens here and closes in row {reader.line_num}"
-                bad.faults.append(f"{log}, row {line}: {closes}")
+                faults.append(f"{log}, row {line}: {closes}")
                 continue
             fields = [field.strip() for field in fields]
             if any(fields):

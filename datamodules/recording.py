@@ -1,24 +1,80 @@
-"""Recordings: folders with a `driving_log.csv` and an `IMG` folder, from any machine."""
+"""Recordings: the rows of a drive and their images, in any format that a reader is found for.
 
-import difflib
+A format is a module with `title`, `detect` and `read` (see `Format`). drivezoo's own are in
+`datamodules.formats`; an installed package names others by the entry point `drivezoo.formats`.
+"""
+
 import hashlib
+import importlib
 import os
 import re
 import shlex
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from datamodules.bad_rows import BadRows
-from datamodules.driving_log import CAMERAS, LogColumns, read_log_columns
-from datamodules.source_format import LOG_NAME, NAMES, known_format
+from datamodules.driving_log import CAMERAS, NUMBERS, RANGES, BadRows, degrees_hint, range_fault
+from datamodules.image import MOST_IMAGE_BYTES, decode_pixels
+from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
+from zoo.base.regular_file import read_regular
+from zoo.base.rig import UDACITY, Rig
 
-SUGGESTED = 3  # folders with a log that the error about a folder without one names
+LOG_NAME, IMAGE_FOLDER = "driving_log.csv", "IMG"
+SOURCE_NAME = "source.json"  # beside the log of a converted recording
 GAP_S = 1.0  # a longer time between two rows is a gap in the recording
+LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the year
+GROUP = "drivezoo.formats"  # entry points of installed packages
+OWN = {name: f"datamodules.formats.{name}" for name in ("udacity", "lerobot", "donkeycar")}
 
-_TIME = re.compile(r"(\d{4})_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d\d)_(\d{3})(?=\.\w+$)")
+Data = TypeVar("Data")
+
+
+@dataclass(frozen=True)
+class StoredImage:
+    """An image inside of a larger file, such as a video or a table.
+
+    Attributes:
+        file: path of the file.
+        number: position in it; images of a file are read fastest in the order of their numbers.
+        reader: function from file and number to pixels, uint8 [H, W, 3] RGB, or to the bytes of a
+            JPEG or PNG; it raises ValueError for an image that it cannot read.
+    """
+
+    file: str
+    number: int
+    reader: Callable[[str, int], np.ndarray | bytes]
+
+
+class ForwardReader:
+    """A reader of files whose contents can only be read in order; one file is open at a time.
+
+    Args:
+        contents: function from a file to its contents, in order.
+    """
+
+    def __init__(self, contents: Callable[[str], Iterator[Data]]) -> None:
+        self._contents = contents
+        self._file, self._next = "", 0
+
+    def __call__(self, file: str, number: int) -> Data:
+        """Return what stands at a position of a file; going back begins the file again.
+
+        Raises:
+            ValueError: the file is shorter.
+        """
+        if file != self._file or number < self._next - 1:
+            self._file, self._next, self._items = file, 0, self._contents(file)
+        for item in self._items if number >= self._next else ():
+            self._last, self._next = item, self._next + 1
+            if self._next > number:
+                break
+        if number >= self._next:
+            raise ValueError(f"it has {self._next:,} images, and this is number {number + 1:,}")
+        return self._last
 
 
 @dataclass(frozen=True)
@@ -29,12 +85,17 @@ class Recording:
         names: recordings' folders, as the user named them.
         recording: index in `names`, int64 [N].
         line: line in the log, int64 [N].
-        images: paths on this machine of center, left, right, object [N, 3]; None without an image.
-        steering, throttle, brake: recorded values, float64 [N], -1..1, -1..1, 0..1.
+        images: center, left, right of each row, object [N, 3]: a path on this machine, a
+            `StoredImage`, or None without an image.
+        steering, throttle, brake: recorded values, float64 [N], -1..1 (right positive), -1..1,
+            0..1.
         speed_mph: recorded speed, float64 [N].
-        time_s: seconds since 1970 from the file name, float64 [N]; NaN without a time.
-        bad_images: a line on each row that `on_bad_image=skip` left out.
+        time_s: seconds since 1970, float64 [N]; NaN without a time.
+        bad_images: a line on each row that was left out because of its image.
         bad_rows: a line on each row that `on_bad_row=skip` left out.
+        places: file and row of each row, object [N]; None for lines of a `driving_log.csv`.
+        rig: cameras and steering of the car; None if they are unknown.
+        notes: a line on what was inferred, and on what else was left out.
     """
 
     names: tuple[str, ...]
@@ -48,6 +109,9 @@ class Recording:
     time_s: np.ndarray
     bad_images: tuple[str, ...] = ()
     bad_rows: tuple[str, ...] = ()
+    places: np.ndarray | None = None
+    rig: Rig | None = UDACITY
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.steering)
@@ -60,13 +124,29 @@ class Recording:
 
     def keep(self, mask: np.ndarray, bad_images: tuple[str, ...] = ()) -> "Recording":
         """Return the rows of `mask` (bool [N]); add `bad_images` to the skipped ones."""
-        columns = ("recording", "line", "images", "steering", "throttle", "brake")
-        kept = {name: getattr(self, name)[mask] for name in (*columns, "speed_mph", "time_s")}
-        bad_images = self.bad_images + bad_images
-        return Recording(names=self.names, bad_images=bad_images, bad_rows=self.bad_rows, **kept)
+        columns = {name: one[mask] for name, one in vars(self).items() if _is_column(one)}
+        return replace(self, **columns, bad_images=self.bad_images + bad_images)
+
+    def stored(self, row: int, camera: int) -> np.ndarray | bytes:
+        """Return an image as it is stored: bytes of a JPEG or PNG, or pixels of a video.
+
+        Raises:
+            OSError, ValueError: the image cannot be read.
+        """
+        image = self.images[row, camera]
+        if isinstance(image, str):
+            return read_regular(image, MOST_IMAGE_BYTES)
+        return image.reader(image.file, image.number)
+
+    def image(self, row: int, camera: int = 0) -> np.ndarray:
+        """Return an image in its own size, uint8 [H, W, 3] RGB; see `stored`."""
+        stored = self.stored(row, camera)
+        return decode_pixels(stored) if isinstance(stored, bytes) else stored
 
     def place(self, row: int) -> str:
         """Return a row's place, for messages: `FOLDER/driving_log.csv, row 7`."""
+        if self.places is not None:
+            return str(self.places[row])
         log = Path(self.names[self.recording[row]]) / LOG_NAME
         return f"{log}, row {self.line[row]}"
 
@@ -78,6 +158,86 @@ class Recording:
         names = (os.path.basename(path) if path else "" for path in self.images.flat)  # noqa: PTH119
         digest.update("\n".join(names).encode())
         return digest.hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What a user says about a recording; a format uses what concerns it.
+
+    Attributes:
+        images: folder of the images, if not the usual one.
+        on_bad_image: `fail`, or `skip` a row whose image is missing.
+        on_bad_row: `fail`, or `skip` a row that cannot be read.
+        steering: number that steers, in the format's words; None finds it.
+        camera: name of the centre camera; None finds it.
+        speed_unit: `mph`, `mps` or `kmh`, for a speed whose unit is not stated.
+    """
+
+    images: str | None = None
+    on_bad_image: str = "fail"
+    on_bad_row: str = "fail"
+    steering: str | None = None
+    camera: str | None = None
+    speed_unit: str = "mps"
+
+
+class Format(Protocol):
+    """One way to store recordings: a module, or an object, with these names.
+
+    Attributes:
+        title: the format in words, such as `Donkeycar tub`.
+    """
+
+    title: str
+
+    def detect(self, path: Path) -> bool:
+        """Return whether a folder or file has this format, by the names of its files."""
+
+    def read(self, path: Path, options: ReadOptions) -> Recording:
+        """Return the recording in a folder or file.
+
+        Raises:
+            InputError: a file is missing or damaged, or no row is left.
+        """
+
+
+def formats() -> Iterator[tuple[str, Format]]:
+    """Yield the name and the reader of each format, those of installed packages last."""
+    for name, module in OWN.items():
+        yield name, importlib.import_module(module)
+    from importlib.metadata import entry_points  # slow import
+
+    for point in entry_points(group=GROUP):
+        if point.name in OWN:
+            continue
+        try:
+            yield point.name, point.load()
+        except Exception as error:
+            raise InputError(
+                f"{point.value}: the format {point.name} cannot be imported ({error}); install "
+                "its package again"
+            ) from None
+
+
+def known_format(path: Path) -> tuple[str, Format] | None:
+    """Return the format of a folder or file and its name, None if it has none of them."""
+    return next((pair for pair in formats() if pair[1].detect(path)), None)
+
+
+def find_format(path: Path) -> tuple[str, Format]:
+    """Return the format of the recording in a folder or file, and its name.
+
+    Raises:
+        InputError: there is no such folder, or it has none of the formats.
+    """
+    if named := known_format(path):
+        return named
+    if not path.is_dir():
+        raise InputError(f"{path}: no such folder; name the folder of a recording")
+    raise InputError(
+        f"{path}: holds no {LOG_NAME}, no meta/info.json (LeRobot) and no manifest.json "
+        "(Donkeycar); name the folder that has one"
+    )
 
 
 def read_recordings(
@@ -100,16 +260,16 @@ def read_recordings(
     roots = [roots] if isinstance(roots, str) else list(roots)
     if not roots:
         raise InputError("data.root is an empty list: name a folder with a driving_log.csv")
-    parts = [
-        _read_one(number, Path(root).expanduser(), images, on_bad_image, BadRows(on_bad_row))
-        for number, root in enumerate(roots)
-    ]
-    columns = [name for name in vars(parts[0]) if name not in ("names", "bad_images", "bad_rows")]
+    options = ReadOptions(images, on_bad_image, on_bad_row)
+    parts = [_read_log_of(Path(root).expanduser(), options) for root in roots]
+    columns = [name for name, one in vars(parts[0]).items() if _is_column(one)]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
+    joined["recording"] = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     whole = Recording(
         names=tuple(part.names[0] for part in parts),
         bad_images=tuple(line for part in parts for line in part.bad_images),
         bad_rows=tuple(line for part in parts for line in part.bad_rows),
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in columns},
+        **joined,
     )
     if not len(whole):
         raise InputError(
@@ -119,11 +279,16 @@ def read_recordings(
     return whole
 
 
-def _read_one(
-    number: int, root: Path, images: str | None, on_bad_image: str, bad_rows: BadRows
-) -> Recording:
+def _read_log_of(root: Path, options: ReadOptions) -> Recording:
+    udacity = importlib.import_module(OWN["udacity"])
     try:
-        return _read_log(number, root, images, on_bad_image, bad_rows)
+        if root.is_dir() and not udacity.detect(root) and (other := known_format(root)):
+            raise InputError(
+                f"{root}: holds no {LOG_NAME}; it is a {other[1].title}: "
+                f"{shlex.join(['drivezoo', 'convert', str(root)])}"
+            )
+        recording: Recording = udacity.read(root, options)
+        return recording
     except OSError as error:
         raise InputError(
             f"{error.filename or root}: {error.strerror}; allow your user to read it, or name "
@@ -131,156 +296,71 @@ def _read_one(
         ) from None
 
 
-def _read_log(
-    number: int, root: Path, images: str | None, on_bad_image: str, bad_rows: BadRows
-) -> Recording:
-    log = root if root.suffix == ".csv" else root / LOG_NAME
-    if not root.exists():
-        raise InputError(f"{root}: no such folder; {_suggest_near(root)}")
-    if not log.exists():
-        raise InputError(f"{root}: holds no {LOG_NAME}; {_suggest(root)}")
-    finder = ImageFinder(log, images)
-    rows = read_log_columns(log, bad_rows)
-    paths = np.empty((len(rows), len(CAMERAS)), dtype=object)
-    missing = []
-    for camera, written in enumerate(rows.paths):
-        found = finder.find_all(written)
-        paths[:, camera] = found
-        pairs = enumerate(zip(written, found, strict=True))
-        missing.append([index for index, (name, path) in pairs if name and path is None])
-    # A recording without any image of a side camera is a centre-only recording.
-    for camera in (1, 2):
-        if len(missing[camera]) == len(rows):
-            missing[camera] = []
-    bad = _refuse_or_note(log, rows, missing, finder, on_bad_image)
-    numbers = rows.numbers
-    recording = Recording(
-        names=(str(log.parent),),
-        recording=np.full(len(rows), number),
-        line=rows.line,
-        images=paths,
-        steering=numbers[:, 0],
-        throttle=numbers[:, 1],
-        brake=numbers[:, 2],
-        speed_mph=numbers[:, 3],
-        time_s=times_from_names(rows.paths[0]),
-        bad_rows=tuple(bad_rows.faults),
-    )
-    good = np.ones(len(rows), dtype=bool)
-    good[list(bad)] = False
-    return recording.keep(good, tuple(bad.values()))
+def keep_valid(recording: Recording, bad: BadRows) -> Recording:
+    """Return the rows whose numbers a log may have; note the others in `bad_rows`.
 
+    Args:
+        recording: rows as another program wrote them.
+        bad: collector of rows that cannot be used, also of those that could not be read at all.
 
-def _suggest(root: Path) -> str:
-    """Return what to name instead of a folder without a log: the nearest folders with one."""
-    if other := known_format(root):
-        return f"it is a {NAMES[other]}: {shlex.join(['drivezoo', 'convert', str(root)])}"
-    found = [str(path.parent) for path in sorted(root.glob(f"*/{LOG_NAME}"))]
-    if not found and (root.parent / LOG_NAME).is_file():  # its IMG folder was named
-        found = [str(root.parent)]
-    if not found:
-        return f"name the folder of a {LOG_NAME}"
-    named, more = ", ".join(found[:SUGGESTED]), len(found) - SUGGESTED
-    return f"name {'one of ' * (len(found) > 1)}{named}" + (f" ({more} more)" if more > 0 else "")
-
-
-def _suggest_near(root: Path) -> str:
-    """Return what to name instead of a missing folder: a recording there with a near name."""
-    found = {path.parent.name: path.parent for path in root.parent.glob(f"*/{LOG_NAME}")}
-    near = difflib.get_close_matches(root.name, list(found), n=1)
-    return f"did you mean {found[near[0]]}?" if near else f"name the folder of a {LOG_NAME}"
-
-
-def _refuse_or_note(
-    log: Path,
-    rows: LogColumns,
-    missing: list[list[int]],
-    finder: "ImageFinder",
-    on_bad_image: str,
-) -> dict[int, str]:
-    """Return a line for each row with a missing image; raise InputError for `fail`."""
-    bad = {}
-    for camera, indices in enumerate(missing):
-        for index in indices:
-            written = rows.paths[camera][index]
-            bad[index] = f"{log}, row {rows.line[index]}: no image {file_name(written):.200}"
-    no_center = [index for index, path in enumerate(rows.paths[0]) if not path]
-    bad |= {index: f"{log}, row {rows.line[index]}: names no centre image" for index in no_center}
-    if bad and on_bad_image == "fail":
-        raise InputError(
-            f"{bad[min(bad)]} in {finder.searched()} ({len(bad)} of {len(rows)} rows lack one); "
-            "copy the IMG folder there, set data.images=FOLDER, or data.on_bad_image=skip"
-        )
-    return dict(sorted(bad.items()))
-
-
-class ImageFinder:
-    """A finder on this machine of images that a log from another machine names.
-
-    A path may be of Windows, macOS or Linux, absolute or relative. Each folder is listed once.
+    Raises:
+        InputError: a row is bad and not to be skipped, or none is left.
     """
+    columns = (recording.steering, recording.throttle, recording.brake, recording.speed_mph)
+    numbers, time_s = np.stack(columns, axis=1), recording.time_s
+    low, high = np.array([RANGES[name] for name in NUMBERS]).T
+    within = ((numbers >= low) & (numbers <= high)).all(1)
+    good = within & (np.isnan(time_s) | ((time_s >= 0) & (time_s < LAST_S)))
+    for row in np.flatnonzero(~good).tolist():
+        time = f"the time {time_s[row]:g} s is not between 1970 and 9999"
+        bad.faults.append(f"{recording.place(row)}: {range_fault(numbers[row]) or time}")
+    largest = np.abs(numbers[:, 0]).max(initial=0, where=np.isfinite(numbers[:, 0]))
+    bad.finish(int(good.sum()), degrees_hint(largest))
+    return replace(recording.keep(good), bad_rows=(*recording.bad_rows, *bad.faults))
 
-    def __init__(self, log: Path, images: str | None) -> None:
-        self.root = log.parent
-        self.images = Path(images).expanduser() if images else None
-        if self.images and not self.images.is_dir():
-            raise InputError(f"{self.images}: no such folder; set data.images=FOLDER of the images")
-        self._listings: dict[Path, dict[str, str]] = {}
-        self._candidates: dict[str, list[Path]] = {}
 
-    def find(self, written: str) -> str | None:
-        """Return the image's path on this machine, or None."""
-        name = file_name(written)
-        if not name:
-            return None
-        folder = written[: len(written) - len(name)]
-        if folder not in self._candidates:
-            self._candidates[folder] = self._folders(folder)
-        for candidate in self._candidates[folder]:
-            found = self._listing(candidate).get(name)
-            if found:
-                return found
-        return None
+def make_recording(
+    folder: Path, numbers: dict[str, np.ndarray], images: dict[str, Sequence], **more: Any
+) -> Recording:
+    """Return the recording of one folder.
 
-    def find_all(self, written: list[str]) -> list[str | None]:
-        """Return each image's path or None, as `find`, but fast for a log that names one folder."""
-        first = next(filter(None, written), "")
-        folder = first[: len(first) - len(file_name(first))]
-        self.find(first)
-        table: dict[str, str] = {}
-        for candidate in reversed(self._candidates.get(folder, [])):
-            table |= self._listing(candidate)
-        start = len(folder)
-        return [
-            (path.startswith(folder) and table.get(path[start:])) or self.find(path)
-            for path in written
-        ]
+    Args:
+        folder: folder of the recording.
+        numbers: steering, throttle, brake, speed_mph and time_s; of those that are missing, the
+            time is unknown, and the others are 0 in each row.
+        images: each camera's images, see `Recording.images`.
+        more: other fields of `Recording`.
+    """
+    rows = len(numbers["steering"])
+    stored = np.full((rows, len(CAMERAS)), None, object)
+    for camera, column in images.items():
+        stored[:, CAMERAS.index(camera)] = column
+    columns = {name: np.zeros(rows) for name in ("throttle", "brake", "speed_mph")}
+    columns |= {"time_s": np.full(rows, np.nan), **numbers}
+    fields = {"recording": np.zeros(rows, np.int64), "line": np.arange(1, rows + 1), **more}
+    return Recording(names=(str(folder),), images=stored, **columns, **fields)
 
-    def searched(self) -> str:
-        """Return the first folder searched, for messages."""
-        return str(self.images or self.root / "IMG")
 
-    def _folders(self, written: str) -> list[Path]:
-        """Return folders to search, best first: the given one, or IMG, the path's tails, others."""
-        if self.images:
-            return [self.images]
-        parts = [part for part in re.split(r"[\\/]", written) if part not in ("", ".")]
-        tails = [self.root.joinpath(*parts[start:]) for start in range(len(parts))]
-        img = [path for path in self.root.iterdir() if path.name.lower() == "img"]
-        # Not \\SERVER\SHARE: Windows would log in on a stranger's server.
-        is_own = re.match(r"([A-Za-z]:)?[\\/](?![\\/])", written) and Path(written).is_absolute()
-        return [*img, *tails, self.root, *([Path(written)] if is_own else [])]
+def write_source(folder: Path, source: str) -> None:
+    """Write which format a recording was converted from: its cameras and car are of that rig."""
+    (folder / SOURCE_NAME).write_text(f'{{"version": 1, "format": "{source}"}}\n', encoding="utf-8")
 
-    def _listing(self, folder: Path) -> dict[str, str]:
-        if folder not in self._listings:
-            try:
-                # Regular files only: opening a pipe would wait for its writer.
-                with os.scandir(folder) as entries:
-                    files = (entry for entry in entries if entry.is_file())
-                    self._listings[folder] = {entry.name: entry.path for entry in files}
-            except OSError:
-                self._listings[folder] = {}
-        return self._listings[folder]
+
+def read_source(folders: Iterable[str | Path]) -> str | None:
+    """Return the format that one of the recordings was converted from; None for Udacity's rig.
+
+    Raises:
+        InputError: the file that names the format is damaged.
+    """
+    for folder in folders:
+        path = Path(folder) / SOURCE_NAME
+        if path.is_file():
+            found = read_json(path)
+            source = found.get("format") if isinstance(found, dict) else None
+            if not isinstance(source, str) or not re.fullmatch(r"[\w.-]{1,80}", source):
+                raise InputError(f"{path}: format: must be the name of a format, such as lerobot")
+            return source
+    return None
 
 
 def file_name(written: str) -> str:
@@ -292,37 +372,5 @@ def file_name(written: str) -> str:
     return written[max(written.rfind("/"), written.rfind("\\")) + 1 :].strip()
 
 
-def times_from_names(names: list[str]) -> np.ndarray:
-    """Return seconds since 1970, float64 [N], from `..._2018_07_16_17_11_43_382.jpg`; else NaN."""
-    times = _plain_times(names)
-    if times is None:
-        stamps = [
-            "{}-{}-{}T{}:{}:{}.{}".format(*found.groups())
-            if (found := _TIME.search(one))
-            else "NaT"
-            for one in names
-        ]
-        try:
-            times = np.array(stamps, dtype="datetime64[ms]")
-        except ValueError:  # such as month 13
-            return np.full(len(names), np.nan)
-    seconds = times.astype("int64") / 1000.0
-    return np.where(np.isnat(times), np.nan, seconds)
-
-
-def _plain_times(names: list[str]) -> np.ndarray | None:
-    """Return times, datetime64[ms] [N]; None unless all names end in one and three letters."""
-    try:
-        tails = np.array([name[-27:] for name in names], "S27")
-    except UnicodeEncodeError:
-        return None
-    letters = tails.view(np.uint8).reshape(-1, 27)[:, :24].copy()
-    between, digits = [4, 7, 10, 13, 16, 19, 23], letters - ord("0")
-    digits[:, between] = 0
-    if not len(names) or (digits > 9).any() or (letters[:, between] != list(b"______.")).any():
-        return None
-    letters[:, between] = list(b"--T::.Z")
-    try:
-        return letters[:, :23].copy().view("S23").ravel().astype("datetime64[ms]")
-    except ValueError:
-        return None
+def _is_column(value: object) -> bool:
+    return isinstance(value, np.ndarray)

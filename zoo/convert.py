@@ -23,8 +23,7 @@ from zoo.cli.run_command import run_command
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from datamodules.exchange.converted import Converted
-    from datamodules.source_format import Format
+    from datamodules.formats.recording_writer import Converted
 
 COMMAND = Command(__doc__, {"SOURCE": "folder of a recording, a LeRobot dataset or a tub"})
 
@@ -57,12 +56,12 @@ def convert(arguments: list[str]) -> None:
     (named,), options = COMMAND.read(arguments, ConvertOptions)
     from rich.console import Console
 
-    from datamodules.source_format import NAMES, find_format
+    from datamodules.recording import find_format, formats
     from zoo.base.new_folder import free_folder, print_unfinished, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
     source = Path(named).expanduser()
-    found = find_format(source)
+    found, _ = find_format(source)
     to = target_format(named, found, options.to)
     folder = source.parent if source.is_file() else source
     # Without SOURCE's own name, `.` has none to add the format to.
@@ -71,16 +70,17 @@ def convert(arguments: list[str]) -> None:
     refuse_existing(out.expanduser())
     print_unfinished(out)
     with progress_bar("converting", Console(stderr=True)) as report:
-        result = run_conversion(source, out, found, to, options, report)
+        result = run_conversion(source, out, to, options, report)
     drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"
-    print(f"{NAMES[found]} -> {NAMES[to]}: {result.rows:,} rows, {drives}")
+    titles = {name: known.title for name, known in formats()}
+    print(f"{titles[found]} -> {titles[to]}: {result.rows:,} rows, {drives}")
     for note in result.notes:
         print(printable(f"- {note}"))
     print_written([result.folder])
     print_following(result, to)
 
 
-def target_format(named: str, found: "Format", to: "Format | None") -> "Format":
+def target_format(named: str, found: str, to: str | None) -> str:
     """Return the format to write.
 
     Raises:
@@ -90,14 +90,14 @@ def target_format(named: str, found: "Format", to: "Format | None") -> "Format":
         raise UsageError(
             f"{named}: is a recording; name its new format: to=lerobot or to=donkeycar"
         )
-    from datamodules.source_format import NAMES
+    from datamodules.recording import formats
 
-    to = to or "udacity"
+    to, title = to or "udacity", dict(formats())[found].title
     if to == found:
-        raise UsageError(f"to={to}: {named} is a {NAMES[found]} already; name another format")
+        raise UsageError(f"to={to}: {named} is a {title} already; name another format")
     if "udacity" not in (to, found):
         raise UsageError(
-            f"to={to}: a {NAMES[found]} becomes a recording first: leave out to=, then convert the "
+            f"to={to}: a {title} becomes a recording first: leave out to=, then convert the "
             "new folder"
         )
     return to
@@ -106,48 +106,38 @@ def target_format(named: str, found: "Format", to: "Format | None") -> "Format":
 def run_conversion(
     source: Path,
     out: Path,
-    found: "Format",
-    to: "Format",
+    to: str,
     options: ConvertOptions,
     progress: "Callable[[float], None]",
 ) -> "Converted":
     """Convert between two formats, of which one is a recording; return the result."""
-    if found == "lerobot":
-        from datamodules.exchange.lerobot_import import import_lerobot
+    from datamodules.recording import ReadOptions, read_recordings
 
-        return import_lerobot(
-            source,
-            out,
-            options.steering,
-            options.camera,
-            options.speed_unit,
-            options.fit,
-            options.quality,
-            progress,
-            options.on_bad_row,
+    if to == "udacity":
+        from datamodules.formats.recording_writer import convert_to_recording
+
+        given = {key: getattr(options, key) for key in ("steering", "camera", "speed_unit")}
+        read = ReadOptions(options.images, on_bad_row=options.on_bad_row, **given)
+        return convert_to_recording(
+            source, out, read, fit=options.fit, quality=options.quality, progress=progress
         )
-    if found == "donkeycar":
-        from datamodules.exchange.tub_import import import_tub
-
-        return import_tub(source, out, options.fit, options.quality, progress, options.on_bad_row)
-    from datamodules.recording import read_recordings
     from datamodules.recording_report import skipped_lines
 
     recording = read_recordings(
         str(source), options.images, on_bad_image="skip", on_bad_row=options.on_bad_row
     )
     if to == "donkeycar":
-        from datamodules.exchange.tub_export import export_tub
+        from datamodules.formats.tub_export import export_tub
 
         result = export_tub(recording, out, progress)
     else:
-        from datamodules.exchange.lerobot_export import export_lerobot
+        from datamodules.formats.lerobot_export import export_lerobot
 
         result = export_lerobot(recording, out, options.fps, options.crf, options.task, progress)
     return replace(result, notes=(*skipped_lines(recording), *result.notes))
 
 
-def print_following(result: "Converted", to: "Format") -> None:
+def print_following(result: "Converted", to: str) -> None:
     """Print the command that uses what was written."""
     folder = str(result.folder)
     if to == "udacity":

@@ -14,8 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from datamodules.formats.udacity import times_from_names
 from datamodules.image import read_image
-from datamodules.recording import LOG_NAME, read_recordings, times_from_names
+from datamodules.recording import LOG_NAME, read_recordings
 from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
 from zoo.cli.command import Command

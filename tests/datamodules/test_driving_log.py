@@ -8,8 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from datamodules.bad_rows import BadRows
-from datamodules.driving_log import ROWS_AT_ONCE, LogRow, read_log, read_log_columns
+from datamodules.driving_log import ROWS_AT_ONCE, BadRows, LogRow, read_log, read_log_columns
 from tests.recordings import format_number
 from zoo.base.errors import InputError
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datamodules.recording import read_recordings, times_from_names
+from datamodules.formats.udacity import times_from_names
+from datamodules.recording import read_recordings
 from tests.recordings import FOLDERS, write_recording
 from zoo.base.errors import InputError
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from datamodules.exchange.lerobot_import import import_lerobot
-from datamodules.exchange.tub_import import import_tub
+from datamodules.formats.recording_writer import convert_to_recording
 from datamodules.recording import read_recordings
 from simulator.road_family import draw_road, find_family
 from simulator.track_file import read_track
@@ -85,7 +84,7 @@ def test_damaged_tubs(file: str, recording: Written, tmp_path: Path, count: int)
     lines = path.read_bytes().splitlines(keepends=True)
     last = mutated_json(json.loads(lines[-1])).map(lambda one: b"".join([*lines[:-1], one]))
     damaged = mutated_bytes(path.read_bytes()) | last
-    read_damaged(damaged, converted(import_tub, 0), path, count)
+    read_damaged(damaged, converted(convert_to_recording, 0), path, count)
 
 
 @pytest.fixture
@@ -116,14 +115,14 @@ def dataset(recording: Written, tmp_path: Path) -> Path:
 def test_damaged_info_of_datasets(dataset: Path, count: int) -> None:
     path = dataset / "meta/info.json"
     damaged = mutated_json(json.loads(path.read_text()))
-    read_damaged(damaged, converted(import_lerobot, 1), path, count)
+    read_damaged(damaged, converted(convert_to_recording, 1), path, count)
 
 
 @FEW_AND_MANY
 def test_damaged_parquet_files(dataset: Path, count: int) -> None:
     path = dataset / "data/chunk-000/file-000.parquet"
     damaged = mutated_bytes(path.read_bytes())
-    read_damaged(damaged, converted(import_lerobot, 2), path, count)
+    read_damaged(damaged, converted(convert_to_recording, 2), path, count)
 
 
 @FEW_AND_MANY

@@ -8,7 +8,7 @@ from types import TracebackType
 import cv2
 import numpy as np
 
-from datamodules.exchange.driven_rows import write_frame
+from datamodules.formats.recording_writer import write_frame
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import autonomy

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from datamodules.exchange.driven_rows import write_frame
+from datamodules.formats.recording_writer import write_frame
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.base.errors import InputError

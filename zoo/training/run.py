@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
-from datamodules.source_format import read_source
+from datamodules.recording import read_source
 from datamodules.split import rows_per_second, write_split
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file

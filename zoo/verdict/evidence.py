@@ -104,9 +104,10 @@ def source_of(data: object) -> str | None:
 
 def no_verdict(source: str) -> str:
     """Return why drives on the embedded tracks give no verdict, and what does instead."""
-    from datamodules.source_format import NAMES
+    from datamodules.recording import formats
 
-    name = {**NAMES}.get(source, "recording of another car")
+    titles = {name: known.title for name, known in formats()}
+    name = titles.get(source, "recording of another car")
     return (
         f"no verdict by driving: it was trained on a {name}, with another camera and another car "
         "than those of the embedded tracks; score it on drives that it was not trained on: "

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.exchange.lerobot_export import export_lerobot
-from datamodules.exchange.lerobot_import import import_lerobot
-from datamodules.exchange.parquet_columns import encoded_images
-from datamodules.exchange.video import read_frames, video_writer
+from datamodules.formats.lerobot_export import export_lerobot
+from datamodules.formats.parquet_columns import encoded_images
+from datamodules.formats.recording_writer import convert_to_recording
+from datamodules.formats.video import read_frames, video_writer
 from datamodules.image import read_image
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import ReadOptions, Recording, read_recordings
 from datamodules.stretches import find_breaks
 from tests.recordings import Written, write_recording
 from zoo.base.errors import InputError, UsageError
@@ -53,7 +53,7 @@ def table(dataset: Path, name: str = DATA) -> dict:
 
 
 def test_a_recording_comes_back(source: Recording, dataset: Path, tmp_path: Path) -> None:
-    result = import_lerobot(dataset, tmp_path / "again")
+    result = convert_to_recording(dataset, tmp_path / "again")
     again = read_recordings(str(tmp_path / "again"))
     for name in LABELS:
         np.testing.assert_array_equal(getattr(again, name), getattr(source, name))
@@ -95,17 +95,17 @@ def test_a_centre_only_recording_has_one_video(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "lr/videos").iterdir()] == [
         "observation.images.center"
     ]
-    import_lerobot(tmp_path / "lr", tmp_path / "again")
+    convert_to_recording(tmp_path / "lr", tmp_path / "again")
     assert read_recordings(str(tmp_path / "again")).images[0, 1] is None
 
 
 def test_a_long_drive_is_cut_into_episodes_and_comes_back_whole(
     source: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("datamodules.exchange.lerobot_export.MOST_S", 1)
+    monkeypatch.setattr("datamodules.formats.lerobot_export.MOST_S", 1)
     assert export_lerobot(source, tmp_path / "lr").drives == 4
     assert len(list((tmp_path / "lr/videos/observation.images.left").rglob("*.mp4"))) == 4
-    import_lerobot(tmp_path / "lr", tmp_path / "again")
+    convert_to_recording(tmp_path / "lr", tmp_path / "again")
     again = read_recordings(str(tmp_path / "again"))
     np.testing.assert_array_equal(again.time_s, source.time_s)
     assert np.flatnonzero(find_breaks(again)).tolist() == [19]
@@ -155,7 +155,7 @@ def write_foreign(folder: Path, steering: str = "steering wheel", png: bool = Fa
 @pytest.mark.parametrize("png", [False, True])
 def test_a_foreign_dataset_is_understood_by_its_names(png: bool, tmp_path: Path) -> None:
     foreign = write_foreign(tmp_path / "foreign", png=png)
-    result = import_lerobot(foreign, tmp_path / "new")
+    result = convert_to_recording(foreign, tmp_path / "new")
     new = read_recordings(str(tmp_path / "new"))
     assert new.steering.tolist() == [float(np.float32(number / 10)) for number in range(10)]
     assert new.throttle.tolist() == [0.5] * 10
@@ -172,12 +172,15 @@ def test_a_foreign_dataset_is_understood_by_its_names(png: bool, tmp_path: Path)
 def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     foreign = write_foreign(tmp_path / "foreign", steering="joint_2")
     with pytest.raises(InputError, match=r"steering=.*action:1"):
-        import_lerobot(foreign, tmp_path / "new")
+        convert_to_recording(foreign, tmp_path / "new")
     with pytest.raises(UsageError, match="action:0, action:1"):
-        import_lerobot(foreign, tmp_path / "new", steering="action:9")
+        convert_to_recording(foreign, tmp_path / "new", ReadOptions(steering="action:9"))
     with pytest.raises(UsageError, match="front_left"):
-        import_lerobot(foreign, tmp_path / "new", steering="action:1", camera="rear")
-    import_lerobot(foreign, tmp_path / "new", steering="action:1", camera="front_left")
+        convert_to_recording(
+            foreign, tmp_path / "new", ReadOptions(steering="action:1", camera="rear")
+        )
+    named = ReadOptions(steering="action:1", camera="front_left")
+    convert_to_recording(foreign, tmp_path / "new", named)
     assert read_recordings(str(tmp_path / "new")).steering[3] == np.float32(0.3)
 
 
@@ -265,7 +268,7 @@ def test_damage_is_named_in_one_line_and_nothing_is_left(
 ) -> None:
     damage(copy)
     with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
-        import_lerobot(copy, tmp_path / "new")
+        convert_to_recording(copy, tmp_path / "new")
     assert named in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["copy"]
 
@@ -328,7 +331,7 @@ def test_a_small_file_that_claims_ten_million_rows_is_refused_unread(foreign_dat
     write_table(foreign_data, dict.fromkeys(names, zeros))
     assert foreign_data.stat().st_size < 1_000_000
     with pytest.raises(InputError, match=r"file-000\.parquet: has 10,000,000 rows.*divide"):
-        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+        convert_to_recording(foreign_data.parents[2], foreign_data.parents[3] / "out")
 
 
 def test_a_small_file_with_long_vectors_is_refused_unread(foreign_data: Path) -> None:
@@ -337,7 +340,7 @@ def test_a_small_file_with_long_vectors_is_refused_unread(foreign_data: Path) ->
     write_table(foreign_data, {"episode_index": zeros, "timestamp": zeros, "action": vectors})
     assert foreign_data.stat().st_size < 100_000
     with pytest.raises(InputError, match=r"file-000\.parquet: .*action have 40,000,400 numbers"):
-        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+        convert_to_recording(foreign_data.parents[2], foreign_data.parents[3] / "out")
 
 
 def test_a_column_that_is_there_twice_is_refused(foreign_data: Path) -> None:
@@ -345,7 +348,7 @@ def test_a_column_that_is_there_twice_is_refused(foreign_data: Path) -> None:
     names = ["episode_index", "timestamp", "action", "action"]
     pq.write_table(pa.Table.from_arrays(zeros, names), foreign_data)
     with pytest.raises(InputError, match=r"file-000\.parquet: has the column 'action' more than"):
-        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+        convert_to_recording(foreign_data.parents[2], foreign_data.parents[3] / "out")
 
 
 def test_a_columns_name_that_is_not_utf_8_is_refused(foreign_data: Path) -> None:
@@ -355,7 +358,7 @@ def test_a_columns_name_that_is_not_utf_8_is_refused(foreign_data: Path) -> None
     data = foreign_data.read_bytes()
     foreign_data.write_bytes(data.replace(b"xyxyxyxy", b"xyxyxy\xff\xfe"))
     with pytest.raises(InputError, match=r"file-000\.parquet: a column's name is not UTF-8"):
-        import_lerobot(foreign_data.parents[2], foreign_data.parents[3] / "out")
+        convert_to_recording(foreign_data.parents[2], foreign_data.parents[3] / "out")
 
 
 def test_an_image_that_a_few_bytes_repeat_is_refused(foreign_data: Path) -> None:

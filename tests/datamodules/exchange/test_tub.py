@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from datamodules.exchange.tub_export import export_tub
-from datamodules.exchange.tub_import import import_tub
+from datamodules.formats.recording_writer import convert_to_recording
+from datamodules.formats.tub_export import export_tub
 from datamodules.image import read_image
-from datamodules.recording import Recording, read_recordings
+from datamodules.recording import ReadOptions, Recording, read_recordings, read_source
 from datamodules.recording_report import report_recordings
-from datamodules.source_format import read_source
 from datamodules.stretches import find_breaks
 from tests.recordings import Written
 from zoo.base.errors import InputError
@@ -64,7 +63,7 @@ def record(index: int, **changed: object) -> dict:
 
 
 def test_a_recording_comes_back_to_the_bit(recorded: Written, tub: Path, tmp_path: Path) -> None:
-    result = import_tub(tub, tmp_path / "again")
+    result = convert_to_recording(tub, tmp_path / "again")
     again, whole = read_recordings(str(tmp_path / "again")), read_recordings(str(recorded.folder))
     rows = np.r_[0:20, 60:80]
     for name in LABELS:
@@ -93,7 +92,9 @@ def test_the_tub_has_donkeycars_keys(recorded: Written, tub: Path) -> None:
 
 def test_deleted_and_autopilot_records_are_left_out(tmp_path: Path) -> None:
     records = [record(0), record(1), record(2, user__mode="local"), record(3), record(4)]
-    result = import_tub(write_tub(tmp_path / "tub", records, deleted=(1, 4)), tmp_path / "new")
+    result = convert_to_recording(
+        write_tub(tmp_path / "tub", records, deleted=(1, 4)), tmp_path / "new"
+    )
     new = read_recordings(str(tmp_path / "new"))
     assert new.steering.tolist() == [0.0, 0.3]
     assert new.time_s[0] == 1_600_000_000.0
@@ -107,7 +108,7 @@ def test_deleted_and_autopilot_records_are_left_out(tmp_path: Path) -> None:
 def test_a_damaged_image_is_left_out_and_counted(tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(0), record(1), record(2)])
     (tub / "images" / "1_cam_image_array_.jpg").write_bytes(b"\xff\xd8\xff")
-    result = import_tub(tub, tmp_path / "new")
+    result = convert_to_recording(tub, tmp_path / "new")
     assert result.rows == 2
     assert "1 rows left out" in result.notes[0]
     assert "catalog_0.catalog, row 2" in result.notes[0]
@@ -116,8 +117,8 @@ def test_a_damaged_image_is_left_out_and_counted(tmp_path: Path) -> None:
 def test_padding_keeps_the_shape_of_an_odd_size(tmp_path: Path) -> None:
     tub = write_tub(tmp_path / "tub", [record(0), record(9)])
     cv2.imwrite(str(tub / "images" / "9_cam_image_array_.jpg"), np.full((120, 160, 3), 180))
-    import_tub(tub, tmp_path / "kept")
-    import_tub(tub, tmp_path / "padded", fit="pad")
+    convert_to_recording(tub, tmp_path / "kept")
+    convert_to_recording(tub, tmp_path / "padded", fit="pad")
     kept, padded = (read_recordings(str(tmp_path / one)).images[1, 0] for one in ("kept", "padded"))
     assert cv2.imread(kept).shape == (120, 160, 3)
     assert cv2.imread(padded).shape == (120, 240, 3)
@@ -134,7 +135,7 @@ def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
         found = {"cam/image_array": f"{index}_cam.jpg", "user/angle": index / 100}
         found |= {"user/throttle": -0.5, "milliseconds": 100 * index}
         (tub / f"record_{index}.json").write_text(json.dumps(found))
-    import_tub(tub, tmp_path / "new")
+    convert_to_recording(tub, tmp_path / "new")
     new = read_recordings(str(tmp_path / "new"))
     assert new.steering.tolist() == [0.01, 0.02, 0.1]
     assert new.throttle.tolist() == [-0.5] * 3
@@ -144,8 +145,8 @@ def test_a_tub_of_donkeycar_3_is_read(tmp_path: Path) -> None:
 def test_a_tub_says_that_its_car_is_another_unless_drivezoo_wrote_it(
     tub: Path, tmp_path: Path
 ) -> None:
-    import_tub(tub, tmp_path / "ours")
-    import_tub(write_tub(tmp_path / "tub", [record(0), record(1)]), tmp_path / "theirs")
+    convert_to_recording(tub, tmp_path / "ours")
+    convert_to_recording(write_tub(tmp_path / "tub", [record(0), record(1)]), tmp_path / "theirs")
     assert read_source([tmp_path / "ours"]) is None
     assert read_source([tmp_path / "ours", tmp_path / "theirs"]) == "donkeycar"
     (tmp_path / "theirs" / "source.json").write_text("[]")
@@ -160,7 +161,7 @@ def test_images_are_links_or_copies_of_images_alone(tmp_path: Path) -> None:
     place = tub / "images" / "1_cam_image_array_.jpg"
     place.unlink()
     place.symlink_to(secret)
-    assert import_tub(tub, tmp_path / "new").rows == 1
+    assert convert_to_recording(tub, tmp_path / "new").rows == 1
     for path in (tmp_path / "new" / "IMG").iterdir():
         assert b"not an image" not in path.read_bytes()
 
@@ -212,7 +213,7 @@ def test_damage_is_named_in_one_line_and_nothing_is_left(
     tub = write_tub(tmp_path / "tub", [record(0), record(1)])
     damage(tub)
     with pytest.raises(InputError, match=r"^[^\n]*$") as caught:
-        import_tub(tub, tmp_path / "new")
+        convert_to_recording(tub, tmp_path / "new")
     assert named in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["tub"]
 
@@ -221,7 +222,7 @@ def test_a_recording_without_times_gets_some(recorded: Written, tmp_path: Path) 
     whole = read_recordings(str(recorded.folder))
     timeless = Recording(**{**vars(whole), "time_s": np.full(len(whole), np.nan)})
     export_tub(timeless, tmp_path / "tub")
-    import_tub(tmp_path / "tub", tmp_path / "new")
+    convert_to_recording(tmp_path / "tub", tmp_path / "new")
     assert np.diff(read_recordings(str(tmp_path / "new")).time_s) == pytest.approx(1 / 15, abs=1e-3)
 
 
@@ -237,13 +238,13 @@ def damage_two_records(tub: Path) -> Path:
 def test_two_corrupt_records_are_counted_and_skipping_them_is_offered(tmp_path: Path) -> None:
     tub = damage_two_records(write_tub(tmp_path / "tub", [record(one) for one in range(8)]))
     with pytest.raises(InputError, match=r"catalog_1\.catalog, row 2: .*2 of 8 rows.*=skip"):
-        import_tub(tub, tmp_path / "out")
+        convert_to_recording(tub, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_corrupt_records_that_are_skipped_are_counted_and_named(tmp_path: Path) -> None:
     tub = damage_two_records(write_tub(tmp_path / "tub", [record(one) for one in range(8)]))
-    result = import_tub(tub, tmp_path / "out", on_bad_row="skip")
+    result = convert_to_recording(tub, tmp_path / "out", options=ReadOptions(on_bad_row="skip"))
     steering = read_recordings(str(tmp_path / "out")).steering
     assert steering.tolist() == [0.0, 0.1, 0.2, 0.5, 0.6, 0.7]
     assert result.rows == 6
@@ -254,7 +255,7 @@ def test_corrupt_records_that_are_skipped_are_counted_and_named(tmp_path: Path) 
 def test_a_corrupt_record_has_one_remedy(tmp_path: Path) -> None:
     tub = damage_two_records(write_tub(tmp_path / "tub", [record(one) for one in range(8)]))
     with pytest.raises(InputError, match="on_bad_row=skip") as caught:
-        import_tub(tub, tmp_path / "out")
+        convert_to_recording(tub, tmp_path / "out")
     assert str(caught.value).count("delete") == 1
 
 
@@ -263,7 +264,7 @@ def test_angles_in_degrees_have_one_remedy_for_all_rows(tmp_path: Path) -> None:
         changed = [record(one, **{"user/angle": one * largest / 5}) for one in range(6)]
         tub = write_tub(tmp_path / f"{largest}", changed)
         with pytest.raises(InputError, match=f"degrees.*divide the column {words}") as caught:
-            import_tub(tub, tmp_path / "out")
+            convert_to_recording(tub, tmp_path / "out")
         assert "delete" not in str(caught.value)
 
 
@@ -273,12 +274,12 @@ def test_a_catalog_that_is_named_again_is_refused(tmp_path: Path) -> None:
     name = '"catalog_0.catalog"'
     manifest.write_text(manifest.read_text().replace(name, ", ".join([name] * 800)))
     with pytest.raises(InputError, match=r"manifest\.json, row 5: .*catalog_0\.catalog more than"):
-        import_tub(tub, tmp_path / "out")
+        convert_to_recording(tub, tmp_path / "out")
 
 
 def test_drives_are_counted_by_the_gaps_that_check_counts(tmp_path: Path) -> None:
     """One session with two gaps of time is three drives."""
     late = [record(one, _timestamp_ms=1_600_000_000_000 + 5000 * (one // 2)) for one in range(6)]
-    result = import_tub(write_tub(tmp_path / "tub", late), tmp_path / "out")
+    result = convert_to_recording(write_tub(tmp_path / "tub", late), tmp_path / "out")
     (report,) = report_recordings(read_recordings(str(tmp_path / "out")))
     assert (result.drives, report.gaps) == (3, 2)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from datamodules.exchange.lerobot_layout import (
+from datamodules.formats.lerobot_layout import (
     ACTION,
     ACTIONS,
     CAMERA_PREFIX,
@@ -20,8 +20,8 @@ from datamodules.exchange.lerobot_layout import (
     VERSION,
     VIDEO_PATH,
 )
-from datamodules.exchange.lerobot_stats import FrameCounts, column_stats
-from datamodules.exchange.lerobot_videos import VideoFile
+from datamodules.formats.lerobot_stats import FrameCounts, column_stats
+from datamodules.formats.lerobot_videos import VideoFile
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 
 

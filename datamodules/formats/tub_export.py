@@ -10,28 +10,26 @@ from pathlib import Path
 
 import numpy as np
 
-from datamodules.exchange.continuous_drives import continuous_drives
-from datamodules.exchange.converted import Converted, left_out_note
-from datamodules.exchange.driven_rows import times_of_drives
-from datamodules.exchange.tub_import import (
+from datamodules.formats.donkeycar import (
     ANGLE,
     EXACT,
     IMAGE,
     IMAGES,
+    MANIFEST,
     MODE,
-    REPORT_ROWS,
     SPEEDS_MPS,
     THROTTLE,
 )
+from datamodules.formats.recording_writer import Converted, left_out_note
 from datamodules.image_files import find_file_fault, link_or_copy
 from datamodules.recording import Recording
-from datamodules.source_format import MANIFEST
-from datamodules.split import rows_per_second
+from datamodules.stretches import complete_times, continuous_drives
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH
 
 CATALOG_ROWS = 1000  # records in a catalog, as Donkeycar writes them
+REPORT_ROWS = 50  # rows between two calls of `progress`
 SPEED = SPEEDS_MPS[0]
 TYPES = {
     IMAGE: "image_array",
@@ -68,9 +66,7 @@ def export_tub(
             raise InputError(f"no row has a whole image: {left_out[0]}; copy the images again")
         drives = continuous_drives(kept)
         drive = np.repeat(np.arange(len(drives)), [len(one) for one in drives])
-        time_s = kept.time_s
-        if np.isnan(time_s).any():
-            time_s = times_of_drives(drive, np.arange(len(kept)) / rows_per_second(kept))
+        time_s = complete_times(kept)
         day = time.strftime("%y-%m-%d", time.gmtime(time_s[0]))
         sessions = [f"{day}_{number}" for number in range(len(drives))]
         lines = []

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from datamodules.exchange.lerobot_layout import CAMERA_PREFIX
+from datamodules.formats.lerobot_layout import CAMERA_PREFIX
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.exchange.lerobot_layout import CAMERA_PREFIX, video_file
-from datamodules.exchange.lerobot_stats import SAMPLED_FRAMES, FrameCounts
-from datamodules.exchange.video import video_writer
+from datamodules.formats.lerobot_layout import CAMERA_PREFIX, video_file
+from datamodules.formats.lerobot_stats import SAMPLED_FRAMES, FrameCounts
+from datamodules.formats.video import video_writer
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
 from datamodules.recording import Recording
 from zoo.base.errors import InputError

@@ -8,6 +8,7 @@ from typing import Any
 from zoo.base.errors import InputError
 
 VERSION = "v3.0"
+INFO = "meta/info.json"
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
 EPISODES = "meta/episodes"

@@ -6,19 +6,18 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.exchange.continuous_drives import continuous_drives, mean_rate
-from datamodules.exchange.converted import Converted, left_out_note
-from datamodules.exchange.lerobot_layout import (
+from datamodules.formats.lerobot_layout import (
     ACTION,
     ACTIONS,
     EXACT,
+    INFO,
     MOST_S,
     STATE,
     STATS,
     TIME,
     load_pyarrow,
 )
-from datamodules.exchange.lerobot_tables import (
+from datamodules.formats.lerobot_tables import (
     dataset_features,
     dataset_info,
     dataset_stats,
@@ -27,10 +26,11 @@ from datamodules.exchange.lerobot_tables import (
     write_json,
     write_tasks,
 )
-from datamodules.exchange.lerobot_videos import assign_video_files, write_videos
+from datamodules.formats.lerobot_videos import assign_video_files, write_videos
+from datamodules.formats.recording_writer import Converted, left_out_note
 from datamodules.image_files import find_file_fault
 from datamodules.recording import Recording
-from datamodules.source_format import INFO
+from datamodules.stretches import continuous_drives, mean_rate
 from zoo.base.errors import InputError
 from zoo.base.new_folder import RECORDINGS, whole_folder
 from zoo.base.rig import MPS_PER_MPH

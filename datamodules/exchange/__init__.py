@@ -1,1 +1,0 @@
-"""Exchange of recordings with LeRobotDataset v3 and Donkeycar's tubs."""

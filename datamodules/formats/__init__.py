@@ -1,0 +1,1 @@
+"""Formats of recordings: a reader each, and the writers of `drivezoo convert`."""

@@ -1,0 +1,193 @@
+"""The format LeRobotDataset v3, of drivezoo or of another program."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datamodules.driving_log import BadRows
+from datamodules.formats.json_fields import number, parse
+from datamodules.formats.lerobot_features import Component, Meaning, find_meaning
+from datamodules.formats.lerobot_layout import (
+    DATA,
+    DATA_PATH,
+    EPISODES,
+    INFO,
+    TIME,
+    VERSION,
+    VIDEO_PATH,
+    load_pyarrow,
+    video_file,
+)
+from datamodules.formats.parquet_columns import REMEDY, encoded_images, read_table
+from datamodules.formats.video import read_frames
+from datamodules.recording import (
+    ForwardReader,
+    ReadOptions,
+    Recording,
+    StoredImage,
+    keep_valid,
+    make_recording,
+)
+from datamodules.stretches import times_of_drives
+from zoo.base.bounded_files import MOST_JSON_BYTES, read_text
+from zoo.base.errors import InputError
+from zoo.base.limits import MOST, check_most
+from zoo.base.rig import UDACITY
+
+title = "LeRobotDataset v3"
+MOST_NUMBER = 999_999  # of a chunk or a file
+
+
+def detect(path: Path) -> bool:
+    """Return whether a folder holds a dataset's description."""
+    return (path / INFO).exists()
+
+
+def read(path: Path, options: ReadOptions) -> Recording:
+    """Return a dataset's rows; each episode is a continuous drive.
+
+    The columns `steering`, `throttle`, `brake`, `speed_mph` and `time_s` of drivezoo's own datasets
+    come back to the bit. Otherwise, numbers are found by their names.
+
+    Raises:
+        InputError: pyarrow is missing, a file is missing or damaged, or a value is wrong.
+        UsageError: the steering or the camera that the user names does not exist.
+    """
+    pyarrow = load_pyarrow()
+    info = _read_info(path)
+    features, place = info["features"], str(path / INFO)
+    meaning = find_meaning(features, place, options.steering, options.camera, options.speed_unit)
+    files = sorted((path / DATA).glob("chunk-*/file-*.parquet"))
+    if not files:
+        raise InputError(f"{path / DATA}: holds no chunk-000/file-000.parquet; {REMEDY}")
+    roles = (meaning.steering, meaning.throttle, meaning.brake, meaning.speed)
+    names = ["episode_index", "timestamp", *(role.key for role in roles if role)]
+    names += [TIME] if TIME in features else []
+    tables = [read_table(file, [*dict.fromkeys(names)], pyarrow) for file in files]
+    lengths = [len(table["timestamp"]) for table in tables]
+    check_most("rows", sum(lengths), path, "divide the dataset")
+    if not sum(lengths):
+        raise InputError(f"{files[0]}: no rows; {REMEDY}")
+
+    def column(role: Component | None) -> np.ndarray:
+        if role is None:
+            return np.zeros(sum(lengths))
+        return np.concatenate([_component(table[role.key], role.position) for table in tables])
+
+    episode = column(Component("episode_index", 0, "")).astype(np.int64)
+    timestamp = column(Component("timestamp", 0, ""))
+    values = [column(role) for role in roles]
+    numbers = dict(zip(("steering", "throttle", "brake"), values[:3], strict=True))
+    numbers["speed_mph"] = np.abs(values[3]) * meaning.mph
+    numbers["time_s"] = (
+        column(Component(TIME, 0, "")) if TIME in features else times_of_drives(episode, timestamp)
+    )
+    rows = [(file, row) for file, count in zip(files, lengths, strict=True) for row in range(count)]
+    recording = make_recording(
+        path,
+        numbers,
+        {},
+        places=np.array([f"{file}, row {row + 1}" for file, row in rows], object),
+        notes=tuple(_notes(meaning, options.speed_unit)),
+        # The key is that of drivezoo's own datasets; the rig of others is unknown.
+        rig=UDACITY if meaning.steering.key == "steering" else None,
+    )
+    recording = keep_valid(recording, BadRows(options.on_bad_row))
+    good = recording.line - 1
+    for camera, key in enumerate(meaning.cameras):
+        if key is None:
+            continue
+        if features[key].get("dtype") == "video":
+            videos = _video_starts(path, key, pyarrow)
+            moments = zip(episode[good].tolist(), timestamp[good].tolist(), strict=True)
+            frames = ForwardReader(lambda file: read_frames(Path(file)))
+            for row, (index, time_s) in enumerate(moments):
+                at = _video_place(recording.place(row), videos, index, time_s, info["fps"], path)
+                recording.images[row, camera] = StoredImage(*at, frames)
+        else:
+            reader = ForwardReader(partial(_images_of, key=key, pyarrow=pyarrow))
+            for row, at_row in enumerate(good.tolist()):
+                file, position = rows[at_row]
+                recording.images[row, camera] = StoredImage(str(file), position, reader)
+    return recording
+
+
+def _images_of(file: str, key: str, pyarrow: Any) -> Iterator[bytes]:
+    return encoded_images([Path(file)], key, pyarrow)
+
+
+def _notes(meaning: Meaning, speed_unit: str) -> list[str]:
+    notes = []
+    if meaning.steering.key != "steering":
+        notes.append(f"steering is {meaning.steering} ({meaning.steering.name or 'no name'})")
+    missing = [role for role in ("throttle", "brake", "speed") if getattr(meaning, role) is None]
+    if missing:
+        notes.append(f"the dataset has no {', '.join(missing)}: 0 in each row")
+    if meaning.assumed_unit:
+        notes.append(f"the speed {meaning.speed} is taken for {speed_unit} (speed_unit=)")
+    return notes
+
+
+def _read_info(folder: Path) -> dict[str, Any]:
+    """Return what `info.json` says, with checked `fps` and `features`."""
+    place = folder / INFO
+    info: dict[str, Any] = parse(read_text(place, MOST_JSON_BYTES), str(place), dict)
+    if not str(info.get("codebase_version")).startswith("v3."):
+        raise InputError(
+            f"{place}: codebase_version is {info.get('codebase_version')!r:.20}, expected "
+            f"{VERSION}; convert the dataset with LeRobot's convert_dataset_v21_to_v30"
+        )
+    # Other patterns are refused: a pattern of somebody else could lead anywhere.
+    for key, pattern in (("data_path", DATA_PATH), ("video_path", VIDEO_PATH)):
+        if info.get(key) not in (pattern, None):
+            raise InputError(f"{place}: {key} is {info[key]!r:.80}, expected {pattern}; correct it")
+    features = info.get("features")
+    if not isinstance(features, dict) or not all(isinstance(x, dict) for x in features.values()):
+        raise InputError(f"{place}: features is no object of objects; {REMEDY}")
+    fps = number(info, "fps", str(place))
+    if not 0 < fps <= 1000:
+        raise InputError(f"{place}: fps is {fps:g}, beyond 0..1000; correct it")
+    return info | {"fps": fps}
+
+
+def _component(table: np.ndarray, position: int) -> np.ndarray:
+    return table if table.ndim == 1 else table[:, min(position, table.shape[1] - 1)]
+
+
+def _video_place(
+    place: str,
+    videos: dict[int, tuple[Path, float]],
+    episode: int,
+    timestamp: float,
+    fps: float,
+    folder: Path,
+) -> tuple[str, int]:
+    """Return the video and the frame of a row, from its time since the episode's start."""
+    if episode not in videos:
+        raise InputError(f"{place}: episode {episode} is not in {folder / EPISODES}; {REMEDY}")
+    file, start = videos[episode]
+    moment = (start + timestamp) * fps
+    if not -0.5 <= moment < MOST["rows"]:
+        raise InputError(f"{place}: timestamp is {timestamp:g} s; correct the row")
+    return str(file), round(moment)
+
+
+def _video_starts(folder: Path, key: str, pyarrow: Any) -> dict[int, tuple[Path, float]]:
+    """Return each episode's video file and its first frame's time in it."""
+    paths = sorted((folder / EPISODES).glob("chunk-*/file-*.parquet"))
+    if not paths:
+        raise InputError(f"{folder / EPISODES}: holds no chunk-000/file-000.parquet; {REMEDY}")
+    about = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
+    starts = {}
+    for path in paths:
+        table = read_table(path, ["episode_index", *about], pyarrow)
+        columns = [_component(table[name], 0).tolist() for name in ("episode_index", *about)]
+        for row, (episode, chunk, file, start) in enumerate(zip(*columns, strict=True), 1):
+            whole = all(0 <= one <= MOST_NUMBER and one == int(one) for one in (chunk, file))
+            if not whole or not 0 <= start < MOST["rows"]:
+                raise InputError(f"{path}, row {row}: no place of a video; {REMEDY}")
+            starts[int(episode)] = folder / video_file(key, int(chunk), int(file)), start
+    return starts
