@@ -9,10 +9,10 @@ import importlib
 import os
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,7 +30,7 @@ LAST_S = 253_402_300_800.0  # 10000-01-01: image names have four digits for the 
 GROUP = "drivezoo.formats"  # entry points of installed packages
 OWN = {name: f"datamodules.formats.{name}" for name in ("udacity", "lerobot", "donkeycar")}
 
-Data = TypeVar("Data")
+Stored = np.ndarray | bytes  # pixels, uint8 [H, W, 3] RGB, or a JPEG or PNG
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class StoredImage:
 
     file: str
     number: int
-    reader: Callable[[str, int], np.ndarray | bytes]
+    reader: Callable[[str, int], Stored]
 
 
 class ForwardReader:
@@ -56,11 +56,11 @@ class ForwardReader:
         contents: function from a file to its contents, in order.
     """
 
-    def __init__(self, contents: Callable[[str], Iterator[Data]]) -> None:
+    def __init__(self, contents: Callable[[str], Iterator[Stored]]) -> None:
         self._contents = contents
         self._file, self._next = "", 0
 
-    def __call__(self, file: str, number: int) -> Data:
+    def __call__(self, file: str, number: int) -> Stored:
         """Return what stands at a position of a file; going back begins the file again.
 
         Raises:
@@ -127,7 +127,7 @@ class Recording:
         columns = {name: one[mask] for name, one in vars(self).items() if _is_column(one)}
         return replace(self, **columns, bad_images=self.bad_images + bad_images)
 
-    def stored(self, row: int, camera: int) -> np.ndarray | bytes:
+    def stored(self, row: int, camera: int) -> Stored:
         """Return an image as it is stored: bytes of a JPEG or PNG, or pixels of a video.
 
         Raises:
@@ -263,7 +263,9 @@ def read_recordings(
     options = ReadOptions(images, on_bad_image, on_bad_row)
     parts = [_read_log_of(Path(root).expanduser(), options) for root in roots]
     columns = [name for name, one in vars(parts[0]).items() if _is_column(one)]
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in columns
+    }
     joined["recording"] = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     whole = Recording(
         names=tuple(part.names[0] for part in parts),
@@ -320,7 +322,7 @@ def keep_valid(recording: Recording, bad: BadRows) -> Recording:
 
 
 def make_recording(
-    folder: Path, numbers: dict[str, np.ndarray], images: dict[str, Sequence], **more: Any
+    folder: Path, numbers: dict[str, np.ndarray], images: Mapping[str, Sequence], **more: Any
 ) -> Recording:
     """Return the recording of one folder.
 
@@ -335,7 +337,7 @@ def make_recording(
     stored = np.full((rows, len(CAMERAS)), None, object)
     for camera, column in images.items():
         stored[:, CAMERAS.index(camera)] = column
-    columns = {name: np.zeros(rows) for name in ("throttle", "brake", "speed_mph")}
+    columns: dict[str, Any] = {name: np.zeros(rows) for name in ("throttle", "brake", "speed_mph")}
     columns |= {"time_s": np.full(rows, np.nan), **numbers}
     fields = {"recording": np.zeros(rows, np.int64), "line": np.arange(1, rows + 1), **more}
     return Recording(names=(str(folder),), images=stored, **columns, **fields)
