@@ -275,7 +275,7 @@ def commands(rows: Rows) -> str:
 
 def packaged() -> list[dict[str, str]]:
     """Return the rows of the networks that come trained, the smallest first."""
-    from zoo.checkpoints.packaged_networks import packaged_names, read_facts
+    from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 
     rows = []
     facts = [read_facts(name) | {"name": name} for name in packaged_names()]

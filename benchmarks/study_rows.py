@@ -399,8 +399,8 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
     """
     from zoo.benchmark.checked_result import read_result
     from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
-    from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
-    from zoo.checkpoints.packaged_networks import FOLDER, packaged_names
+    from zoo.checkpoints.checkpoint_path import PACKAGED, packaged_names
+    from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 
     for run in entry.finished:
         metrics, path = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
@@ -408,7 +408,7 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
         # From `data.record`, a further training records what this one was trained on.
         contents["drivezoo"]["config"]["data"]["root"] = None
         checkpoint, data = build_checkpoint(contents, path), checkpoint_bytes(contents)
-        packaged = FOLDER / f"{entry.name}.ckpt"
+        packaged = PACKAGED / f"{entry.name}.ckpt"
         write_whole(packaged, data)
         sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
         folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
@@ -454,7 +454,7 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
                 },
             },
         }
-        write_whole(FOLDER / f"{entry.name}.json", json_text(facts))
+        write_whole(PACKAGED / f"{entry.name}.json", json_text(facts))
         packaged_names.cache_clear()
     return []
 

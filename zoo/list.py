@@ -13,7 +13,7 @@ from typing import Any
 
 from zoo.base.errors import UsageError
 from zoo.base.terminal import printable
-from zoo.checkpoints.packaged_networks import packaged_names, read_facts
+from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import Command, help_row
 from zoo.cli.conf_files import choice_files

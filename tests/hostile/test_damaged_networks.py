@@ -21,7 +21,7 @@ from tests.hostile.mutations import (
     mutated_zip,
     read_damaged,
 )
-from tests.zoo.checkpoints.keras_files import (
+from tests.zoo.keras.keras_files import (
     Layer,
     keras_3_weights,
     lambda_config,
@@ -35,11 +35,11 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint, doubt_members, load_checkpoint, load_plain
 from zoo.checkpoints.doubt_file import build_doubt, doubt_contents
-from zoo.checkpoints.keras_file import read_keras
-from zoo.checkpoints.keras_layers import convert
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.export.__main__ import onnx_bytes
 from zoo.hub.card import described_hash
+from zoo.keras.keras_file import read_keras
+from zoo.keras.keras_layers import convert
 from zoo.monitor.guard_file import Guard, read_guard, write_guard
 from zoo.monitor.scores import make_score
 

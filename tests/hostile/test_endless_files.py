@@ -33,8 +33,8 @@ from tests.zoo.trainings import SMALL
 from zoo.base.errors import InputError
 from zoo.base.regular_file import open_regular, read_regular
 from zoo.checkpoints.checkpoint import load_plain
-from zoo.checkpoints.keras_file import read_keras
 from zoo.checkpoints.onnx_policy import open_session
+from zoo.keras.keras_file import read_keras
 
 Make = Callable[[Path], object]
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.hostile.crafted_files import lambda_with, shared_constants
-from tests.zoo.checkpoints.keras_files import Layer, random_weights, write_h5
 from tests.zoo.commands import only_line, run
+from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
 from zoo.base.errors import InputError
-from zoo.checkpoints.keras_file import read_keras
-from zoo.checkpoints.keras_lambda import describe_lambda, specs_of_word
-from zoo.checkpoints.keras_layers import convert
-from zoo.checkpoints.marshalled_code import MOST_DIGITS
+from zoo.keras.keras_file import read_keras
+from zoo.keras.keras_lambda import describe_lambda, specs_of_word
+from zoo.keras.keras_layers import convert
+from zoo.keras.marshalled_code import MOST_DIGITS
 from zoo.models.layer_spec import LayerSpec
 
 REST: list[Layer] = [("Flatten", {}, []), ("Dense", {"units": 1}, random_weights((1800, 1), (1,)))]

@@ -9,7 +9,7 @@ from torch import nn
 from datamodules.image import read_image
 from datamodules.recording import Recording
 from datamodules.view import View
-from tests.zoo.checkpoints.keras_files import Layer, lambda_config, write_h5
+from tests.zoo.keras.keras_files import Layer, lambda_config, write_h5
 
 RIDGE = 10.0
 SCALED: Layer = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])

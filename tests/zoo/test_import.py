@@ -12,8 +12,8 @@ from datamodules.image import read_image
 from datamodules.recording import read_recordings
 from datamodules.view import View
 from tests.recordings import Written, write_recording
-from tests.zoo.checkpoints.keras_files import lambda_config, write_h5
 from tests.zoo.commands import only_line, run
+from tests.zoo.keras.keras_files import lambda_config, write_h5
 from tests.zoo.keras_networks import SCALED, dense_layer, pilotnet_layers, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint

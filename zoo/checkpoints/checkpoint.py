@@ -17,8 +17,8 @@ from zoo.base.bounded_files import check_text, check_version
 from zoo.base.errors import InputError
 from zoo.base.limits import check_unpacked
 from zoo.base.regular_file import open_binary
+from zoo.checkpoints.checkpoint_card import check_part, part_cards
 from zoo.checkpoints.checkpoint_path import find_checkpoint as find_checkpoint
-from zoo.checkpoints.part_card import check_part, part_cards
 from zoo.checkpoints.pickle_limits import MOST_BYTES as MOST_PICKLE_BYTES
 from zoo.checkpoints.pickle_limits import check_pickles
 from zoo.models.make_network import make_network

@@ -1,22 +1,24 @@
-"""Find a checkpoint by its file, its run's folder, its name or `latest`; without slow imports."""
+"""Find a checkpoint by its file, its run's folder, its name or `latest`; without slow imports.
 
+Some trained networks come with drivezoo. The study `benchmarks/studies/pretrained.yaml` writes
+their files: `NAME.ckpt`, and `NAME.json` with what it is, what it was trained on and how it drives.
+"""
+
+import functools
+import json
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from zoo.base.errors import InputError
 from zoo.base.terminal import error_line
-from zoo.checkpoints.packaged_networks import (
-    note_hidden,
-    packaged_file,
-    packaged_name,
-    packaged_names,
-)
 
 LATEST = "latest"
 OUTPUTS = Path("outputs")  # below the current folder
 WEIGHTS_KEY = "model.weights"
 FOLDER, BEST, LAST = "checkpoints", "best.ckpt", "last.ckpt"
+PACKAGED = Path(__file__).with_name("packaged")
 
 
 def find_checkpoint(named: str | Path) -> Path:
@@ -155,3 +157,39 @@ def _started(run: Path, checkpoint: Path) -> float:
     """Return a run's start time: Hydra writes its config once, and a resumed run keeps it."""
     config = run / ".hydra" / "config.yaml"
     return (config if config.is_file() else checkpoint).stat().st_mtime
+
+
+@functools.cache
+def packaged_names() -> tuple[str, ...]:
+    """Return the names of the networks."""
+    return tuple(sorted(path.stem for path in PACKAGED.glob("*.ckpt")))
+
+
+def packaged_file(named: str | Path) -> Path | None:
+    """Return the checkpoint of a network that comes with drivezoo; None for another name."""
+    return PACKAGED / f"{named}.ckpt" if str(named) in packaged_names() else None
+
+
+def packaged_name(path: Path) -> str | None:
+    """Return the name under which commands take a file; None for a file of the user's.
+
+    A file or folder of that name in the current folder hides the network.
+    """
+    own = path.parent == PACKAGED and packaged_file(path.stem) == path
+    return path.stem if own and not Path(path.stem).exists() else None
+
+
+def read_facts(name: str) -> dict[str, Any]:
+    """Return the contents of a network's JSON file."""
+    facts: dict[str, Any] = json.loads((PACKAGED / f"{name}.json").read_text(encoding="utf-8"))
+    return facts
+
+
+@functools.cache
+def note_hidden(path: Path) -> None:
+    """Print once that a file or folder is used, not the network of its name."""
+    kind = "folder" if path.is_dir() else "file"
+    line = (
+        f"the {kind} of that name here; the network that comes with drivezoo is {PACKAGED / path}"
+    )
+    print(error_line(str(path), f"{line}.ckpt"), file=sys.stderr, flush=True)

@@ -1,16 +1,27 @@
-"""Write a checkpoint that no training wrote, without replacing one of a training."""
+"""Write a checkpoint that no training wrote, without replacing one of a training.
+
+A lean checkpoint has only what driving needs, for other people and machines.
+"""
 
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import check_output
+from zoo.checkpoints.checkpoint import PREFIX
 
 SUFFIX = ".ckpt"
+# The folders before the last name of an absolute path, at the begin of a text or of a value in it.
+_FOLDERS = re.compile(
+    r"((?:^|[=,\[:'\"\s]))(?:file://)?(?:~|\.\.|[A-Za-z]:)?[/\\](?:[^,\]'\"]*[/\\](?=[^/\\,\]'\"]))?"
+)
+_SECRET = ("logger",)  # sections that may name servers, users and passwords
 
 
 def checked_out(out: Path, inputs: Sequence[str | Path]) -> Path:
@@ -33,6 +44,43 @@ def checked_out(out: Path, inputs: Sequence[str | Path]) -> Path:
 
 def write_checkpoint(out: Path, contents: dict) -> None:
     """Write a checkpoint's contents in one step; raise InputError if that fails."""
+    write_output(out, checkpoint_bytes(contents))
+
+
+def lean_contents(contents: dict) -> dict:
+    """Return a checkpoint's weights and card, without optimizer, callbacks and private paths.
+
+    Args:
+        contents: contents of a checkpoint's file, see `read_checkpoint_file`.
+    """
+    card = contents["drivezoo"]
+    config = {key: value for key, value in card["config"].items() if key not in _SECRET}
+    state = contents["state_dict"]
+    return {
+        "drivezoo": {**card, "config": without_folders(config)},
+        "state_dict": {name: one for name, one in state.items() if name.startswith(PREFIX)},
+    }
+
+
+def checkpoint_bytes(contents: dict) -> bytes:
+    """Return a checkpoint's file; the same contents have the same bytes."""
     buffer = io.BytesIO()
     torch.save(contents, buffer)
-    write_output(out, buffer.getbuffer())
+    return buffer.getvalue()
+
+
+def without_folders(value: Any) -> Any:
+    """Return plain containers in which an absolute path has only its last name.
+
+    A folder's name can hold a user's name.
+
+    >>> without_folders({"root": ["/home/ann/lake", "outputs/lake"], "track": "lake"})
+    {'root': ['lake', 'outputs/lake'], 'track': 'lake'}
+    >>> without_folders("data.root=/home/ann/lake")
+    'data.root=lake'
+    """
+    if isinstance(value, dict):
+        return {key: without_folders(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [without_folders(one) for one in value]
+    return _FOLDERS.sub(r"\1", value) if isinstance(value, str) else value

@@ -9,8 +9,7 @@ from types import ModuleType
 import simulator.__main__ as simulator_commands
 from simulator.track_names import ALIASES, track_names
 from zoo.benchmark.baselines import BASELINES
-from zoo.checkpoints.checkpoint_path import LATEST
-from zoo.checkpoints.packaged_networks import packaged_names
+from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.cli.compose import compose_config, config_groups
 from zoo.cli.conf_files import choices, command_keys
 from zoo.cli.config_help import typed_keys

@@ -19,8 +19,7 @@ from zoo.base.early_interrupt import raise_again
 from zoo.base.errors import InputError, UsageError
 from zoo.base.standard_output import forgiving_output
 from zoo.base.terminal import command_line, error_line, printable
-from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint
-from zoo.checkpoints.packaged_networks import packaged_file
+from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
 from zoo.cli.closing_lines import print_next
 from zoo.cli.command import CHECKPOINT, Command, is_help
 from zoo.cli.nearest import hint

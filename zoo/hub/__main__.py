@@ -37,7 +37,7 @@ def push(named: str, options: HubOptions) -> None:
     path = find_checkpoint(named)
     assert options.repo is not None
     with loading():
-        from zoo.hub.shared_files import shared_files, write_files
+        from zoo.hub.card import shared_files, write_files
 
     if is_folder(options.repo):
         print_written(write_files(shared_files(path, None, options.license), options.repo))

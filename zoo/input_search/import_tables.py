@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from zoo.checkpoints.keras_layers import LayerNote
 from zoo.input_search.combinations import Combination
 from zoo.input_search.judgement import Judgement
 from zoo.input_search.trials import Trial, Trials
+from zoo.keras.keras_layers import LayerNote
 from zoo.runs.fitted_table import fitted_table
 from zoo.runs.table import Table as Columns
 

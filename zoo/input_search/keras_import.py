@@ -11,8 +11,6 @@ from datamodules.recording import Recording, read_recordings
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import PREFIX, make_card
-from zoo.checkpoints.keras_file import KerasModel, read_keras_apart
-from zoo.checkpoints.keras_layers import ConvertedKeras, convert
 from zoo.checkpoints.new_checkpoint import SUFFIX, checked_out, write_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import compose_config
@@ -34,6 +32,8 @@ from zoo.input_search.import_tables import (
 from zoo.input_search.judgement import judge
 from zoo.input_search.trial_frames import read_trial_frames
 from zoo.input_search.trials import Trials, try_inputs
+from zoo.keras.keras_file import KerasModel, read_keras_apart
+from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.make_network import make_network
 
 IMPORTED = "imported"  # key of a checkpoint that an import wrote; its value is the file's name

@@ -23,8 +23,8 @@ from zoo.base.errors import InputError, UsageError
 from zoo.base.written_files import note_files
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
-from zoo.checkpoints.initial_weights import load_weights
 from zoo.cli.parts import import_part, part_errors, part_of
+from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
 from zoo.training.compilation import compile_step
 from zoo.training.embedded_recording import with_recording

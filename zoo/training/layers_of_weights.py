@@ -7,7 +7,7 @@ from omegaconf import DictConfig, OmegaConf
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import find_checkpoint, read_checkpoint_file
-from zoo.checkpoints.initial_weights import KERAS_SUFFIXES
+from zoo.keras.initial_weights import KERAS_SUFFIXES
 from zoo.models.make_network import view_of
 
 TARGET = "zoo.models.sequential.Sequential"
@@ -43,8 +43,8 @@ def with_layers(config: DictConfig) -> DictConfig:
 
 
 def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
-    from zoo.checkpoints.keras_file import read_keras_apart
-    from zoo.checkpoints.keras_layers import convert
+    from zoo.keras.keras_file import read_keras_apart
+    from zoo.keras.keras_layers import convert
 
     imported = "or run drivezoo import on it, and set model.weights to the checkpoint"
     try:

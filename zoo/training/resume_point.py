@@ -7,7 +7,7 @@ from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.checkpoints.part_card import check_part
+from zoo.checkpoints.checkpoint_card import check_part
 from zoo.training.interruptions import kept_without_last
 from zoo.training.steering_module import SteeringModule
 

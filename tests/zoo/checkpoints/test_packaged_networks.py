@@ -10,8 +10,13 @@ import drivezoo
 from benchmarks.study_grid import Study
 from tests.zoo.commands import run
 from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
-from zoo.checkpoints.packaged_networks import FOLDER, packaged_names, read_facts
+from zoo.checkpoints.checkpoint_path import (
+    PACKAGED,
+    find_checkpoint,
+    packaged_names,
+    read_facts,
+    short_name,
+)
 from zoo.checkpoints.policy import load_policy
 
 MOST_BYTES = 3_000_000  # of the wheel
@@ -20,13 +25,13 @@ QUICK = "tiny41"
 
 def test_the_files_are_small_and_each_is_described() -> None:
     assert set(packaged_names()) == {entry.name for entry in Study("pretrained", []).entries()}
-    assert {path.stem for path in FOLDER.glob("*.json")} == set(packaged_names())
-    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < MOST_BYTES
+    assert {path.stem for path in PACKAGED.glob("*.json")} == set(packaged_names())
+    assert sum(path.stat().st_size for path in PACKAGED.iterdir()) < MOST_BYTES
 
 
 @pytest.mark.parametrize("name", packaged_names())
 def test_each_network_loads_and_its_hash_is_recorded(name: str) -> None:
-    facts, path = read_facts(name), FOLDER / f"{name}.ckpt"
+    facts, path = read_facts(name), PACKAGED / f"{name}.ckpt"
     assert hashlib.sha256(path.read_bytes()).hexdigest() == facts["sha256"]
     assert load_policy(path).parameters == facts["parameters"]
     contents = read_checkpoint_file(path)
@@ -58,7 +63,7 @@ def test_a_name_is_a_checkpoint_wherever_one_is_taken(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     path = find_checkpoint(QUICK)
-    assert path == FOLDER / f"{QUICK}.ckpt"
+    assert path == PACKAGED / f"{QUICK}.ckpt"
     assert capsys.readouterr().err == f"{QUICK}: comes with drivezoo, {path}\n"
     assert short_name(path) == QUICK, "as the next command names it"
 
@@ -71,7 +76,7 @@ def test_a_file_of_that_name_goes_first_and_a_line_says_so(
     assert find_checkpoint(QUICK) == find_checkpoint(QUICK) == Path(QUICK)
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{QUICK}: the file of that name here")
-    assert short_name(FOLDER / f"{QUICK}.ckpt") != QUICK
+    assert short_name(PACKAGED / f"{QUICK}.ckpt") != QUICK
 
 
 def test_they_are_listed(tmp_path: Path) -> None:

@@ -220,7 +220,7 @@ def _text_for_a_member(contents: dict) -> None:
     [
         (_no_members, "members: holds 0"),
         (_too_many_samples, "samples"),
-        (_other_format, "format 2"),
+        (_other_format, "format version 2"),
         (_nested, "member 1: is a file of drivezoo doubt"),
         (_weights_lost, "member 1: lacks"),
         (_text_for_a_member, "member 1: is not a checkpoint"),

@@ -14,7 +14,7 @@ from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.lean_checkpoint import checkpoint_bytes, lean_contents
+from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents
 
 pytest.importorskip("huggingface_hub")
 

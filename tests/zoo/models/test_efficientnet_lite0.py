@@ -8,8 +8,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from zoo.checkpoints.checkpoint import load_plain
-from zoo.checkpoints.imagenet_weights import imagenet_file
-from zoo.checkpoints.initial_weights import load_weights
+from zoo.keras.initial_weights import imagenet_file, load_weights
 from zoo.models.efficientnet_lite0 import BLOCKS, EfficientNetLite0
 
 SHAPE = (3, 64, 96)

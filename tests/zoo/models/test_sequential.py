@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from datamodules.view import View
-from tests.zoo.checkpoints.keras_files import Layer, random_weights, write_h5
+from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
 from tests.zoo.models import keras_reference
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.keras_file import read_keras
-from zoo.checkpoints.keras_layers import convert
 from zoo.checkpoints.policy import Policy
+from zoo.keras.keras_file import read_keras
+from zoo.keras.keras_layers import convert
 from zoo.models.make_network import make_network
 from zoo.models.sequential import Sequential
 from zoo.saliency.visual_backprop import Saliency

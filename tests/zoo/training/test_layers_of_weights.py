@@ -10,13 +10,13 @@ from omegaconf import OmegaConf
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.checkpoints.keras_files import INPUT, write_h5, write_json, write_keras
-from tests.zoo.checkpoints.test_keras_layers import IMAGES, REST, SCALE, expected
+from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
+from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, expected
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, make_card
-from zoo.checkpoints.initial_weights import load_weights
 from zoo.cli.compose import compose_config
+from zoo.keras.initial_weights import load_weights
 from zoo.models.sequential import Sequential
 from zoo.training.layers_of_weights import with_layers
 
@@ -92,7 +92,7 @@ def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Path) -> None:
-    from tests.zoo.checkpoints.test_keras_layers import UNCLEAR
+    from tests.zoo.keras.test_keras_layers import UNCLEAR
 
     first = {"unclear": [UNCLEAR], "unscaled": []}.get("".join(overrides), [SCALE])
     path = write_h5(tmp_path / "m.h5", [*first, *REST])
@@ -104,7 +104,7 @@ def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Pa
 
 
 def test_an_unclear_scale_is_set_by_the_user(tmp_path: Path) -> None:
-    from tests.zoo.checkpoints.test_keras_layers import UNCLEAR
+    from tests.zoo.keras.test_keras_layers import UNCLEAR
 
     path = write_h5(tmp_path / "m.h5", [UNCLEAR, *REST])
     config = with_layers(config_of(f"model.weights={path}", "model.scale=[255,0.5]"))

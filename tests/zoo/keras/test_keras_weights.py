@@ -12,9 +12,9 @@ import torch
 from datamodules.view import View
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
-from zoo.checkpoints.initial_weights import load_weights
-from zoo.checkpoints.keras_file import read_keras
 from zoo.cli.compose import compose_config
+from zoo.keras.initial_weights import load_weights
+from zoo.keras.keras_file import read_keras
 from zoo.models.make_network import make_network
 
 # Kernels as Keras keeps them: (h, w, in, out), (columns, in, out) and (in, out).

@@ -6,9 +6,9 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import is_ordinary
-from zoo.checkpoints.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
-from zoo.checkpoints.keras_model import KerasLayer, KerasModel
-from zoo.checkpoints.keras_specs import (
+from zoo.keras.keras_lambda import LEAST, WORDS, describe_lambda, specs_of_word
+from zoo.keras.keras_model import KerasLayer, KerasModel
+from zoo.keras.keras_specs import (
     RECURRENT,
     Spec,
     UnknownValueError,

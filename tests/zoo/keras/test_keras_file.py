@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.zoo.bomb import Bomb
-from tests.zoo.checkpoints.keras_files import (
+from tests.zoo.keras.keras_files import (
     INPUT,
     Layer,
     keras_3_weights,
@@ -27,8 +27,8 @@ from tests.zoo.checkpoints.keras_files import (
     write_keras,
 )
 from zoo.base.errors import InputError
-from zoo.checkpoints.keras_arrays import text
-from zoo.checkpoints.keras_file import read_keras, read_keras_apart
+from zoo.keras.keras_arrays import text
+from zoo.keras.keras_file import read_keras, read_keras_apart
 
 W = random_weights
 LAYERS: list[Layer] = [
@@ -416,6 +416,6 @@ def test_reading_ends_after_the_time_for_a_files_size(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_endless(tmp_path / "endless.h5")
-    monkeypatch.setattr("zoo.checkpoints.keras_file.READ_S", 0.0)
+    monkeypatch.setattr("zoo.keras.keras_file.READ_S", 0.0)
     with pytest.raises(InputError, match=r"endless\.h5: is damaged.*copy it again"):
         read_keras_apart(path)

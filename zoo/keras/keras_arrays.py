@@ -14,7 +14,7 @@ import numpy as np
 
 from zoo.base.errors import InputError
 from zoo.base.limits import check_most, check_unpacked
-from zoo.checkpoints.keras_architecture import LayerConfig
+from zoo.keras.keras_model import LayerConfig
 
 CONTAINERS = ("layers", "_layer_checkpoint_dependencies")  # of Keras 3, and of 2.12 to 2.15
 Named = tuple[str, np.ndarray]

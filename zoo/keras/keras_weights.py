@@ -1,19 +1,145 @@
-"""Load weights of the zoo's networks from Keras models of the same layers."""
+"""Copy the weights of Keras layers into layers of torch.
+
+`copy_arrays` fills a module that was built from the layer's spec, `load_keras_weights` a network of
+the zoo that has the same layers.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from zoo.base.errors import InputError
-from zoo.checkpoints.keras_file import read_keras_apart
-from zoo.checkpoints.keras_layers import convert
-from zoo.checkpoints.keras_model import KerasLayer, KerasModel
-from zoo.checkpoints.keras_specs import ORDERS
-from zoo.checkpoints.keras_tensors import by
-from zoo.models.sequential import Sequential
+from zoo.keras.keras_file import read_keras_apart
+from zoo.keras.keras_model import KerasLayer, KerasModel
+from zoo.keras.keras_specs import ORDERS
+from zoo.models.value_layers import BatchNorm, PReLU
+
+
+class MisfitError(ValueError):
+    """An error about an array that does not fit its layer.
+
+    Attributes:
+        follows_input: whether another size of the input would change the wanted shape.
+    """
+
+    def __init__(self, message: str, follows_input: bool = False) -> None:
+        super().__init__(message)
+        self.follows_input = follows_input
+
+
+def copy_arrays(layer: KerasLayer, module: nn.Module, model: KerasModel, first: bool) -> None:
+    """Copy a layer's arrays into its module.
+
+    Args:
+        layer: layer of the file.
+        module: module, which has the parameters of this layer alone.
+        model: file's model, for its version and backend.
+        first: whether the images are channels first.
+
+    Raises:
+        MisfitError: number or shapes of the arrays are other than the module's.
+    """
+    places = [
+        (name, one)
+        for part in module.modules()
+        if isinstance(part, (nn.Conv2d, nn.Linear, BatchNorm, PReLU))
+        for name, one in _tensors(part)
+    ]
+    if len(places) != len(layer.arrays):
+        raise MisfitError(
+            f"has {len(layer.arrays)} arrays of weights in the file, and needs {len(places)}; save "
+            "the model again, or name the weights of this architecture"
+        )
+    for (name, place), array in zip(places, layer.arrays, strict=True):
+        found = _arranged(name, array, place, layer, model, first)
+        if found is None or found.shape != tuple(place.shape):
+            wanted = _keras_shape(place) if name != "alpha" else _alpha_shape(place, first)
+            raise MisfitError(
+                f"its {name} is {by(array.shape)} in the file, {by(wanted)} for its input",
+                name in ("kernel", "alpha") and (place.ndim == 2 or name == "alpha"),
+            )
+        if not np.isfinite(found).all():
+            raise MisfitError("its weights hold NaN or infinity; the training diverged")
+        with torch.no_grad():
+            place.copy_(torch.from_numpy(np.ascontiguousarray(found)))
+
+
+def _tensors(part: nn.Conv2d | nn.Linear | BatchNorm | PReLU) -> list[tuple[str, Tensor]]:
+    """Return a module's tensors in the order of Keras, with Keras' names."""
+    if isinstance(part, PReLU):
+        return [("alpha", part.alpha)]
+    if isinstance(part, BatchNorm):
+        found: dict[str, Tensor] = {"gamma": part.weight, "beta": part.bias}
+        found = {name: one for name, one in found.items() if one.requires_grad}
+        buffers = dict(part.named_buffers())
+        found |= {"mean": buffers["running_mean"], "variance": buffers["running_var"]}
+        return list(found.items())
+    is_depthwise = isinstance(part, nn.Conv2d) and part.groups == part.in_channels > 1
+    name = "depthwise kernel" if is_depthwise else "kernel"
+    return [(name, part.weight), *([("bias", part.bias)] if part.bias is not None else [])]
+
+
+def _arranged(
+    name: str, array: np.ndarray, place: Tensor, layer: KerasLayer, model: KerasModel, first: bool
+) -> np.ndarray | None:
+    """Return an array with torch's axes; None if its number of axes is wrong."""
+    if name == "alpha":
+        return np.moveaxis(array, -1, 0) if array.ndim == 3 and not first else array
+    if "kernel" not in name:
+        return array
+    if place.ndim == 2:
+        return array.T if array.ndim == 2 else None
+    if layer.kind.endswith("1D") and array.ndim in (3, 4):
+        array = _one_row(array, place)
+    if array.ndim != 4:
+        return None
+    if name == "depthwise kernel" and _is_separable(layer):
+        found = array.transpose(2, 3, 0, 1)  # (h, w, channels, multiplier)
+        return found.reshape(-1, 1, *found.shape[2:])
+    old = model.version == 1 and first and array.shape == tuple(place.shape)
+    kernel = array if old else array.transpose(3, 2, 0, 1)  # (h, w, in, out)
+    # Theano convolves; all other backends correlate.
+    flips = model.backend == "theano" and not _is_separable(layer)
+    return kernel[:, :, ::-1, ::-1] if flips else kernel
+
+
+def _is_separable(layer: KerasLayer) -> bool:
+    return layer.kind.startswith(("Separable", "Depthwise"))
+
+
+def _one_row(array: np.ndarray, place: Tensor) -> np.ndarray:
+    """Return the kernel of a 1-D convolution as (1, steps, in, out)."""
+    if array.ndim == 3:
+        return array[None]
+    out, inputs, _, steps = place.shape
+    if array.shape == (out, inputs, steps, 1):  # Keras 1.0
+        return array.transpose(3, 2, 1, 0)
+    return array.transpose(1, 0, 2, 3) if array.shape[1] == 1 else array  # Keras 1.2
+
+
+def _keras_shape(tensor: Tensor) -> tuple[int, ...]:
+    """Return a tensor's shape in Keras: a kernel's is (h, w, in, out), (steps, in, out), (in, out).
+
+    >>> _keras_shape(torch.empty(24, 3, 5, 5)), _keras_shape(torch.empty(24))
+    ((5, 5, 3, 24), (24,))
+    """
+    out, *rest = tensor.shape
+    return (*rest[1:], rest[0], out) if rest else (out,)
+
+
+def _alpha_shape(alpha: Tensor, first: bool) -> tuple[int, ...]:
+    """Return the shape of a PReLU's factors in Keras' order of axes."""
+    shape = tuple(alpha.shape)
+    return (*shape[1:], shape[0]) if len(shape) == 3 and not first else shape
+
+
+def by(shape: tuple[int, ...] | list[int]) -> str:
+    """Return a shape as text, such as `5 x 5 x 3 x 24`."""
+    return " x ".join(map(str, shape)) or "a number"
+
 
 WithWeights = nn.Conv1d | nn.Conv2d | nn.Linear
 
@@ -37,8 +163,6 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
     Raises:
         InputError: the file is not Keras', or does not fit; names the layer that differs.
     """
-    if isinstance(network, Sequential):
-        return _load_converted(network, path)
     model = read_keras_apart(path, None, False, False)
     pairs = [pair for layer in model.layers for pair in _pairs(layer)]
     kind = type(network).__name__
@@ -60,9 +184,10 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
             follows_size = is_first_dense or isinstance(
                 place, nn.Conv1d
             )  # Conv1d's inputs are rows
+            found, wanted = by(pair.kernel.shape), by(_keras_shape(place.weight))
             raise InputError(
-                f"{label}: kernel {by(pair.kernel.shape)} in the file, "
-                f"{by(_keras_shape(place))} in {kind}: {_fix(number, follows_size, model, first)}"
+                f"{label}: kernel {found} in the file, {wanted} in {kind}: "
+                f"{_fix(number, follows_size, model, first)}"
             )
         if pair.bias is None or place.bias is None or pair.bias.shape != tuple(place.bias.shape):
             raise InputError(
@@ -88,19 +213,6 @@ def load_keras_weights(network: nn.Module, path: Path) -> str:
     )
 
 
-def _load_converted(network: Sequential, path: Path) -> str:
-    """Load the weights of a network that was converted from the file."""
-    from zoo.checkpoints.checkpoint import check_fit
-
-    model = read_keras_apart(path)
-    state = convert(model, scale=network.scale).state
-    fix = "set model.layers=null for the file's own layers"
-    check_fit(network.state_dict(), state, "model.layers", path, fix)
-    network.load_state_dict(state)
-    count = sum(1 for layer in model.layers if layer.arrays)
-    return f"{count} layers from {path} (Keras {model.version})"
-
-
 def _pairs(layer: KerasLayer) -> list[Pair]:
     """Return a layer's arrays in pairs of kernel and bias; a nested model has several pairs."""
     pairs: list[Pair] = []
@@ -112,12 +224,6 @@ def _pairs(layer: KerasLayer) -> list[Pair]:
     return pairs
 
 
-def _keras_shape(place: WithWeights) -> tuple[int, ...]:
-    """Return a kernel's shape in Keras: (h, w, in, out), (columns, in, out) or (in, out)."""
-    out, inputs, *window = place.weight.shape
-    return (*window, inputs, out)
-
-
 def _is_out_in_first(
     kernel: np.ndarray, place: WithWeights, model: KerasModel, first: bool
 ) -> bool:
@@ -125,7 +231,7 @@ def _is_out_in_first(
     if kernel.shape != tuple(place.weight.shape) or isinstance(place, nn.Linear):
         return False
     # If all sizes are equal, the shape does not tell the order.
-    return kernel.shape != _keras_shape(place) or (model.version == 1 and first)
+    return kernel.shape != _keras_shape(place.weight) or (model.version == 1 and first)
 
 
 def _torch_kernel(
@@ -139,7 +245,7 @@ def _torch_kernel(
         elif kernel.shape[0] == 1:
             kernel = kernel[0]
     if not _is_out_in_first(kernel, place, model, first):
-        if kernel.shape != _keras_shape(place):
+        if kernel.shape != _keras_shape(place.weight):
             return None
         kernel = np.moveaxis(kernel, (-1, -2), (0, 1))
     # Theano convolves; all other backends correlate.

@@ -10,8 +10,7 @@ from tests.zoo.bomb import Bomb
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import FORMAT
-from zoo.checkpoints.imagenet_weights import downloaded_file, imagenet_file
-from zoo.checkpoints.initial_weights import load_weights
+from zoo.keras.initial_weights import downloaded_file, imagenet_file, load_weights
 
 
 @pytest.fixture(scope="module")

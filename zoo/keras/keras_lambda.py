@@ -1,6 +1,6 @@
 """Tell what a Lambda of Keras computes, from the constants and names in its code.
 
-The code is read as data (see `zoo.checkpoints.marshalled_code`) and never run. A Lambda is
+The code is read as data (see `zoo.keras.marshalled_code`) and never run. A Lambda is
 described by a word, which is also what a user sets for an unclear one: see `WORDS`.
 """
 
@@ -9,7 +9,7 @@ import re
 from contextlib import suppress
 
 from zoo.base.limits import is_ordinary
-from zoo.checkpoints.marshalled_code import Code, instructions, read_code
+from zoo.keras.marshalled_code import Code, instructions, read_code
 from zoo.models.image_layers import RESIZE_METHODS
 from zoo.models.value_layers import ACTIVATIONS
 

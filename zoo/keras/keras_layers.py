@@ -7,13 +7,13 @@ import torch
 from torch import Tensor
 
 from zoo.base.errors import InputError
-from zoo.checkpoints.keras_chain import Chain, Scale
-from zoo.checkpoints.keras_model import KerasModel
-from zoo.checkpoints.keras_specs import (
+from zoo.keras.keras_chain import Chain, Scale
+from zoo.keras.keras_model import KerasModel
+from zoo.keras.keras_specs import (
     CLASSES,
     Spec,
 )
-from zoo.checkpoints.keras_tensors import MisfitError, by, copy_arrays
+from zoo.keras.keras_weights import MisfitError, by, copy_arrays
 from zoo.models.make_network import LimitedParameters
 from zoo.models.sequential import Sequential, build_layers, is_channels_first
 

@@ -22,10 +22,9 @@ from zoo.base.bounded_files import MOST_JSON_BYTES, MOST_LEVELS, check_text, par
 from zoo.base.errors import InputError
 from zoo.base.process_pool import LOOK_S, KilledProcessError, ProcessPool
 from zoo.base.regular_file import open_binary
-from zoo.checkpoints.keras_architecture import LayerConfig, read_architecture
-from zoo.checkpoints.keras_arrays import WeightsFile
-from zoo.checkpoints.keras_model import KerasLayer
-from zoo.checkpoints.keras_model import KerasModel as KerasModel
+from zoo.keras.keras_arrays import WeightsFile
+from zoo.keras.keras_model import KerasLayer, LayerConfig, read_architecture
+from zoo.keras.keras_model import KerasModel as KerasModel
 
 MOST_BYTES = 4_000_000_000
 # Limits of the reading process, for a small file and for each byte of a larger one.

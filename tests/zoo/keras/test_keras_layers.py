@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.zoo.checkpoints.keras_files import (
+from tests.zoo.keras.keras_files import (
     INPUT,
     Layer,
     lambda_config,
@@ -20,9 +20,9 @@ from tests.zoo.checkpoints.keras_files import (
 )
 from tests.zoo.models import keras_reference
 from zoo.base.errors import InputError
-from zoo.checkpoints.keras_file import read_keras
-from zoo.checkpoints.keras_lambda import describe_lambda, specs_of_word
-from zoo.checkpoints.keras_layers import ConvertedKeras, convert
+from zoo.keras.keras_file import read_keras
+from zoo.keras.keras_lambda import describe_lambda, specs_of_word
+from zoo.keras.keras_layers import ConvertedKeras, convert
 from zoo.models.sequential import Sequential
 
 W = random_weights
