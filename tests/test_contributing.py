@@ -107,12 +107,12 @@ def test_the_track_is_an_environment_and_the_perturbation_is_known(
     )
     words = run("printed").split()
     assert words[0] == "oval"
-    assert "roll" in words
+    assert "aslant" in words
 
 
 @pytest.mark.slow
 def test_the_perturbation_is_driven_on_the_track(run: Run, tmp_path: Path) -> None:
     write_constant(tmp_path / "it.ckpt", 0.0)
-    run("zoo.evaluate", "it.ckpt", "track=oval", "perturb=roll", "laps=0.1", "out=a", "workers=1")
+    run("zoo.evaluate", "it.ckpt", "track=oval", "perturb=aslant", "laps=0.1", "out=a", "workers=1")
     perturbed = json.loads((tmp_path / "a" / "metrics.json").read_text())["perturbed"]
-    assert [one["value"] for one in perturbed["roll"]] == [-5.0, 0.0, 5.0]
+    assert [one["value"] for one in perturbed["aslant"]] == [-1.5, 0.0, 1.5]

@@ -59,9 +59,9 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
     with loading():
         from zoo.base.new_folder import command_folder
         from zoo.benchmark.benchmarked import (
-            TABLE_COLUMNS,
             Benchmarked,
             entry_result,
+            table_columns,
             write_entry,
         )
         from zoo.benchmark.drivers import find_drivers
@@ -73,7 +73,7 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
         from zoo.runs.table_files import check_plot, check_table, write_asked
 
         # Report wrong input before processes start.
-        check_table(options.table, options.columns, TABLE_COLUMNS)
+        check_table(options.table, options.columns, table_columns())
         check_plot(options.plot)
         suite = read_suite(options.suite, options.split)
         drivers = find_drivers(names, suite)

@@ -24,8 +24,9 @@ from zoo.benchmark.result import (
     write_result,
 )
 from zoo.benchmark.suite import LAPS, Suite
-from zoo.benchmark.summary import summarize_drives
+from zoo.benchmark.summary import outside_metrics, summarize_drives
 from zoo.drives.interval_plot import interval_plot
+from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.page import Page
 from zoo.runs.table import Column, Table, interval_column, with_interval
@@ -44,7 +45,6 @@ DIFFERENCES = {
     "autonomy": ("autonomy, %-points", 100, "{:+.1f}"),
     "cte_mean_m": ("mean error, m", 1, "{:+.2f}"),
 }
-TABLE_COLUMNS = ("group", "drives", *COLUMNS)
 SHORT = ("autonomy", "m_per_intervention", "cte_mean_m")
 NAMES_WIDTH, GAP = 12, 3  # of the first column, and before every other one, in characters
 INTERVALS = (
@@ -128,6 +128,11 @@ class Benchmarked(Result):
         return interval_plot(groups, f"autonomy of {self.result.entry} (%)")
 
 
+def table_columns() -> tuple[str, ...]:
+    """Return the names of all columns that a table of drives here has."""
+    return ("group", "drives", *COLUMNS, *(name for name in METRICS if name not in METRICS.own()))
+
+
 def groups_table(result: BenchmarkResult) -> Table:
     """Return a row for each group of roads."""
     groups, drives = result.groups.values(), [result.of_group(one) for one in result.groups]
@@ -139,12 +144,17 @@ def groups_table(result: BenchmarkResult) -> Table:
     for key, (heading, factor, form) in COLUMNS.items():
         figures = [one[key] for one in groups]
         columns.append(interval_column(key, heading, figures, form, factor, key in SHORT))
+    for key in outside_metrics(result.drives):  # their part may not be named here
+        heading, form = METRICS[key].row(DRIVES) if key in METRICS else (key, "{:.4g}")
+        figures = [one[key] for one in groups]
+        columns.append(interval_column(key, heading, figures, form))
+    last = len(COLUMNS) + 1
     kept = [sum(not one.figures["interventions"] for one in own) for own in drives]
     counted = [
         f"{of} of {count}" + "".join(text.partition(" (")[1:])
-        for of, count, text in zip(kept, counts, columns[-1].cells, strict=True)
+        for of, count, text in zip(kept, counts, columns[last].cells, strict=True)
     ]
-    columns[-1] = replace(columns[-1], cells=counted)
+    columns[last] = replace(columns[last], cells=counted)
     title = f"{result.entry} on the suite {result.suite}"
     return Table(columns, f"{title}. In brackets: {INTERVALS}")
 

@@ -19,6 +19,7 @@ from zoo.drives.bootstrap import (
 )
 from zoo.drives.intervals import wilson_interval
 from zoo.drives.interventions import INTERVENTION_S
+from zoo.drives.metrics import METRICS
 
 MIDDLE = 0.5  # share of the roads in an interquartile mean
 # Figures compared with the clean partner, with the limits of their difference.
@@ -63,8 +64,8 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
         `autonomy`, `cte_mean_m` and `steering_per_s`: mean over roads and training seeds, with a
         bootstrap interval over both; see also `_autonomy`. `m_per_intervention`: distance divided
         by interventions, with the exact interval of a Poisson count; null without an intervention.
-        `without_intervention`: share of the drives, with Wilson's interval. A group of fewer than
-        three roads has no intervals.
+        `without_intervention`: share of the drives, with Wilson's interval. A metric of the user's
+        that all drives have: as `cte_mean_m`. A group of fewer than three roads has no intervals.
     """
     found = {"autonomy": _autonomy(drives, mean, 1.0)}
     for name in ("cte_mean_m", "steering_per_s"):
@@ -79,9 +80,21 @@ def group_figures(drives: Sequence[DriveRecord]) -> dict[str, Interval]:
     found["without_intervention"] = _interval(
         Estimate(kept / len(drives), *wilson_interval(kept, len(drives)))
     )
+    for name in outside_metrics(drives):
+        found[name] = _interval(bootstrap(table(drives, name), mean))
     if table(drives, "autonomy").shape[1] < FEWEST_ROADS:
         return {name: Interval(value=one.value, low=None, high=None) for name, one in found.items()}
     return found
+
+
+def outside_metrics(drives: Sequence[DriveRecord]) -> list[str]:
+    """Return the metrics that are none of drivezoo's and that every drive has."""
+    known = {*METRICS.own(), "nan_frames"}
+    return [
+        name
+        for name in drives[0].figures
+        if name not in known and all(one.figures.get(name) is not None for one in drives)
+    ]
 
 
 def headline(drives: Sequence[DriveRecord]) -> Interval:

@@ -1,4 +1,4 @@
-"""Parts outside drivezoo: the user's own networks, losses, augmentations and callbacks.
+"""Parts outside drivezoo: the user's own networks, losses, callbacks, metrics and more.
 
 Only the user who types a command, or who installed a package, chooses code that runs. The user
 names files, folders and modules with `parts=NAME,NAME` or in the environment variable
@@ -7,7 +7,8 @@ checkpoint, a run's folder or a recording names none. The variable also takes th
 processes that a command starts.
 
 A part is imported when a config names one of its classes. Its YAML files stand in `conf` next to
-it, arranged as drivezoo's own: `conf/model/NAME.yaml`.
+it, arranged as drivezoo's own: `conf/model/NAME.yaml`. Metrics and perturbations need no YAML file:
+a part that registers some is imported when they are first read (see `zoo.cli.registry`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import importlib
 import importlib.util
 import inspect
 import os
+import re
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
@@ -28,6 +30,7 @@ from zoo.base.errors import InputError, UsageError
 
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
+_REGISTERS = re.compile(r"^@(\w+\.)*(metric|perturbation)\b", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,25 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
     if typed and not names:
         raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
     name_parts(names)
+    for name in names:
+        if not any(map(_offers, _parts_of(_absolute(name, name), Path.cwd()))):
+            print(
+                f"{name}: registers nothing: it has no class, and no function with @metric or "
+                "@perturbation",
+                file=sys.stderr,
+            )
     return [one for one in arguments if one not in typed]
+
+
+def _offers(part: Part) -> bool:
+    """Return whether a part's file has something to choose or to register; True for a module."""
+    if part.file is None:
+        return True
+    text = part.file.read_text(encoding="utf-8", errors="replace")
+    if re.search(r"^\s*class \w", text, re.MULTILINE) or _REGISTERS.search(text):
+        return True
+    yamls = sorted(part.conf.glob("*/*.yaml")) if part.conf else []
+    return any(f"{part.module}." in one.read_text(errors="replace") for one in yamls)
 
 
 def name_parts(names: Iterable[str]) -> None:
@@ -100,7 +121,26 @@ def named_parts() -> tuple[Part, ...]:
     Raises:
         InputError: a part in the environment variable does not exist.
     """
-    return (*_parts_of(os.environ.get(VARIABLE, ""), Path.cwd()), *_installed())
+    return (*_parts_of(os.environ.get(VARIABLE, ""), Path.cwd()), *_installed(GROUP))
+
+
+def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
+    """Return the parts that may register functions: the user's, and those of installed packages.
+
+    Of the user's files, only those that use a registering decorator: others may be scripts.
+
+    Args:
+        group: group of the packages' entry points.
+    """
+    named = _parts_of(os.environ.get(VARIABLE, ""), Path.cwd())
+    return [one for one in named if _registers(one)], list(_installed(group))
+
+
+@functools.lru_cache
+def _registers(part: Part) -> bool:
+    if part.file is None:
+        return True
+    return bool(_REGISTERS.search(part.file.read_text(encoding="utf-8", errors="replace")))
 
 
 def part_of(target: object) -> Part | None:
@@ -244,12 +284,12 @@ def _modules_in(folder: Path) -> list[Path]:
 
 
 @functools.cache
-def _installed() -> tuple[Part, ...]:
+def _installed(group: str) -> tuple[Part, ...]:
     from importlib.metadata import entry_points  # slow import
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
     here = Path.cwd()
-    found = [one for one in entry_points(group=GROUP) if one.dist]
+    found = [one for one in entry_points(group=group) if one.dist]
     modules = sorted(
         {one.module for one in found if Path(str(one.dist.locate_file(""))).resolve() != here}
     )

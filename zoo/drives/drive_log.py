@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Iterable
 from dataclasses import fields
+from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -51,10 +52,13 @@ class Known(Fields):
     latency_percentiles_ms: dict[str, Number | None] | None = None
 
 
-_figures: dict[str, Any] = {
-    name: ((Whole if one.whole else Number) | None, None) for name, one in METRICS.items()
-}
-Summary = create_model("Summary", __base__=Known, **_figures)
+@lru_cache
+def summary_fields(metrics: tuple[str, ...]) -> type[Known]:
+    """Return the fields of `drive.json`, of which each metric is one."""
+    figures: dict[str, Any] = {
+        name: ((Whole if METRICS[name].whole else Number) | None, None) for name in metrics
+    }
+    return create_model("Summary", __base__=Known, **figures)
 
 
 class DriveWriter:
@@ -123,7 +127,7 @@ def read_summary(path: Path) -> dict:
     Raises:
         InputError: the file cannot be read, has another version, or a value has the wrong type.
     """
-    summary = check_fields(Summary, read_json(path), path)
+    summary = check_fields(summary_fields(tuple(METRICS)), read_json(path), path)
     check_version(summary.version, VERSION, path)
     return plain(summary)
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from zoo.cli.registry import Registry
 from zoo.drives.drive_record import Drive
 
 HIGHER, LOWER, NEITHER = "higher is better", "lower is better", "neither"
@@ -34,7 +35,8 @@ class Metric:
         replay_heading: heading in the table of a replay; empty for `heading`.
         without: text in tables if no drive has a value.
         pool: function that returns the value for several drives; None for their mean.
-        column: position among the leaderboard's columns; None leaves the metric out.
+        column: position among the leaderboard's columns, 4 or more after drivezoo's; None leaves
+            the metric out.
         column_label: name in the leaderboard; empty for the label.
     """
 
@@ -85,7 +87,7 @@ class Metric:
         return f"{self.column_label or self.label}, {track}{unit}"
 
 
-METRICS: dict[str, Metric] = {}  # metrics by name, in the order of tables and files
+METRICS: Registry[Metric] = Registry("metric")  # by name, in the order of tables and files
 
 
 def metric(
@@ -101,16 +103,15 @@ def metric(
         **more: further attributes of `Metric`.
 
     Raises:
-        ValueError: a metric of that name exists, or the function has no docstring.
+        ValueError: another module has a metric of that name, or the function has no docstring.
     """
 
     def register(function: Registered) -> Registered:
         name = function.__name__
-        if name in METRICS:
-            raise ValueError(f"metric {name}: already registered; rename the function")
         if not function.__doc__:
             raise ValueError(f"metric {name}: has no docstring; write its definition there")
-        METRICS[name] = Metric(name, function, label, unit, direction, source, **more)
+        entry = Metric(name, function, label, unit, direction, source, **more)
+        METRICS.add(name, entry, function.__module__)
         return function
 
     return register

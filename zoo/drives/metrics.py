@@ -30,7 +30,20 @@ from zoo.drives.metric_registry import (
 from zoo.drives.tally import LONGEST_STEP_S
 
 # Re-exported, so that the metrics below are registered once a module imports the registry here.
-__all__ = ["DRIVES", "METRICS", "REPLAYS", "leaderboard_metrics", "measure"]
+__all__ = [
+    "COUNT",
+    "DRIVES",
+    "HIGHER",
+    "LOWER",
+    "METRICS",
+    "NEITHER",
+    "REPLAYS",
+    "SHARE",
+    "Drive",
+    "leaderboard_metrics",
+    "measure",
+    "metric",
+]
 
 NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv:1604.07316"
 OURS = "drivezoo"

@@ -10,6 +10,7 @@ from simulator.rig import CameraOffset
 from simulator.weather import Weather, random_weather
 from zoo.base.errors import InputError, UsageError
 from zoo.cli.nearest import hint
+from zoo.cli.registry import Registry
 from zoo.evaluate.many_drives import Setup
 
 
@@ -66,7 +67,7 @@ def _weather(setup: Setup) -> Weather:
     return random_weather(np.random.default_rng(setup.seed))
 
 
-PERTURBATIONS = {
+_OWN = {
     "brightness": _of_weather("brightness, factor", "brightness", 0.3, 0.6, 1.0, 1.5, 2.0),
     "fog": _of_weather("fog, 0..1", "fog", 0.0, 0.25, 0.5, 0.75, 1.0),
     "blur": _of_weather("blur, sigma in pixels", "blur", 0.0, 1.0, 2.0, 4.0, 8.0),
@@ -82,6 +83,35 @@ PERTURBATIONS = {
     "offset": _of_setup("start to the right, m", "offset_m", -2.0, -1.0, 0.0, 1.0, 2.0),
     "heading": _of_setup("start pointing right, deg", "heading_deg", -20.0, -10.0, 0.0, 10.0, 20.0),
 }
+PERTURBATIONS: Registry[Perturbation] = Registry("perturbation")
+for _name, _perturbation in _OWN.items():
+    PERTURBATIONS.add(_name, _perturbation, __name__)
+
+
+def perturbation(
+    label: str, *values: float, usual: float | Callable[[Setup], float] = 0.0
+) -> Callable[[Callable[[Setup, float], Setup]], Callable[[Setup, float], Setup]]:
+    """Register the decorated function of a setup and a value as a perturbation.
+
+    Args:
+        label: see `Perturbation`.
+        *values: see `Perturbation`.
+        usual: value that changes nothing, which is driven, too; or the function of a setup that
+            returns it.
+
+    Raises:
+        ValueError: there are no values, or another module has a perturbation of that name.
+    """
+
+    def register(function: Callable[[Setup, float], Setup]) -> Callable[[Setup, float], Setup]:
+        name = function.__name__
+        if not values:
+            raise ValueError(f"perturbation {name}: has no values; name some in rising order")
+        present = usual if callable(usual) else lambda _: float(usual)
+        PERTURBATIONS.add(name, Perturbation(label, values, function, present), function.__module__)
+        return function
+
+    return register
 
 
 def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:

@@ -14,8 +14,8 @@ from zoo.cli.run_command import run_command
 COMMAND = Command(
     __doc__,
     {
-        "KIND": "model, augmentation, loss, callback, track, notebook (train a network and let it "
-        "drive) or study (a notebook that compares networks)",
+        "KIND": "model, augmentation, loss, callback, metric, perturbation, track, "
+        "notebook (train a network and let it drive) or study (a notebook that compares networks)",
         "NAME": "name in small letters, such as my_net",
     },
 )

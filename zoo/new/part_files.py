@@ -25,7 +25,7 @@ class Kind:
 
     Attributes:
         group: group of its YAML file in `conf`; a track is one file outside of it. None for a
-            notebook, which has none.
+            notebook, a metric and a perturbation, which have none.
         files: path of each file to write, by its template; `$name` is the part's name, `$here` its
             folder in a checkout.
         following: commands to type next, with the purpose of each.
@@ -65,6 +65,19 @@ KINDS = {
     "loss": _kind("loss", "loss", (f"{TRAIN} loss=$name quick=true", "train with it")),
     "callback": _kind(
         "callback", "callbacks", (f"{TRAIN} callbacks=$name quick=true", "train with it")
+    ),
+    "metric": Kind(
+        None,
+        {"metric.py": "$here$name.py", "metric_test.py": "${here}test_$name.py"},
+        (CHECK, ("drivezoo evaluate latest parts=$here$name.py", "measure drives with it")),
+    ),
+    "perturbation": Kind(
+        None,
+        {"perturbation.py": "$here$name.py", "perturbation_test.py": "${here}test_$name.py"},
+        (
+            CHECK,
+            ("drivezoo evaluate latest parts=$here$name.py perturb=$name", "drive with its values"),
+        ),
     ),
     "track": Kind(
         "track",
@@ -120,8 +133,12 @@ def write_part(kind: str, name: str, folder: Path) -> tuple[list[Path], list[tup
 
 def _check_free(name: str, kind: str) -> None:
     """Raise UsageError for a name that drivezoo or a Python module already has."""
+    from zoo.drives.metrics import METRICS  # slow imports
+    from zoo.evaluate.robustness import PERTURBATIONS
+
     group, files = KINDS[kind].group, KINDS[kind].files.values()
-    if group is not None and name in choices(group):
+    registered = {"metric": METRICS, "perturbation": PERTURBATIONS}.get(kind, ())
+    if name in registered or (group is not None and name in choices(group)):
         raise UsageError(f"{name}: there is a {kind} of that name; choose another name")
     if "$here$name.py" in files and importlib.util.find_spec(name) is not None:
         raise UsageError(f"{name}: there is a Python module of that name; choose another name")

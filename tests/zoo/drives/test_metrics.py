@@ -1,19 +1,16 @@
-"""The metrics of a drive: known values, and a new metric in tables and files."""
+"""The metrics of a drive: known values, and the page that defines them."""
 
 import json
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from simulator.world import open_world
 from zoo.drives.drive_log import read_drive, write_drive
 from zoo.drives.drive_record import PERSON, REPLAY, SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import LOWER, metric
-from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
-from zoo.drives.metrics_page import metrics_page
-from zoo.evaluate.drives_table import mean_and_spread, table_rows
+from zoo.drives.metrics import METRICS, measure
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
 from zoo.results import print_results
@@ -60,26 +57,6 @@ def test_the_rows_of_a_written_drive_give_the_figures_beside_them(tmp_path: Path
     of_world = ("driven_m", "m_per_intervention", "laps", "lap_s")  # not in the rows
     for name in METRICS.keys() & written.keys() - set(of_world):
         assert figures[name] == pytest.approx(written[name], abs=1e-3 if "ms" in name else 2e-5)
-
-
-def test_a_new_metric_is_measured_averaged_and_shown() -> None:
-
-    @metric("hardest turn", "1", LOWER, "a test", column=9)
-    def hardest_turn(drive: Drive) -> float:
-        """Greatest steering either way."""
-        return float(np.abs(drive.steering).max())
-
-    try:
-        drives = [Drive.of([DriveRow(0.0, steering=value)]) for value in (-0.5, 0.25)]
-        figures = [measure(one) for one in drives]
-        assert mean_and_spread(figures)["hardest_turn"][0] == 0.375
-        assert table_rows()["hardest_turn"] == ("hardest turn, 1", "{:.2f}")
-        page = metrics_page()
-        assert "hardest turn | 1 | 0 or more | lower is better | a test |" in page
-        assert "## `hardest_turn`\n\nGreatest steering either way.\n" in page
-        assert leaderboard_metrics()[-1].column_heading("lake") == "hardest turn, lake (1)"
-    finally:
-        del METRICS["hardest_turn"]
 
 
 def test_the_page_of_metrics_is_that_of_the_registry(capsys: pytest.CaptureFixture) -> None:

@@ -1,0 +1,34 @@
+"""A package that is installed outside the checkout: a folder with its code and its entry points."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from zoo.cli.parts import _installed
+from zoo.cli.registry import Registry
+
+
+@contextmanager
+def installed(
+    folder: Path, code: str, group: str, *registries: Registry, name: str = "outside_part"
+) -> Iterator[None]:
+    """Install a module as an entry point of a group; remove what it registers at the end."""
+    about = folder / f"{name}-1.dist-info"
+    about.mkdir(parents=True)
+    (folder / f"{name}.py").write_text(code)
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n")
+    (about / "entry_points.txt").write_text(f"[{group}]\nmine = {name}\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        for registry in registries:
+            patch.setattr(registry, "_entries", dict(registry._entries))
+            patch.setattr(registry, "_imported", set())
+        _installed.cache_clear()
+        try:
+            yield
+        finally:
+            sys.modules.pop(name, None)
+    _installed.cache_clear()

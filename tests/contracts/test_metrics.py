@@ -1,0 +1,153 @@
+"""The contract of metrics and perturbations: all of drivezoo's, and those of another package."""
+
+import json
+import math
+import sys
+from dataclasses import asdict
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from tests.contracts.outside_package import installed
+from tests.zoo.commands import run
+from tests.zoo.written_checkpoints import write_constant
+from zoo.benchmark.result import DriveRecord
+from zoo.benchmark.summary import summarize_drives
+from zoo.cli.parts import take_parts
+from zoo.drives.drive_record import SOCKET, Drive, DriveRow
+from zoo.drives.metric_registry import DRIVES, HIGHER, LOWER, NEITHER, REPLAYS
+from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
+from zoo.drives.metrics_page import metrics_page
+from zoo.evaluate.drives_table import drives_table, mean_and_spread
+from zoo.evaluate.many_drives import Setup
+from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
+from zoo.new.part_files import TEMPLATES
+
+ROWS = [
+    DriveRow(0.1 * row, steering=0.2 * row, speed_mph=9.0 + row, cross_track_m=0.1 * row)
+    for row in range(5)
+]
+DRIVES_OF_ROWS = {
+    "embedded": Drive.of(ROWS, length_m=100.0, driven_m=2.0, track="lake"),
+    "socket": Drive.of(ROWS, source=SOCKET),
+    "one row": Drive.of(ROWS[:1], length_m=100.0),
+}
+
+
+def template(kind: str, name: str) -> str:
+    """Return the code that `drivezoo new` writes."""
+    return (TEMPLATES / f"{kind}.py.txt").read_text().replace("$name", name)
+
+
+@pytest.mark.parametrize("drive", DRIVES_OF_ROWS)
+@pytest.mark.parametrize("name", METRICS.own())
+def test_a_metric_has_a_value_or_is_unknown(name: str, drive: str) -> None:
+    metric = METRICS[name]
+    value = metric.function(DRIVES_OF_ROWS[drive])
+    assert value is None or isinstance(value, int if metric.whole else float | int)
+    assert metric.direction in (HIGHER, LOWER, NEITHER)
+    assert metric.function.__doc__
+    for table in (DRIVES, REPLAYS):
+        heading, form = metric.row(table)
+        assert heading
+        assert form.format(0.5)
+
+
+@pytest.mark.parametrize("name", PERTURBATIONS.own())
+def test_a_perturbation_changes_a_setup_by_each_value(name: str) -> None:
+    setups = sweeps([name], Setup("lake", weather="random"))[name]
+    assert list(setups) == sorted(setups)
+    assert set(PERTURBATIONS[name].values) <= set(setups)
+    changed = [str(asdict(setup)) for setup in setups.values()]
+    assert len(set(changed)) == len(changed)
+
+
+def test_a_metric_of_an_installed_package_is_a_column_of_every_table(tmp_path: Path) -> None:
+    code = template("metric", "hard_turns")
+    with installed(tmp_path, code, "drivezoo.metrics", METRICS):
+        assert list(METRICS) == [*METRICS.own(), "hard_turns"]
+        figures = measure(DRIVES_OF_ROWS["embedded"])
+        assert figures["hard_turns"] == 0.4
+        assert leaderboard_metrics()[-1].column_heading("lake") == "hard_turns, lake"
+        assert "## `hard_turns`\n\nShare of the rows" in metrics_page()
+        console = Console(file=StringIO(), width=80)
+        console.print(drives_table({"lake": mean_and_spread([figures])}))
+        assert "hard_turns" in console.file.getvalue()
+    assert "hard_turns" not in METRICS
+
+
+def test_a_benchmark_has_a_users_metric_with_its_interval() -> None:
+    drives = []
+    for road in range(4):
+        figures = measure(DRIVES_OF_ROWS["embedded"]) | {"mine": 0.25 * road}
+        known = {name: one if math.isfinite(one) else None for name, one in figures.items()}
+        drives.append(
+            DriveRecord(
+                checkpoint=0, group="like", track=str(road), settings={}, figures=known, digest=""
+            )
+        )
+    figures = summarize_drives(drives).groups["like"]
+    assert figures["mine"].value == 0.375
+    assert figures["mine"].low < 0.375 < figures["mine"].high
+    assert not {"latency_ms", "laps"} & figures.keys()
+
+
+def test_a_package_that_registers_nothing_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    with installed(tmp_path, "def mine(drive):\n    return 1.0\n", "drivezoo.metrics", METRICS):
+        assert list(METRICS) == METRICS.own()
+    assert capsys.readouterr().err == "outside_part: registers no metric\n"
+
+
+def test_a_part_without_a_class_or_a_decorated_function_registers_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setenv("DRIVEZOO_PARTS", "")
+    monkeypatch.setattr("sys.path", sys.path.copy())
+    for name, code in {
+        "undecorated": "def mine(drive):\n    return 1.0\n",
+        "decorated": template("metric", "mine"),
+        "network": "class MyNet:\n    pass\n",
+    }.items():
+        (tmp_path / f"{name}.py").write_text(code)
+        take_parts([f"parts={tmp_path / name}.py"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "undecorated.py: registers nothing" in line
+    assert "@metric" in line
+
+
+def test_a_perturbation_of_an_installed_package_is_driven(tmp_path: Path) -> None:
+    code = template("perturbation", "aslant")
+    with installed(tmp_path, code, "drivezoo.perturbations", PERTURBATIONS):
+        assert "aslant" in perturbations_named("all")
+        setups = sweeps(["aslant"], Setup("lake"))["aslant"]
+        assert [setup.heading_deg for setup in setups.values()] == [12.0, 0.0, -12.0]
+
+
+def test_a_command_measures_and_perturbs_with_the_users_files(tmp_path: Path) -> None:
+    for kind in ("metric", "perturbation"):
+        (tmp_path / f"my_{kind}.py").write_text(template(kind, f"my_{kind}"))
+    write_constant(tmp_path / "it.ckpt", 0.8)
+    named = "parts=[my_metric.py,my_perturbation.py]"
+    options = ("perturb=my_perturbation", "laps=0.02", "quality=simple", "workers=2", "out=out")
+    done = run(tmp_path, "it.ckpt", named, *options, module="zoo.evaluate")
+    assert done.returncode == 0, done.stderr
+    assert "my_metric" in done.stdout
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["tracks"]["lake"]["my_metric"][0] > 0.9
+    assert len(metrics["perturbed"]["my_perturbation"]) == 3
+
+
+def test_a_mistake_in_a_users_metric_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "my_metric.py").write_text(
+        template("metric", "my_metric").replace("np.mean", "1/0*")
+    )
+    write_constant(tmp_path / "it.ckpt", 0.0)
+    options = ("parts=my_metric.py", "laps=0.01", "quality=simple", "workers=1", "out=out")
+    done = run(tmp_path, "it.ckpt", *options, module="zoo.evaluate")
+    assert done.returncode == 1
+    assert "my_metric.py: line 11: ZeroDivisionError" in done.stderr
+    assert "Traceback" not in done.stderr
