@@ -20,7 +20,7 @@ from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import DRIVES, HIGHER, LOWER, NEITHER, REPLAYS
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
 from zoo.drives.metrics_page import metrics_page
-from zoo.evaluate.drives_table import drives_table, mean_and_spread
+from zoo.evaluate.drives_table import mean_and_spread, print_drives
 from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.new.part_files import TEMPLATES
@@ -73,7 +73,7 @@ def test_a_metric_of_an_installed_package_is_a_column_of_every_table(tmp_path: P
         assert leaderboard_metrics()[-1].column_heading("lake") == "hard_turns, lake"
         assert "## `hard_turns`\n\nShare of the rows" in metrics_page()
         console = Console(file=StringIO(), width=80)
-        console.print(drives_table({"lake": mean_and_spread([figures])}))
+        print_drives({"lake": mean_and_spread([figures])}, console)
         assert "hard_turns" in console.file.getvalue()
     assert "hard_turns" not in METRICS
 
