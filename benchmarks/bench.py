@@ -18,10 +18,10 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
-from marked_page import markdown_table, write_between
 from rich.console import Console
-from timing import COLUMNS, Row, make_console, print_rows
 
+from benchmarks.marked_page import markdown_table, write_between
+from benchmarks.timing import COLUMNS, Row, make_console, print_rows
 from zoo.base.child_process import child_environment
 from zoo.base.cores import usable_cores
 

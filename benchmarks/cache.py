@@ -16,9 +16,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from material import OUT, linked_recording
-from timing import Row, median_ratio, medians, run_part, take_turns
 
+from benchmarks.material import OUT, linked_recording
+from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 from datamodules.image import MOST_IMAGE_BYTES, decode_image
 from datamodules.view import View
 from datamodules.view_store import CHUNK, load_views

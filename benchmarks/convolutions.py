@@ -12,10 +12,10 @@ import sys
 from collections import Counter
 
 import torch
-from machine_limit import best_product
 from rich.table import Table
-from timing import make_console
-from training import BATCH, bare_step
+
+from benchmarks.timing import make_console
+from benchmarks.training import BATCH, bare_step, best_product
 
 STEPS, GROUP = 10, 16
 PASSES = {

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from timing import Row, median_ratio, medians, run_part
 
+from benchmarks.timing import Row, median_ratio, medians, run_part
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
 from zoo.cli.compose import choices, compose_config
@@ -155,9 +155,7 @@ def send_telemetry(port: int, seconds: float) -> float:
 
     Each frame sends one message for each reply since the last frame.
     """
-    rng = np.random.default_rng(0)
-    frames = [rng.integers(0, 255, (20, 40, 3)).repeat(8, 0).repeat(8, 1) for _ in range(30)]
-    messages = [make_telemetry(frame.astype(np.uint8), 0.0, 0.0, 9.0, False) for frame in frames]
+    messages = noise_telemetry(30)
     client = LegacySocket(f"http://127.0.0.1:{port}")
     waiting, answered, tick = 1, 0, 0
     began = time.perf_counter()
@@ -172,6 +170,13 @@ def send_telemetry(port: int, seconds: float) -> float:
             now = time.perf_counter()
     client.close()
     return answered / seconds
+
+
+def noise_telemetry(count: int) -> list[dict]:
+    """Return telemetry messages with images of coloured squares."""
+    rng = np.random.default_rng(0)
+    frames = (rng.integers(0, 255, (20, 40, 3)).repeat(8, 0).repeat(8, 1) for _ in range(count))
+    return [make_telemetry(frame.astype(np.uint8), 0.0, 0.0, 9.0, False) for frame in frames]
 
 
 def serve_each(names: list[str], pipe: Connection) -> None:
@@ -235,19 +240,31 @@ def random_policy(name: str) -> object:
     """Return the untrained network of `model=name` as a policy on one thread."""
     import torch
 
-    from datamodules.view import View
     from zoo.checkpoints.checkpoint import Checkpoint
     from zoo.checkpoints.policy import Policy
-    from zoo.models.make_network import make_network
+    from zoo.models.make_network import make_network, view_of
 
     torch.set_num_threads(1)
     config = compose_config([f"model={name}"])
-    model = config["model"]
-    view = View(config["data"]["crop"], model["colour"], model["size"])
-    policy = Policy(Checkpoint(make_network(model, view).eval(), view, config, {}))
+    view = view_of(config["model"], config["data"]["crop"])
+    network = make_network(config["model"], view).eval()
+    policy = Policy(Checkpoint(network, view, config, {}))
     for _ in range(3):
         policy(np.zeros((160, 320, 3), np.uint8), 0.0)
     return policy
+
+
+def random_checkpoint(folder: Path) -> str:
+    """Write a checkpoint of nvidia with random weights; return its path."""
+    import torch
+
+    from zoo.checkpoints.checkpoint import PREFIX, make_card
+
+    policy = random_policy("nvidia")
+    weights = {f"{PREFIX}{key}": value for key, value in policy.network.state_dict().items()}
+    card = make_card(policy.config, policy.view, {"fingerprint": "0" * 16, "rows": 10})
+    torch.save({"state_dict": weights, "drivezoo": card, "epoch": 0}, folder / "random.ckpt")
+    return str(folder / "random.ckpt")
 
 
 if __name__ == "__main__":

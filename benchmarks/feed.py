@@ -2,13 +2,17 @@
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
-from material import AUGMENT, config_for, linked_recording
+import albumentations
+import cv2
+import numpy as np
+import torch
 from rich.console import Console
-from sample_by_sample import SampleBySample
-from timing import Row, median_ratio, medians, run_part, take_turns
-from torch.utils.data import DataLoader
+from torch.utils.data import DataLoader, Dataset
 
+from benchmarks.material import AUGMENT, config_for, linked_recording
+from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 from datamodules.driving import DrivingData
 from zoo.training.build import build_data
 from zoo.training.host_settings import keep_freed_memory
@@ -51,6 +55,33 @@ def measure(short: bool) -> list[Row]:
             figures=framed_s | single,
         ),
     ]
+
+
+class SampleBySample(Dataset):
+    """The samples of `DrivingData`, one at a time, by OpenCV and albumentations."""
+
+    def __init__(self, data: DrivingData) -> None:
+        self.samples, self.images, self.view = data.samples, data.recording.images, data.view
+        # The same transforms, as albumentations runs them.
+        transforms = [change.transform for change in data.augment.changes]
+        self.augment = albumentations.Compose(transforms)
+        self.rng = np.random.default_rng(0)
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
+        samples = self.samples
+        path = Path(self.images[samples.row[index], samples.camera[index]])
+        frame = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+        image, steering = self.view(frame), float(samples.steering[index])
+        if self.rng.random() < 0.5:
+            image, steering = np.ascontiguousarray(image[:, ::-1]), -steering
+        changed = self.augment(image=image, steering=steering)
+        return {
+            "images": torch.from_numpy(changed["image"]).permute(2, 0, 1).contiguous(),
+            "targets": torch.tensor([changed["steering"]], dtype=torch.float32),
+        }
 
 
 def loaded_data(rows: int, *overrides: str) -> DrivingData:

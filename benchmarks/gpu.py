@@ -16,13 +16,13 @@ import sys
 from multiprocessing.connection import Connection
 
 import torch
-from epoch_by_epoch import train_by_turns
-from machine_limit import flops_of_sample, run_product, untrained
-from material import AUGMENT, OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
-from timing import contestants, make_console, take_turns
 
+from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
+from benchmarks.timing import contestants, make_console, take_turns
+from benchmarks.training import flops_of_sample, run_product, untrained
+from benchmarks.training_callbacks import train_by_turns
 from zoo.cli.compose import choices
 from zoo.training.steering_module import predict
 

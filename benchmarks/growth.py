@@ -17,12 +17,12 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from marked_page import markdown_table, write_between
-from material import OUT, config_for, linked_recording
 from rich.console import Console
 from rich.table import Table
-from timing import Row, contestants, median_ratio, medians, run_part
 
+from benchmarks.marked_page import markdown_table, write_between
+from benchmarks.material import OUT, config_for, linked_recording
+from benchmarks.timing import Row, contestants, median_ratio, medians, run_part
 from zoo.base.cores import usable_cores
 
 MEMORY = "memory without the page cache, MB"

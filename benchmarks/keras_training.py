@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from material import OUT, linked_recording
-from timing import Row, contestants, median_ratio, medians, run_part, take_turns
+from benchmarks.material import OUT, linked_recording
+from benchmarks.timing import Row, contestants, median_ratio, medians, run_part, take_turns
 
 ROWS = 2_000
 BARE, SHARE = "bare loop/s", 0.95
@@ -32,7 +32,7 @@ def measure(short: bool) -> list[Row]:
     python = os.environ.get("KERAS_PYTHON")
     if not python:
         raise SystemExit(f"keras_training: {INSTALL}")
-    from training import BATCH, ROUND_S, run_bare, zoo_targets  # a slow import
+    from benchmarks.training import BATCH, ROUND_S, run_bare, zoo_targets  # a slow import
 
     targets = zoo_targets(batches)
     log = linked_recording(ROWS) / "driving_log.csv"

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from timing import Row, run_part
 
+from benchmarks.timing import Row, run_part
 from simulator.recorder import encode
 from simulator.rig import CAMERAS
 from simulator.world import Start, World, open_world

@@ -11,13 +11,12 @@ import time
 from pathlib import Path
 
 import torch
-from driver import random_policy
 from rich.console import Console
-from timing import Row, median_ratio, medians, run_part, take_turns
 
+from benchmarks.driver import random_checkpoint, random_policy
+from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 from simulator.world import Start
 from zoo.base.cores import usable_cores
-from zoo.checkpoints.checkpoint import PREFIX, make_card
 from zoo.drives.drive_record import Drive
 from zoo.evaluate.many_drives import Setup, drive_all, drive_once, drive_setup, open_setup
 
@@ -95,16 +94,6 @@ def _many(short: bool) -> Row:
     ours, theirs = turns.values()
     what = f"four drives of {laps:g} laps on four cores"
     return Row(what, "one on one core", median_ratio(ours, theirs), 1.3, False, medians(turns))
-
-
-def random_checkpoint(folder: Path) -> str:
-    """Write a checkpoint of nvidia with random weights; return its path."""
-    policy = random_policy("nvidia")
-    weights = {f"{PREFIX}{key}": value for key, value in policy.network.state_dict().items()}
-    card = make_card(policy.config, policy.view, {"fingerprint": "none", "rows": 0})
-    path = folder / "random.ckpt"
-    torch.save({"state_dict": weights, "drivezoo": card}, path)
-    return str(path)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.measuring import make_console, print_table
 from zoo.cli.command_config import read_options
 from zoo.search.failure_archive import Archive
 from zoo.search.first_failure import BATCH
@@ -22,18 +21,18 @@ from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import make_sampler
 from zoo.search.search_space import Candidate, SearchSpace
 
-SAMPLERS = ("archive", "tpe", "random", "family")
-RULE_SEEDS = 3
+SAMPLERS = "archive,tpe,random,family"
 EDGES = (0.9, 1.3, 1.7)  # of the rule: more than half of random roads fail, some, few
-console = Console(width=100)
 
 
-def difficulty(space: SearchSpace, one: Candidate) -> float:
+def difficulty(space: SearchSpace, road: Candidate) -> float:
     """Return how difficult a road and its day are by a rule: sharp bends, narrow roads, fog."""
-    share = {key: feature.scale.share(one.features[key]) for key, feature in space.features.items()}
-    road = 0.9 * (1 - share["bend"]) + 0.3 * (1 - share["width"]) + 0.2 * share["grade"]
+    share = {
+        key: feature.scale.share(road.features[key]) for key, feature in space.features.items()
+    }
+    hard = 0.9 * (1 - share["bend"]) + 0.3 * (1 - share["width"]) + 0.2 * share["grade"]
     day = 0.5 * share["fog"] + 0.4 * share["rain"] + 0.8 * abs(share["brightness"] - 0.5)
-    return road + day + 0.1 * (1 - share["sun"])
+    return hard + day + 0.1 * (1 - share["sun"])
 
 
 def failed_cells_by_rule(options: SearchOptions, edge: float) -> int:
@@ -42,64 +41,56 @@ def failed_cells_by_rule(options: SearchOptions, edge: float) -> int:
     archive = Archive(options.grid(space))
     sampler = make_sampler(options, space, archive)
     for _ in range(0, options.budget, BATCH):
-        chosen = sampler.propose(BATCH)
-        values = [difficulty(space, one) / edge for one in chosen]
-        for one, value in zip(chosen, values, strict=True):
-            archive.add(one.features, value > 1)
+        roads = sampler.propose(BATCH)
+        values = [difficulty(space, road) / edge for road in roads]
+        for road, value in zip(roads, values, strict=True):
+            archive.add(road.features, value > 1)
         sampler.learn([min(value, 1.0) for value in values])
     return len(archive.failed)
 
 
-def compare_by_rule(samplers: list[str], keys: list[str]) -> None:
-    """Print the failing cells of each sampler for each edge of the rule and each seed."""
-    table = Table("sampler", *(f"failure above {edge:g}" for edge in EDGES))
-    for sampler in samplers:
-        cells = []
-        for edge in EDGES:
-            given = [
-                read_options("search", SearchOptions, [*keys, f"sampler={sampler}", f"seed={seed}"])
-                for seed in range(RULE_SEEDS)
-            ]
-            found = [failed_cells_by_rule(one, edge) for one in given]
-            cells.append(f"{np.mean(found):.1f} ({min(found)} to {max(found)})")
-        console.print(sampler, *cells, sep=" | ")
-        table.add_row(sampler, *cells)
-    console.print(table)
+def by_rule(sampler: str, keys: list[str]) -> list[str]:
+    """Return the failing cells of a sampler for each edge of the rule, over three seeds."""
+    searches = [
+        read_options("search", SearchOptions, [*keys, f"sampler={sampler}", f"seed={seed}"])
+        for seed in range(3)
+    ]
+    counts = [[failed_cells_by_rule(options, edge) for options in searches] for edge in EDGES]
+    return [f"{np.mean(cells):.1f} ({min(cells)} to {max(cells)})" for cells in counts]
 
 
-def compare(checkpoints: list[str], samplers: list[str], keys: list[str], out: Path) -> None:
-    """Print the failures and failing cells of each sampler on each checkpoint."""
+def by_driving(checkpoint: str, sampler: str, keys: list[str], folder: Path) -> str:
+    """Return the failing cells, and the failed drives, of a search."""
     from zoo.search.search_report import RESULT, search_and_report
 
-    table = Table("checkpoint", *samplers, title="cells with a failure (drives that failed)")
-    for number, checkpoint in enumerate(checkpoints, start=1):
-        cells = []
-        for sampler in samplers:
-            folder = out / f"{number}-{sampler}"
-            own = [*keys, f"sampler={sampler}", f"out={folder}"]
-            options = read_options("search", SearchOptions, own)
-            written = folder / RESULT
-            result = json.loads(written.read_text()) if written.is_file() else {"drives": []}
-            if len(result["drives"]) < options.budget:
-                written.unlink(missing_ok=True)
-                result = search_and_report(checkpoint, options, console)
-            cells.append(f"{result['cells']['failed']} ({result['failed']})")
-            console.print(f"{checkpoint} {sampler}: {cells[-1]}")
-        table.add_row(str(number), *cells)
-    console.print(table)
+    own = [*keys, f"sampler={sampler}", f"out={folder}"]
+    options, written = read_options("search", SearchOptions, own), folder / RESULT
+    result = json.loads(written.read_text()) if written.is_file() else {"drives": []}
+    if len(result["drives"]) < options.budget:
+        written.unlink(missing_ok=True)
+        result = search_and_report(checkpoint, options, make_console())
+    cells = f"{result['cells']['failed']} ({result['failed']})"
+    print(checkpoint, sampler, cells, flush=True)
+    return cells
 
 
 def main() -> None:
     """Read the arguments and compare."""
-    given = dict(one.partition("=")[::2] for one in sys.argv[1:] if "=" in one)
-    checkpoints = [one for one in sys.argv[1:] if "=" not in one]
-    samplers = given.pop("samplers", ",".join(SAMPLERS)).split(",")
+    given = dict(word.partition("=")[::2] for word in sys.argv[1:] if "=" in word)
+    checkpoints = [word for word in sys.argv[1:] if "=" not in word]
+    samplers = given.pop("samplers", SAMPLERS).split(",")
     out = Path(given.pop("out", "outputs/search_benchmark"))
     keys = [f"{key}={value}" for key, value in given.items()]
-    if checkpoints:
-        compare(checkpoints, samplers, keys, out)
-    else:
-        compare_by_rule(samplers, keys)
+    if not checkpoints:
+        rows = [[sampler, *by_rule(sampler, keys)] for sampler in samplers]
+        print_table(["sampler", *(f"failure above {edge:g}" for edge in EDGES)], rows)
+        return
+    rows = [
+        [path, *(by_driving(path, one, keys, out / f"{number}-{one}") for one in samplers)]
+        for number, path in enumerate(checkpoints, start=1)
+    ]
+    print("cells with a failure (drives that failed)")
+    print_table(["checkpoint", *samplers], rows)
 
 
 if __name__ == "__main__":

@@ -6,13 +6,13 @@ import subprocess
 import sys
 import time
 
-from material import CACHE, linked_recording
-from timing import Row, median_ratio, medians, run_part, take_turns
+from benchmarks.material import CACHE, linked_recording
+from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 
 RUN = "outputs/bench/start"
 IMPORTS = "import torch, lightning"
 # Ends the process just before the first step.
-FIRST_STEP = "+callbacks.first._target_=benchmarks.first_step.EndAtFirstStep"
+FIRST_STEP = "+callbacks.first._target_=benchmarks.training_callbacks.EndAtFirstStep"
 AIM = 1.25
 
 

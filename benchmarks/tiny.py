@@ -8,10 +8,10 @@ import time
 from pathlib import Path
 
 import torch
-from material import OUT, config_for, linked_recording
 from rich.console import Console
-from timing import Row, median_ratio, medians, run_part, take_turns
 
+from benchmarks.material import OUT, config_for, linked_recording
+from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 from datamodules.driving import DrivingData
 
 SAMPLES, BATCH, EPOCHS = 24_000, 128, 30

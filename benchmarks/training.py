@@ -20,17 +20,19 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import torch
-from machine_limit import flops_of_sample, run_product
-from material import AUGMENT, OUT, config_for, linked_recording
 from rich.console import Console
-from timing import Row, contestants, median_ratio, medians, run_part, take_turns
+from torch.utils.flop_counter import FlopCounterMode
 
+from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
+from benchmarks.timing import Row, contestants, median_ratio, medians, run_part, take_turns
+from zoo.cli.compose import compose_config
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
 ROUND_S = 1.0  # duration of a loop, whatever the machine's load
 HALF = "zoo, bf16/s"
 LIMIT, SIDE = "product FLOP/s", 1024
+TIMES = 10  # of each product; the fastest counts
 
 
 def measure(short: bool) -> list[Row]:
@@ -117,7 +119,9 @@ def run_zoo(pipe: Connection, batches: int, *more: str) -> None:
 
     Its output is discarded.
     """
-    from epoch_by_epoch import train_by_turns  # imports Lightning, which other targets do not need
+    from benchmarks.training_callbacks import (
+        train_by_turns,  # imports Lightning, which other targets do not need
+    )
 
     config = config_for(
         linked_recording(ROWS),
@@ -154,9 +158,9 @@ def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
 
 def run_samples(pipe: Connection, seconds: float) -> None:
     """Run the usual loop of torch's tutorials."""
-    from sample_by_sample import SampleBySample
     from torch.utils.data import DataLoader
 
+    from benchmarks.feed import SampleBySample, endless
     from zoo.training.build import build_data
 
     config = config_for(linked_recording(ROWS), AUGMENT, "model=nvidia")
@@ -214,12 +218,6 @@ def rate(step: Callable, feed: Iterator[dict], seconds: float) -> float:
     return count / (time.perf_counter() - began)
 
 
-def endless(loader: object) -> Iterator[dict]:
-    """Yield batches epoch after epoch."""
-    while True:
-        yield from loader
-
-
 def answer(pipe: Connection, run: Callable[[], float]) -> None:
     """Serve `timing.contestants`: run once to warm up, then once per request."""
     run()
@@ -227,6 +225,63 @@ def answer(pipe: Connection, run: Callable[[], float]) -> None:
     while pipe.recv():
         pipe.send(run())
     os._exit(0)  # a DataLoader takes up to 25 s to end its workers; they end without it
+
+
+def best_product(device: str, side: int, dtype: torch.dtype) -> float:
+    """Return the FLOP/s of the fastest product of two square matrices.
+
+    On a CPU also the same product as a convolution of 1 x 1, which oneDNN computes: `torch.mm` uses
+    MKL, which reaches half of that on AMD's processors.
+    """
+    left, right = (torch.randn(side, side, device=device, dtype=dtype) for _ in "ab")
+    products: list[Callable[[], object]] = [lambda: torch.mm(left, right)]
+    if device == "cpu":
+        images = left.view(2, side // 16, 8, side).permute(0, 3, 1, 2)
+        kernel = right.view(side, side, 1, 1)
+        products.append(lambda: torch.conv2d(images, kernel))
+    seconds = []
+    with torch.no_grad():
+        for product in [one for one in products for _ in range(TIMES)]:
+            began = time.perf_counter()
+            product()
+            wait_for(device)
+            seconds.append(time.perf_counter() - began)
+    return 2 * side**3 / min(seconds)
+
+
+def run_product(pipe: Connection, device: str, side: int, dtype: torch.dtype) -> None:
+    """Send the FLOP/s of the best product at each request."""
+    answer(pipe, lambda: best_product(device, side, dtype))
+
+
+def wait_for(device: str) -> None:
+    """Wait until the device has finished what was started."""
+    if device == "cuda":
+        torch.cuda.synchronize()
+
+
+def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
+    """Return a network with random weights, and a batch of noise."""
+    from zoo.models.make_network import make_network, view_of
+
+    config = compose_config([f"model={name}", "model.weights=null"])
+    torch.manual_seed(0)
+    view = view_of(config["model"], config["data"]["crop"])
+    network = make_network(config["model"], view)
+    height, width, channels = view.shape
+    frames = (getattr(network, "sequence", 1),) if getattr(network, "sequence", 1) > 1 else ()
+    images = torch.randint(0, 256, (samples, *frames, channels, height, width), dtype=torch.uint8)
+    return network, {"images": images, "speed": torch.full((samples,), 10.0)}
+
+
+def flops_of_sample(name: str) -> float:
+    """Return the floating-point operations of a training step for each of its samples."""
+    from zoo.training.steering_module import predict  # imports Lightning, slowly
+
+    network, batch = untrained(name, 2)
+    with FlopCounterMode(display=False) as counter:
+        predict(network.train(), batch).square().mean().backward()
+    return counter.get_total_flops() / 2
 
 
 if __name__ == "__main__":

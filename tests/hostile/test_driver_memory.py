@@ -8,9 +8,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks.attacker import ATTACKS, POST, TEXT, Attacker, frame, half_sent
-from benchmarks.attacker import LARGE as LONGEST
-from benchmarks.attacks import MOST_GROWTH_MB, megabytes
+from benchmarks.driver_memory import (
+    ATTACKS,
+    MOST_GROWTH_MB,
+    POST,
+    TEXT,
+    Attacker,
+    frame,
+    half_sent,
+    megabytes,
+)
+from benchmarks.driver_memory import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
 from tests.zoo.commands import ROOT, command, environment, run
 from tests.zoo.drive.old_client import OldClient
@@ -25,7 +33,7 @@ LARGE = {
     "whole large messages": 60,
     "missing attachments": 60,
 }
-MEASUREMENT = str(ROOT / "benchmarks" / "attacks.py")
+MEASUREMENT = str(ROOT / "benchmarks" / "driver_memory.py")
 
 
 @pytest.fixture
@@ -112,7 +120,7 @@ def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
 
 
 def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:
-    result = run(ROOT, "only=nothing", module=MEASUREMENT)
+    result = run(ROOT, "attacks", "only=nothing", module=MEASUREMENT)
     assert result.returncode == 1
     (line,) = result.stderr.splitlines()
     assert "only" in line
@@ -121,7 +129,7 @@ def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:
 @pytest.mark.slow
 def test_ten_seconds_of_an_attack_are_measured() -> None:
     """The measurement exits with 1 where a driver grows too much."""
-    words = command(MEASUREMENT, "seconds=10", "only=half-sent messages")
+    words = command(MEASUREMENT, "attacks", "seconds=10", "only=half-sent messages")
     result = subprocess.run(words, env=environment(), capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "half-sent messages" in result.stdout

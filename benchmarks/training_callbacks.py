@@ -1,4 +1,4 @@
-"""Train with `drivezoo train`'s own code, an epoch at each request of a benchmark."""
+"""Callbacks with which the parts about training follow `drivezoo train`'s own code."""
 
 import os
 import time
@@ -11,6 +11,16 @@ from omegaconf import DictConfig
 from zoo.training.openmp_threads import LOOK_EVERY_S, QUIET_LOOKS
 
 SETTLE_S = LOOK_EVERY_S * (QUIET_LOOKS + 2)
+
+
+class EndAtFirstStep(lightning.Callback):
+    """A callback that ends the process with success just before the first training step.
+
+    `drivezoo train` creates it by its name.
+    """
+
+    def on_train_batch_start(self, *_: object) -> None:
+        os._exit(0)
 
 
 class EpochByEpoch(lightning.Callback):
