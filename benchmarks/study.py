@@ -30,7 +30,7 @@ def add_rows(study: Study, rows: list[dict]) -> None:
         write_csv(path, merge(old, rows, study.config["key"], study.config.get("same", ())))
 
 
-def measure(study: Study, entry: Entry) -> None:
+def measure_entry(study: Study, entry: Entry) -> None:
     """Train what is missing of an entry, drive it and add its rows.
 
     Raises:
@@ -57,7 +57,7 @@ def make_runs(study: Study) -> list[str]:
         study.values |= PREPARE[study.config["prepare"]](study)
     for entry in chosen:
         try:
-            measure(study, entry)
+            measure_entry(study, entry)
         except InputError as error:
             print(error, file=sys.stderr, flush=True)
             failed.append(entry.name)
