@@ -21,7 +21,8 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.marked_page import markdown_table, write_between
-from benchmarks.timing import COLUMNS, Row, make_console, print_rows
+from benchmarks.measuring import make_console
+from benchmarks.timing import COLUMNS, Row, print_rows
 from zoo.base.child_process import child_environment
 from zoo.base.cores import usable_cores
 
@@ -120,7 +121,7 @@ def main(arguments: list[str]) -> int:
         failed += [] if of_part else [name]
         rows += of_part
     seconds = time.perf_counter() - began
-    print_rows(rows, console)
+    print_rows(rows)
     load = known["load_before"][0]
     console.print(
         f"{known['processor']}, {known['cores']} cores, load {load:.1f} before the start; "

@@ -12,9 +12,8 @@ import sys
 from collections import Counter
 
 import torch
-from rich.table import Table
 
-from benchmarks.timing import make_console
+from benchmarks.measuring import print_table
 from benchmarks.training import BATCH, bare_step, best_product
 
 STEPS, GROUP = 10, 16
@@ -66,26 +65,19 @@ def main() -> int:
         print("convolutions.py: oneDNN computes no convolution on this processor")
         return 1
     limit = max(best_product("cpu", 1024, torch.float32) for _ in range(3))
-    table = Table(
-        "layer", "pass", "oneDNN's", "ms", "GFLOP/s", "of the limit", "channels that exist"
-    )
-    for (problem, direction, algorithm), milliseconds in spent.items():
+    rows = []
+    for (problem, direction, algorithm), ms in spent.items():
         inputs, outputs, high, tall, across, wide = map(int, SHAPE.search(problem).groups())
-        rate = 2 * BATCH * inputs * outputs * high * across * tall * wide / milliseconds * 1000
-        table.add_row(
-            f"{inputs} to {outputs}, {tall} x {wide}",
-            PASSES[direction],
-            algorithm.split(":")[0],
-            f"{milliseconds:.2f}",
-            f"{rate / 1e9:.0f}",
-            f"{rate / limit:.2f}",
-            f"{existing(inputs) * existing(outputs):.2f}",
-        )
-    console = make_console()
-    console.print(table)
+        rate = 2 * BATCH * inputs * outputs * high * across * tall * wide / ms * 1000
+        layer = f"{inputs} to {outputs}, {tall} x {wide}"
+        cells = [f"{ms:.2f}", f"{rate / 1e9:.0f}", f"{rate / limit:.2f}"]
+        cells.append(f"{existing(inputs) * existing(outputs):.2f}")
+        rows.append([layer, PASSES[direction], algorithm.split(":")[0], *cells])
+    head = ["layer", "pass", "oneDNN's", "ms", "GFLOP/s", "of the limit", "channels that exist"]
+    print_table(head, rows)
     total = sum(spent.values())
-    console.print(f"a step: {total:.1f} ms in convolutions, {layout:.1f} ms in changes of layout")
-    console.print(f"the limit: a matrix product at {limit / 1e9:.0f} GFLOP/s")
+    print(f"a step: {total:.1f} ms in convolutions, {layout:.1f} ms in changes of layout")
+    print(f"the limit: a matrix product at {limit / 1e9:.0f} GFLOP/s")
     return 0
 
 

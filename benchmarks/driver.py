@@ -16,9 +16,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
+from benchmarks.measuring import print_table
 from benchmarks.timing import Row, median_ratio, medians, run_part
 from simulator.legacy_socket import OPENED, LegacySocket
 from simulator.telemetry import make_telemetry
@@ -48,12 +47,12 @@ class Driven:
 
 def main(seconds: float) -> None:
     """Print the table."""
-    table = Table("network", "telemetry/s", "p50 ms", "p95 ms", "p99 ms", "forward ms")
     names = (CONSTANT, *choices("model"))
-    for name, one in zip(names, drive_each(names, seconds), strict=True):
-        times = (*one.latency.values(), one.forward)
-        table.add_row(name, f"{one.rate:.0f}", *(f"{value:.1f}" for value in times))
-    Console().print(table)
+    rows = [
+        [name, f"{one.rate:.0f}", *(f"{ms:.1f}" for ms in (*one.latency.values(), one.forward))]
+        for name, one in zip(names, drive_each(names, seconds), strict=True)
+    ]
+    print_table(["network", "telemetry/s", "p50 ms", "p95 ms", "p99 ms", "forward ms"], rows)
 
 
 def measure(short: bool) -> list[Row]:

@@ -16,11 +16,10 @@ import sys
 from multiprocessing.connection import Connection
 
 import torch
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
-from benchmarks.timing import contestants, make_console, take_turns
+from benchmarks.measuring import print_table
+from benchmarks.timing import contestants, take_turns
 from benchmarks.training import flops_of_sample, run_product, untrained
 from benchmarks.training_callbacks import train_by_turns
 from zoo.cli.compose import choices
@@ -43,13 +42,12 @@ def main(names: list[str], device: str, short: bool) -> int:
     if device == "cuda" and not torch.cuda.is_available():
         print("gpu.py: no GPU found by torch.cuda.is_available(); device=cpu runs the same path")
         return 1
-    console = make_console()
     differ = {name: difference(name, device) for name in names}
     batch, epoch, rounds = (8, 2, 1) if short else (BATCH, EPOCH, ROUNDS)
     linked_recording(ROWS)  # created once, before the processes need it
     with contestants(targets(names, device, batch, epoch, short)) as measures:
         found = take_turns(measures, rounds)
-    print_table(names, found, differ, console)
+    print_rates(names, found, differ)
     wrong = [name for name, value in differ.items() if value > TOLERANCE]
     if wrong:
         print(f"gpu.py: {', '.join(wrong)}: other results than on the CPU")
@@ -107,28 +105,21 @@ def difference(name: str, device: str) -> float:
     )
 
 
-def print_table(
-    names: list[str],
-    found: dict[str, list[float]],
-    differ: dict[str, float],
-    console: Console,
-) -> None:
+def print_rates(names: list[str], found: dict[str, list[float]], differ: dict[str, float]) -> None:
     """Print samples per second, their share of the matrix product's FLOP/s, and the difference."""
-    limit = statistics.median(found[LIMIT])
-    table = Table("network", "samples/s", "lowest", "highest", "of the limit", "from the CPU's")
+    limit, rows = statistics.median(found[LIMIT]), []
     for label in found:
         name = label.removesuffix(", compiled")
-        if name not in names:
-            continue
-        middle = statistics.median(found[label])
-        share = middle * flops_of_sample(name) / limit
-        rates = (middle, min(found[label]), max(found[label]))
-        table.add_row(
-            label, *(f"{one:,.0f}" for one in rates), f"{share:.2%}", f"{differ[name]:.1e}"
-        )
-    console.print(table)
+        if name in names:
+            middle = statistics.median(found[label])
+            rates = (middle, min(found[label]), max(found[label]))
+            share = middle * flops_of_sample(name) / limit
+            cells = [f"{share:.2%}", f"{differ[name]:.1e}"]
+            rows.append([label, *(f"{rate:,.0f}" for rate in rates), *cells])
+    head = ["network", "samples/s", "lowest", "highest", "of the limit", "from the CPU's"]
+    print_table(head, rows)
     spread = f"{min(found[LIMIT]):.3g} to {max(found[LIMIT]):.3g}"
-    console.print(f"the limit: a bfloat16 matrix product at {limit:.3g} FLOP/s ({spread})")
+    print(f"the limit: a bfloat16 matrix product at {limit:.3g} FLOP/s ({spread})")
 
 
 if __name__ == "__main__":

@@ -18,10 +18,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from benchmarks.marked_page import markdown_table, write_between
 from benchmarks.material import OUT, config_for, linked_recording
+from benchmarks.measuring import print_table
 from benchmarks.timing import Row, contestants, median_ratio, medians, run_part
 from zoo.base.cores import usable_cores
 
@@ -192,33 +192,24 @@ def read_log_of(rows: int) -> dict[str, float]:
 
 
 def main(sizes: list[int], docs: bool) -> None:
-    """Print a table with a column for each size."""
+    """Print a table with a column for each size; `docs` writes it into its page, too."""
     load = os.getloadavg()[0]
     head = ["seconds of a core", *(f"{rows:,} rows" for rows in sizes), "per row, last / first"]
-    columns = stages_of(sizes)
-    lines = []
+    columns, rows = stages_of(sizes), []
     for stage in columns[0]:
         figures = [column[stage] for column in columns]
-        cells = [f"{one:,.0f}" if stage in MEGABYTES else f"{one:,.2f}" for one in figures]
+        in_mb = stage in MEGABYTES
         by_row = figures[-1] / figures[0] / (sizes[-1] / sizes[0])
-        lines.append([stage, *cells, "" if stage in MEGABYTES else f"{by_row:.2f}"])
-    table = Table(*head)
-    for line in lines:
-        table.add_row(*line)
-    Console().print(table)
+        cells = [f"{figure:,.0f}" if in_mb else f"{figure:,.2f}" for figure in figures]
+        rows.append([stage, *cells, "" if in_mb else f"{by_row:.2f}"])
+    print_table(head, rows)
     if docs:
-        write_docs(sizes, head, lines, load)
-
-
-def write_docs(sizes: list[int], head: list[str], lines: list[list[str]], load: float) -> None:
-    """Write the table between the two markers of its page of the manual."""
-    text = (
-        f"Written by `python benchmarks/growth.py {' '.join(map(str, sizes))} docs`. Seconds are "
-        f"processor time of all threads, on {usable_cores()} cores with a load of {load:.1f} "
-        "before the start, one run each.\n\n"
-    )
-    table = markdown_table(head, lines)
-    write_between(DOCS, "growth", text + table)
+        text = (
+            f"Written by `python benchmarks/growth.py {' '.join(map(str, sizes))} docs`. Seconds "
+            f"are processor time of all threads, on {usable_cores()} cores with a load of "
+            f"{load:.1f} before the start, one run each.\n\n"
+        )
+        write_between(DOCS, "growth", text + markdown_table(head, rows))
 
 
 if __name__ == "__main__":

@@ -5,18 +5,14 @@ from collections.abc import Callable, Sequence
 from inspect import signature
 from pathlib import Path
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
-
-from datamodules.image import read_image
-from datamodules.recording import read_recordings
 
 
 def make_console() -> Console:
     """Return a console; without a terminal it is wide enough for tables."""
     console = Console(emoji=False)
-    return console if console.is_terminal else Console(width=160, emoji=False)
+    return console if console.is_terminal else Console(width=140, emoji=False)
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -25,23 +21,6 @@ def print_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     for row in rows:
         table.add_row(*map(str, row))
     make_console().print(table)
-
-
-def frames_of(
-    folder: str, count: int, edges: bool = True
-) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Return centre frames spread over a recording, their speeds in mph and their steering.
-
-    Args:
-        folder: folder of the recording.
-        count: number of frames.
-        edges: whether the first and the last row are among them.
-    """
-    recording = read_recordings(folder)
-    rows = np.linspace(0, len(recording) - 1, count + 2 * (not edges)).astype(int)
-    rows = rows if edges else rows[1:-1]
-    frames = [read_image(Path(path)) for path in recording.images[rows, 0]]
-    return frames, recording.speed_mph[rows], recording.steering[rows]
 
 
 def run_named(*measurements: Callable[..., object]) -> None:

@@ -15,8 +15,9 @@ import torch
 from scipy.stats import spearmanr
 
 from benchmarks.marked_page import markdown_table
-from benchmarks.measuring import frames_of, make_console, print_table, run_named
+from benchmarks.measuring import make_console, print_table, run_named
 from benchmarks.study_grid import kept
+from datamodules.image import read_image
 from datamodules.recording import read_recordings
 from datamodules.view import View
 from simulator.rig import CAMERAS
@@ -29,6 +30,23 @@ from zoo.checkpoints.policy import Policy, load_policy
 from zoo.evaluate.many_drives import Setup, drive_once, drive_setup, open_setup
 
 REPLAYS = Path("outputs/replay_validation")
+
+
+def frames_of(
+    folder: str, count: int, edges: bool = True
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Return centre frames spread over a recording, their speeds in mph and their steering.
+
+    Args:
+        folder: folder of the recording.
+        count: number of frames.
+        edges: whether the first and the last row are among them.
+    """
+    recording = read_recordings(folder)
+    rows = np.linspace(0, len(recording) - 1, count + 2 * (not edges)).astype(int)
+    rows = rows if edges else rows[1:-1]
+    frames = [read_image(Path(path)) for path in recording.images[rows, 0]]
+    return frames, recording.speed_mph[rows], recording.steering[rows]
 
 
 def doubt(folder: str, *checkpoints: str) -> None:

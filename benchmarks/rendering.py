@@ -9,12 +9,10 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
-
-from benchmarks.timing import Row, run_part
+from benchmarks.measuring import print_table
+from benchmarks.timing import Row, run_part, take_turns
 from simulator.recorder import encode
 from simulator.rig import CAMERAS
 from simulator.world import Start, World, open_world
@@ -80,35 +78,34 @@ def parts_of_frame(world: World) -> dict[str, float]:
 
 def print_parts() -> None:
     """Print the parts of a frame on both tracks."""
-    found = [parts_of_frame(open_world(track, renderer="software")) for track in TRACKS]
-    table = Table("part of a frame", *(f"{track}, ms" for track in TRACKS))
-    for part in found[0]:
-        table.add_row(part, *(f"{one[part]:.2f}" for one in found))
-    Console().print(table)
+    spent = [parts_of_frame(open_world(track, renderer="software")) for track in TRACKS]
+    rows = [[part, *(f"{track[part]:.2f}" for track in spent)] for part in spent[0]]
+    print_table(["part of a frame", *(f"{track}, ms" for track in TRACKS)], rows)
 
 
 def main() -> None:
     """Print the table."""
-    measured: dict[str, Callable[[int], object]] = {}
+    measured: dict[str, Callable[[], float]] = {}
     for track in TRACKS:
         for quality in ("full", "simple"):
             world = open_world(track, renderer="software", quality=quality)
-            name = f"{track}, {quality}"
-            measured[f"{name}, 1 camera"] = drawing(world, ("center",))
-            measured[f"{name}, 3 cameras"] = drawing(world, CAMERAS)
+            for count, cameras in (("1 camera", ("center",)), ("3 cameras", CAMERAS)):
+                draw = partial(per_second, drawing(world, cameras))
+                measured[f"{track}, {quality}, {count}"] = draw
         physics = open_world(track, renderer="none")
         physics.reset(0, Start(speed_mph=20))
-        measured[f"{track}, physics alone"] = lambda _, world=physics: world.step(0.0, 0.2)
-    rates: dict[str, list[float]] = {name: [] for name in measured}
-    for _ in range(ROUNDS):
-        for name, action in measured.items():
-            rates[name].append(per_second(action))
-    table = Table("what", "frames/s", "lowest", "highest", "times real time at 15 Hz")
-    for name, values in rates.items():
-        middle = statistics.median(values)
-        low, high = np.min(values), np.max(values)
-        table.add_row(name, f"{middle:.0f}", f"{low:.0f}", f"{high:.0f}", f"{middle / 15:.0f}")
-    Console().print(table)
+        step = partial(per_second, lambda _, world=physics: world.step(0.0, 0.2))
+        measured[f"{track}, physics alone"] = step
+    rows = []
+    for name, values in take_turns(measured, ROUNDS).items():
+        rates = (
+            statistics.median(values),
+            min(values),
+            max(values),
+            statistics.median(values) / 15,
+        )
+        rows.append([name, *(f"{rate:.0f}" for rate in rates)])
+    print_table(["what", "frames/s", "lowest", "highest", "times real time at 15 Hz"], rows)
 
 
 if __name__ == "__main__":

@@ -26,8 +26,8 @@ def add_rows(study: Study, rows: list[dict]) -> None:
     """Add rows to the study's CSV file, in place of older ones of the same key."""
     if rows and "csv" in study.config:
         path = Path(study.config["csv"])
-        old = read_csv(path)
-        write_csv(path, merge(old, rows, study.config["key"], study.config.get("same", ())))
+        columns = {name: study.config.get(name, ()) for name in ("key", "same", "sort")}
+        write_csv(path, merge(read_csv(path), rows, **columns))
 
 
 def measure_entry(study: Study, entry: Entry) -> None:

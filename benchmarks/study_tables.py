@@ -25,7 +25,9 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
         writer.writerows(rows)
 
 
-def merge(old: Rows, new: Rows, key: Sequence[str], same: Sequence[str] = ()) -> list[Row]:
+def merge(
+    old: Rows, new: Rows, key: Sequence[str], same: Sequence[str] = (), sort: Sequence[str] = ()
+) -> list[Row]:
     """Return rows with new ones in place of those with the same key, and further ones at the end.
 
     Args:
@@ -33,6 +35,7 @@ def merge(old: Rows, new: Rows, key: Sequence[str], same: Sequence[str] = ()) ->
         new: rows that were measured, with values of any type.
         key: columns that tell rows apart.
         same: columns in which all rows must agree; others of `old` are left out.
+        sort: columns by whose text the rows are sorted.
     """
     rows = {
         tuple(row[name] for name in key): row
@@ -40,7 +43,7 @@ def merge(old: Rows, new: Rows, key: Sequence[str], same: Sequence[str] = ()) ->
         if all(row[name] == str(new[0][name]) for name in same)
     }
     rows |= {tuple(str(row[name]) for name in key): row for row in new}
-    return list(rows.values())
+    return sorted(rows.values(), key=lambda row: [str(row[name]) for name in sort])
 
 
 def table(spec: Mapping, rows: Rows) -> str:

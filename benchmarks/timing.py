@@ -20,8 +20,8 @@ from typing import TypeVar
 from unittest.mock import patch
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+
+from benchmarks.measuring import print_table
 
 COLUMNS = "against", "ratio", "middle half", "aim", "met"
 Found = TypeVar("Found")  # what a measure returns
@@ -169,19 +169,13 @@ def _end(process: BaseProcess, pipe: Connection) -> None:
     process.join()
 
 
-def make_console() -> Console:
-    """Return a console; without a terminal it is wide enough for the table."""
-    console = Console()
-    return console if console.is_terminal else Console(width=140)
-
-
-def print_rows(rows: list[Row], console: Console) -> None:
+def print_rows(rows: list[Row]) -> None:
     """Print the table with the figures below each row."""
-    table = Table("what", *COLUMNS)
+    lines = []
     for row in rows:
         figures = ", ".join(f"{name} {value:,.4g}" for name, value in row.figures.items())
-        table.add_row(f"{row.what}\n[dim]{figures}[/dim]", *row.cells())
-    console.print(table)
+        lines.append([f"{row.what}\n[dim]{figures}[/dim]", *row.cells()])
+    print_table(["what", *COLUMNS], lines)
 
 
 def run_part(measure: Callable[[bool], list[Row]]) -> None:
@@ -191,4 +185,4 @@ def run_part(measure: Callable[[bool], list[Row]]) -> None:
     if out:
         Path(out[0]).write_text(json.dumps([asdict(row) for row in rows]))
     else:
-        print_rows(rows, make_console())
+        print_rows(rows)
