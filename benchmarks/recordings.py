@@ -52,22 +52,18 @@ def exchange(*folders: str) -> None:
     as Markdown whether the log is equal to the bit, how far every tenth row's images differ, sizes
     and processor time (of the command and its ffmpeg).
     """
-    from datamodules.exchange.lerobot_export import export_lerobot
-    from datamodules.exchange.lerobot_import import import_lerobot
-    from datamodules.exchange.tub_export import export_tub
-    from datamodules.exchange.tub_import import import_tub
+    from datamodules.formats.lerobot_export import export_lerobot
+    from datamodules.formats.recording_writer import convert_to_recording
+    from datamodules.formats.tub_export import export_tub
 
     recording, rows = read_recordings(list(folders)), []
     with tempfile.TemporaryDirectory() as temporary:
-        for name, there, back in (
-            ("LeRobot", export_lerobot, import_lerobot),
-            ("Donkeycar", export_tub, import_tub),
-        ):
+        for name, there in (("LeRobot", export_lerobot), ("Donkeycar", export_tub)):
             out, again = Path(temporary) / name, Path(temporary) / f"{name}_again"
             before = sum(os.times()[:4])
             there(recording, out)
             between = sum(os.times()[:4])
-            back(out, again)
+            convert_to_recording(out, again)
             seconds = [between - before, sum(os.times()[:4]) - between]
             size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file()) / 1e6
             cells = [name, *compared(recording, read_recordings(str(again))), f"{size:.0f}"]

@@ -296,8 +296,8 @@ def test_a_newer_result_replaces_the_older_and_those_on_other_roads(pages: Path)
     add_entry(write_entry(pages / "new", 0.8), "lenet")
     rows = [row for row in read_csv(Path("docs/benchmark.csv")) if row["group"] == "headline"]
     assert [(row["entry"], row["autonomy"]) for row in rows] == [
-        ("lenet", "0.8000"),
         ("lenet", "0.3000"),
+        ("lenet", "0.8000"),
     ]
 
 

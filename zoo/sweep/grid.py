@@ -13,8 +13,7 @@ from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.leaderboard.ranking_table import folder_label
-from zoo.sweep.job_watch import watched
-from zoo.sweep.launch_rounds import Job, launch_all
+from zoo.sweep.jobs import Job, launch_all, watched
 from zoo.sweep.saved_sweep import check_job
 from zoo.sweep.sweep_job import SERIAL
 from zoo.sweep.sweep_record import add_to_record, log_digest
@@ -44,18 +43,27 @@ def sweep_grid(
     ]
     data = recordings_of([job.overrides for job in jobs], config, context)
     add_to_record(folder, jobs=[list(job.overrides) for job in jobs], data=data)
+    run_jobs(jobs, config, launcher, sweep_console(folder))
+
+
+def sweep_console(folder: Path) -> Console:
+    """Return the console of a sweep, on which its folder is printed."""
     console = Console(soft_wrap=True)
     console.print(f"sweep: {folder_label(folder, Path.cwd())}", highlight=False, markup=False)
+    return console
+
+
+def run_jobs(jobs: Sequence[Job], config: DictConfig, launcher: Launcher, console: Console) -> None:
+    """Run jobs by one of Hydra's launchers; each job's folder is its number."""
+
+    def launch(some: Sequence[Job]) -> None:
+        overrides = [[*job.overrides, f"hydra.sweep.subdir='{job.number}'"] for job in some]
+        launcher.launch(overrides, initial_job_idx=some[0].number)
+
     serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
     # Jobs that run one by one print their own progress.
     with contextlib.nullcontext() if serial else watched(jobs, console):
-        launch_all(lambda some: launch_jobs(launcher, some), jobs, console)
-
-
-def launch_jobs(launcher: Launcher, jobs: Sequence[Job]) -> None:
-    """Pass jobs to one of Hydra's launchers; each job's folder is its number."""
-    overrides = [[*job.overrides, f"hydra.sweep.subdir='{job.number}'"] for job in jobs]
-    launcher.launch(overrides, initial_job_idx=jobs[0].number)
+        launch_all(launch, jobs, console)
 
 
 def recordings_of(

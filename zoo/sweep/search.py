@@ -1,6 +1,5 @@
 """Sweeps whose values Optuna chooses, in a study that processes and machines can share."""
 
-import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,19 +16,16 @@ from rich.console import Console
 from zoo.base.errors import InputError
 from zoo.drives.driving_score import driving_score
 from zoo.leaderboard.ranking import Run, read_run
-from zoo.leaderboard.ranking_table import folder_label
 from zoo.runs.status import read_status
-from zoo.sweep.grid import launch_jobs, recordings_of
-from zoo.sweep.job_watch import watched
-from zoo.sweep.launch_rounds import Job, launch_all
-from zoo.sweep.sweep_job import SERIAL
+from zoo.sweep.grid import recordings_of, run_jobs, sweep_console
+from zoo.sweep.jobs import Job
+from zoo.sweep.saved_sweep import PRUNING
 from zoo.sweep.sweep_record import add_to_record
 
 if TYPE_CHECKING:
     import optuna
 
 ATTEMPTS = 5
-PRUNING = "callbacks.pruning"
 
 
 @dataclass(frozen=True)
@@ -98,9 +94,7 @@ def sweep_search(
     _check_space(study, space, settings)
     _check_same_monitor(study, settings)
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
-    console = Console(soft_wrap=True)
-    console.print(f"sweep: {folder_label(folder, Path.cwd())}", highlight=False, markup=False)
-    serial = config.hydra.runtime.choices["hydra/launcher"] == SERIAL
+    console = sweep_console(folder)
     ours = [one for one in study.get_trials() if one.user_attrs.get("folder") == str(folder)]
     left = [one.number for one in ours if one.state == optuna.trial.TrialState.RUNNING]
     numbers = left or _ask(study, space, settings, folder)
@@ -108,8 +102,7 @@ def sweep_search(
         jobs = [_job(study, number, fixed, settings, folder) for number in numbers]
         for job in jobs:
             recordings_of([job.overrides], config, context, _pruning(job.number, settings))
-        with contextlib.nullcontext() if serial else watched(jobs, console):
-            launch_all(lambda some: launch_jobs(launcher, some), jobs, console)
+        run_jobs(jobs, config, launcher, console)
         for job in jobs:
             _report_result(study, job, settings.monitor)
         _print_state(study, settings, console)

@@ -15,20 +15,23 @@ from zoo.base.new_folder import is_held, written_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
+from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import conf_folder, quote, quote_paths
 from zoo.cli.parts import typed_parts
 from zoo.cli.stop_errors import StoppedError
-from zoo.leaderboard.ranking_table import wide_console
+from zoo.leaderboard.ranking_page import write_page
+from zoo.leaderboard.ranking_table import Ranking, following, print_ranking, wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
 from zoo.runs.status import read_status
 from zoo.sweep import sweep_record as records
+from zoo.sweep.jobs import DONE
 from zoo.sweep.saved_sweep import SavedSweep, check_overrides, resumed_from
-from zoo.sweep.sweep_job import DONE, run_job
-from zoo.sweep.sweep_summary import conclude
+from zoo.sweep.sweep_job import run_job
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="
+PAGE = "ranking.html"
 LIBRARY_FILES = ("multirun.yaml", "study.db")  # of Hydra and Optuna
 # The module that a choice needs, and the optional dependency of drivezoo that installs it.
 OPTIONAL_MODULES = {
@@ -127,6 +130,28 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
                     _remove_empty(folder)
                 raise
         conclude(folder, console)
+
+
+def conclude(folder: Path, console: Console) -> None:
+    """Print the ranking of a sweep's jobs and write its page.
+
+    Raises:
+        InputError: jobs failed; the message has each job's reason.
+    """
+    folders = records.job_folders(folder)
+    title = f"{len(folders)} jobs, the best driver first"
+    ranking = Ranking.read(folders, folder)
+    entries, unranked = ranking.entries, ranking.unranked
+    print_ranking(ranking, title, console, PAGE)
+    page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
+    print_written([page], following(entries), console)
+    failed = [one for one in unranked if one.why in ("failed", "stopped")]
+    if failed:
+        reasons = "; ".join(f"{one.folder.name}: {one.reason or 'it was killed'}" for one in failed)
+        raise InputError(
+            f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command runs them "
+            "again"
+        )
 
 
 def refuse_missing(arguments: list[str]) -> None:

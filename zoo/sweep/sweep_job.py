@@ -26,10 +26,9 @@ from zoo.cli.stop_errors import PrunedError, StoppedError
 from zoo.cli.verbosity import is_verbose
 from zoo.runs.saved_config import TRUST, find_refusals
 from zoo.runs.status import is_beating, mark_run, read_status, write_status
-from zoo.sweep.job_result import result_text
+from zoo.sweep.jobs import DONE, result_text
 from zoo.sweep.sweep_record import read_record, varying
 
-DONE = ("finished", "pruned")
 SERIAL = "basic"
 ORPHAN_WATCH = "orphan watch"
 _training = threading.Lock()

@@ -3,16 +3,18 @@
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from pydantic import Field
+
 from datamodules.log_text import MOST_LOG_BYTES
-from zoo.base.bounded_files import check_version
+from zoo.base.bounded_files import check_version, read_json
 from zoo.base.errors import InputError
 from zoo.base.regular_file import read_regular
 from zoo.base.whole_file import write_whole
+from zoo.runs.record_fields import Fields, Whole, check_fields
 
 NAME = "sweep.json"
 FORMAT = 1
@@ -22,11 +24,11 @@ LAUNCH_KEYS = ("hydra/launcher", "hydra.launcher", "hydra.sweep.", "hydra.verbos
 VERSIONS = ("drivezoo", "torch", "lightning")
 
 
-@dataclass(frozen=True)
-class SweepRecord:
+class SweepRecord(Fields):
     """The contents of `sweep.json`.
 
     Attributes:
+        format: version of the file's format.
         arguments: overrides as typed, without `-m` and the sweep's folder.
         jobs: overrides of each job, in the order of their folders' numbers; None until they are
             known.
@@ -36,10 +38,11 @@ class SweepRecord:
         search: whether Optuna chooses the jobs; `jobs` is then None until the last one is chosen.
     """
 
+    format: Whole
     arguments: list[str]
     jobs: list[list[str]] | None = None
-    data: dict[str, str | None] = field(default_factory=dict)
-    versions: dict[str, str] = field(default_factory=dict)
+    data: dict[str, str | None] = Field(default_factory=dict)
+    versions: dict[str, str] = Field(default_factory=dict)
     started: str = ""
     search: bool = False
 
@@ -47,17 +50,17 @@ class SweepRecord:
 def new_record(arguments: list[str]) -> SweepRecord:
     """Return the record of a sweep that starts now."""
     now = datetime.now().astimezone().isoformat(timespec="seconds")
-    return SweepRecord(arguments, versions=package_versions(), started=now)
+    return SweepRecord(format=FORMAT, arguments=arguments, versions=package_versions(), started=now)
 
 
 def write_record(folder: Path, record: SweepRecord) -> None:
     """Replace `sweep.json` atomically; raises OSError if it cannot be written."""
-    write_whole(folder / NAME, json.dumps({"format": FORMAT, **asdict(record)}, indent=1))
+    write_whole(folder / NAME, json.dumps(record.model_dump(), indent=1))
 
 
 def add_to_record(folder: Path, **more: object) -> None:
     """Change these fields of `sweep.json`."""
-    write_record(folder, replace(read_record(folder), **more))
+    write_record(folder, read_record(folder).model_copy(update=more))
 
 
 def read_record(folder: Path) -> SweepRecord:
@@ -70,14 +73,12 @@ def read_record(folder: Path) -> SweepRecord:
     if not path.exists():
         found = "holds no sweep.json" if folder.is_dir() else "there is no such folder"
         raise InputError(f"{folder}: is no sweep ({found}); name a folder of {SWEEPS}")
-    from zoo.sweep.sweep_file import read_sweep_file
-
     try:
-        found = read_sweep_file(path)
+        record = check_fields(SweepRecord, read_json(path), path)
     except InputError as error:
         raise InputError(f"{error}; the file is damaged, start a new sweep") from None
-    check_version(found.format, FORMAT, path)
-    return SweepRecord(**{one.name: getattr(found, one.name) for one in fields(SweepRecord)})
+    check_version(record.format, FORMAT, path)
+    return record
 
 
 def job_folders(folder: Path) -> list[Path]:

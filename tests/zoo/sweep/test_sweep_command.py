@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -144,7 +143,7 @@ def begun(folder: Path, arguments: list[str], statuses: Sequence[str], **more: o
         (folder / str(number)).mkdir(parents=True)
         write_status(folder / str(number), one)
     jobs = [[f"seed={number}"] for number in range(len(statuses))]
-    write_record(folder, replace(new_record(arguments), jobs=jobs, **more))
+    write_record(folder, new_record(arguments).model_copy(update={"jobs": jobs, **more}))
     return folder
 
 

@@ -1,17 +1,21 @@
-"""Launching of all jobs of a sweep, also when processes that train them are killed."""
+"""The jobs of a sweep: launch them all, report how each ended, and find those that were killed."""
 
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
 from zoo.base.errors import InputError
+from zoo.leaderboard.ranking import read_run
 from zoo.runs.status import is_alive, read_status, write_status
-from zoo.sweep.sweep_job import DONE
+from zoo.sweep.sweep_record import varying
 
-POLL_S = 1.0
+DONE = ("finished", "pruned")
+POLL_S, WATCH_S = 1.0, 0.5
 DIED = "its process ended without an error: it was killed, or memory ran out"
 
 Launch = Callable[[Sequence["Job"]], None]
@@ -29,6 +33,54 @@ class Job:
     def is_done(self) -> bool:
         """Return whether the job has finished or was pruned."""
         return read_status(self.folder).get("status") in DONE
+
+
+def result_text(folder: Path) -> str:
+    """Return how the job in a folder ended: its figures, or the reason of its failure."""
+    status = read_status(folder)
+    run = read_run(folder) if status.get("status") == "finished" else None
+    if run is None:
+        return ": ".join(filter(None, [status.get("status"), status.get("reason")]))
+    figures = [] if run.autonomy is None else [f"autonomy {run.autonomy:.1%}"]
+    figures += [] if run.val_mse is None else [f"val MSE {run.val_mse:.4f}"]
+    return f"finished in {run.wall_s:.0f} s" + "".join(f", {one}" for one in figures)
+
+
+@contextmanager
+def watched(jobs: Sequence[Job], console: Console) -> Iterator[None]:
+    """Print a line when a job ends; parallel jobs print only to their log files."""
+    before = {job: read_status(job.folder) for job in jobs}
+    stopped = threading.Event()
+    varied = varying([job.overrides for job in jobs])
+    reported = {job for job in jobs if job.is_done}
+    count = len(reported)
+    lock = threading.Lock()
+
+    def report_ended() -> None:
+        nonlocal count
+        with lock:
+            for job in jobs:
+                status = read_status(job.folder)
+                if job in reported or status == before[job] or status.get("status") == "running":
+                    continue
+                reported.add(job)
+                count += 1
+                line = f"{count}/{len(jobs)}  job {job.number} ({varied[job.overrides]}): "
+                line += result_text(job.folder)
+                console.print(line, highlight=False, markup=False)
+
+    def poll() -> None:
+        while not stopped.wait(WATCH_S):
+            report_ended()
+
+    thread = threading.Thread(target=poll, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stopped.set()
+        thread.join()
+        report_ended()
 
 
 def launch_all(launch: Launch, jobs: Sequence[Job], console: Console) -> None:

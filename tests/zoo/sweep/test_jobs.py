@@ -18,7 +18,7 @@ from tests.zoo.sweeps import change_status
 from zoo.base.errors import InputError
 from zoo.cli.process_ranks import needs_processes
 from zoo.runs.status import GONE_S, is_alive, read_status, write_status
-from zoo.sweep.launch_rounds import Job, launch_all
+from zoo.sweep.jobs import Job, launch_all
 
 
 def status(folder: Path) -> str:
