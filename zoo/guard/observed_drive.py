@@ -9,7 +9,13 @@ import numpy as np
 import torch
 
 from simulator.world import World
-from zoo.checkpoints.command import Command, PolicyFunction, call_policy, reset_policy
+from zoo.checkpoints.command import (
+    Command,
+    PolicyFunction,
+    call_policy,
+    expect_steering,
+    reset_policy,
+)
 from zoo.checkpoints.policy import load_policy
 from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
 from zoo.guard.conditions import conditioned_policy
@@ -60,6 +66,19 @@ class Observer:
     def reset(self) -> None:
         """Let the policy forget the frames before."""
         reset_policy(self._policy)
+
+    def expect(self, steering: np.ndarray) -> None:
+        """Tell the policy which steering the wheels will have."""
+        expect_steering(self._policy, steering)
+
+    @property
+    def latency_s(self) -> float:
+        """Return the latency that the policy assumes; it has none if that has none."""
+        return self._policy.latency_s  # type: ignore[attr-defined]
+
+    @latency_s.setter
+    def latency_s(self, latency_s: float) -> None:
+        self._policy.latency_s = latency_s  # type: ignore[attr-defined]
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 import bisect
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from zoo.correct.collecting import LabellingPolicy
 from zoo.drives.latency_meter import LatencyMeter, latency_meter
 from zoo.evaluate.embedded_drive import drive_closed_loop
 from zoo.evaluate.many_drives import speed_controller
+from zoo.guard.observed_drive import Observer
 
 
 class Ahead:
@@ -54,12 +57,18 @@ def test_a_drive_finds_the_delay_of_its_world(delay_s: float) -> None:
     assert np.abs(np.array(policy.latencies[60:]) - delay_s).max() < 0.021
 
 
-def test_a_correction_tells_the_models_policy() -> None:
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda policy: LabellingPolicy(policy, policy.world, 12, 0.0, 0.1, 0),
+        lambda policy: Observer(policy, {}),
+    ],
+    ids=["correct", "guard"],
+)
+def test_a_policy_that_is_watched_knows_the_latency(wrap: Callable[[Ahead], Any]) -> None:
     world = open_world("lake", "none", delay_s=0.4)
     policy = Ahead(world)
-    drive_closed_loop(
-        LabellingPolicy(policy, world, 12, 0.0, 0.1, 0), world, speed_controller(12), 1, 0.1
-    )
+    drive_closed_loop(wrap(policy), world, speed_controller(12), 1, 0.1)
     assert policy.latencies[-1] == 0.4
 
 
