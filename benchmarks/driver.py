@@ -240,14 +240,14 @@ def random_policy(name: str) -> object:
     import torch
 
     from zoo.checkpoints.checkpoint import Checkpoint
-    from zoo.checkpoints.policy import Policy
+    from zoo.checkpoints.policy import CheckpointPolicy
     from zoo.models.make_network import make_network, view_of
 
     torch.set_num_threads(1)
     config = compose_config([f"model={name}"])
     view = view_of(config["model"], config["data"]["crop"])
     network = make_network(config["model"], view).eval()
-    policy = Policy(Checkpoint(network, view, config, {}))
+    policy = CheckpointPolicy(Checkpoint(network, view, config, {}))
     for _ in range(3):
         policy(np.zeros((160, 320, 3), np.uint8), 0.0)
     return policy

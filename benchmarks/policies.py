@@ -26,8 +26,9 @@ from simulator.world import Start, open_world
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.policy import Policy, load_policy
-from zoo.evaluate.many_drives import Setup, drive_once, drive_setup, open_setup
+from zoo.checkpoints.policy import CheckpointPolicy, load_policy
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
 REPLAYS = Path("outputs/replay_validation")
 
@@ -98,7 +99,7 @@ def saliency(checkpoint: str, folder: str) -> None:
         print(f"{name}: {np.mean(ranks):.2f} (over {len(ranks)} frames, sd {np.std(ranks):.2f})")
 
 
-def steering_changes(policy: Policy, frame: np.ndarray, step: int) -> np.ndarray:
+def steering_changes(policy: CheckpointPolicy, frame: np.ndarray, step: int) -> np.ndarray:
     """Return float64 [16, 32]: the change of steering when the patch at a place is grey."""
     steering = policy(frame, 9.0)[0]
     changes = np.zeros((frame.shape[0] // step, frame.shape[1] // step))
@@ -136,7 +137,7 @@ def guard(checkpoint: str, samples: str = "16") -> None:
         except InputError as error:
             print(f"{name}: {error}")
             continue
-        took: dict[Policy | GuardedPolicy, list[float]] = {policy: [], guarded: []}
+        took: dict[CheckpointPolicy | GuardedPolicy, list[float]] = {policy: [], guarded: []}
         for frame in rng.integers(0, 255, (210, 160, 320, 3), np.uint8):
             for driver, times in took.items():
                 began = time.process_time()
@@ -153,17 +154,11 @@ def start_seeds(tracks: str, *checkpoints: str) -> None:
     draws. Prints the interventions of each seed, and the share of them that the next seed repeats
     within 5 m of the same place: 1 shows copies of one observation, not three of them.
     """
-    torch.set_num_threads(1)
     for name in checkpoints:
         for track in tracks.split(","):
             for weather in (CLEAR, "random"):
-                drives = []
-                for seed in range(3):
-                    setup = Setup(track, seed, weather=weather)
-                    world = open_setup(setup, "auto")
-                    policy = load_policy(str(find_checkpoint(name)))
-                    drives.append(drive_setup(policy, world, setup))
-                    world.pictures.close()
+                scenarios = [Scenario(track, seed, weather=weather) for seed in range(3)]
+                drives = all_drives(str(find_checkpoint(name)), scenarios)
                 places = [drive.distance_m[drive.intervention] for drive in drives]
                 again, length_m = 0, drives[0].length_m
                 for own, other in zip(places, [places[-1], *places], strict=False):
@@ -271,26 +266,26 @@ def digest(path: str) -> str:
 def drive_and_replay(checkpoint: str, folder: str) -> dict[str, dict[str, float]]:
     """Return a checkpoint's figures: `replay`, `same` (speed and margin), `evaluate`."""
     from zoo.drives.metrics import measure
-    from zoo.evaluate.recording_replay import replay
+    from zoo.worlds.replay_world import ReplayWorld
 
     def figures() -> dict[str, dict[str, float]]:
         torch.set_num_threads(1)
         recording, policy = read_recordings(folder), load_policy(checkpoint)
-        replayed = measure(replay(policy, recording))
+        (replay,) = all_drives(policy, [Scenario()], world=ReplayWorld(recording))
+        replayed = measure(replay)
         frames, speeds, true = frames_of(folder, len(recording))
         steering = [policy(*pair)[0] for pair in zip(frames, speeds, strict=True)]
         replayed["mse"] = float(np.mean((np.array(steering) - true) ** 2))
-        same = Setup("lake", speed_mph=float(np.median(speeds)), margin_m=1.0)
-        setups = {"same": same, "evaluate": Setup("lake")}
-        driven = {name: drive_once(checkpoint, one, None) for name, one in setups.items()}
-        return {"replay": replayed, **driven}
+        same = Scenario("lake", speed=float(np.median(speeds)), margin=1.0)
+        drives = all_drives(checkpoint, [same, Scenario("lake")])
+        return {"replay": replayed, "same": measure(drives[0]), "evaluate": measure(drives[1])}
 
     return kept(REPLAYS / f"{digest(checkpoint)}-{Path(folder).name}.json", figures)
 
 
 def compare_warps() -> None:
     """Print the warp's mean absolute error below the horizon, in grey levels of 255."""
-    from zoo.evaluate.camera_warp import Warp
+    from zoo.worlds.camera_warp import Warp
 
     world, warp = open_world("lake"), Warp()
     rows, strips = [], []

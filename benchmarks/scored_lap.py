@@ -11,14 +11,16 @@ import time
 from pathlib import Path
 
 import torch
-from rich.console import Console
 
 from benchmarks.driver import random_checkpoint, random_policy
 from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 from simulator.world import Start
 from zoo.base.cores import usable_cores
 from zoo.drives.drive_record import Drive
-from zoo.evaluate.many_drives import Setup, drive_all, drive_once, drive_setup, open_setup
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.open_world import open_world
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
 LAPS, SHORT_LAPS = 0.2, 0.02
 MANY = 4
@@ -28,20 +30,21 @@ def measure(short: bool) -> list[Row]:
     """Measure the two ratios."""
     torch.set_num_threads(1)
     laps, rounds = (SHORT_LAPS, 1) if short else (LAPS, 3)
-    setup = Setup("lake", laps=laps, speed_mph=20.0)
-    policy, world = random_policy("nvidia"), open_setup(setup, "auto")
+    scenario = Scenario("lake", laps=laps, speed=20.0)
+    policy, world = random_policy("nvidia"), open_world(scenario)
+    simulated = world.simulated
     frames: list = []
 
     def scored() -> float:
         began = time.process_time()
-        found.append(drive_setup(policy, world, setup))
+        found.append(drive(policy, world, scenario))
         return time.process_time() - began
 
     def rendered() -> float:
-        drive, seconds = found[-1], 0.0
+        last, seconds = found[-1], 0.0
         frames.clear()
-        for distance, row in zip(drive.distance_m, drive.rows, strict=True):
-            world.put_back(Start(distance, cte=row.cross_track_m, speed_mph=row.speed_mph))
+        for distance, row in zip(last.distance_m, last.rows, strict=True):
+            simulated.put_back(Start(distance, cte=row.cross_track_m, speed_mph=row.speed_mph))
             began = time.process_time()
             frames.append(world.frame())
             seconds += time.process_time() - began
@@ -57,7 +60,7 @@ def measure(short: bool) -> list[Row]:
     turns = take_turns(
         {"scored s": scored, "rendering s": rendered, "network s": predicted}, rounds
     )
-    world.pictures.close()
+    world.close()
     sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
     rows = [
@@ -78,16 +81,16 @@ def _many(short: bool) -> Row:
     laps, rounds = (SHORT_LAPS, 1) if short else (1.0, 1)
     with tempfile.TemporaryDirectory() as folder:
         checkpoint = random_checkpoint(Path(folder))
-        setups = [Setup("lake", seed, laps, 20.0) for seed in range(MANY)]
+        scenarios = [Scenario("lake", seed, laps, 20.0) for seed in range(MANY)]
 
         def one() -> float:
             began = time.perf_counter()
-            drive_once(checkpoint, setups[0], None)
+            all_drives(checkpoint, scenarios[:1])
             return time.perf_counter() - began
 
         def many() -> float:
             began = time.perf_counter()
-            drive_all(checkpoint, setups, [None] * MANY, MANY, Console(quiet=True))
+            all_drives(checkpoint, scenarios, workers=MANY)
             return time.perf_counter() - began
 
         turns = take_turns({"four s": many, "one s": one}, rounds)

@@ -16,9 +16,8 @@ import numpy as np
 from benchmarks.measuring import make_console, print_table
 from zoo.cli.command_config import read_options
 from zoo.search.failure_archive import Archive
-from zoo.search.first_failure import BATCH
 from zoo.search.search_options import SearchOptions
-from zoo.search.search_run import make_sampler
+from zoo.search.search_run import BATCH, make_sampler
 from zoo.search.search_space import Candidate, SearchSpace
 
 SAMPLERS = "archive,tpe,random,family"

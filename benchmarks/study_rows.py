@@ -292,38 +292,44 @@ def drive_lap(
     A drive ends where a throttle cannot move the car: putting it back at 0 mph would not help. Its
     figures have only `stalled_m`, the distance.
     """
-    import torch
-
-    from simulator.world import open_world
     from zoo.checkpoints.policy import load_policy
     from zoo.drives.drive_log import summarize
     from zoo.drives.speed_controller import PI, Constant
-    from zoo.evaluate.embedded_drive import drive_closed_loop
+    from zoo.worlds.drive_loop import drive
+    from zoo.worlds.embedded_world import open_embedded
+    from zoo.worlds.run_drives import one_thread
+    from zoo.worlds.scenario import Scenario
 
-    torch.set_num_threads(1)  # one frame is too little work for two threads
     kind, value = control.removesuffix(" mph").split()
     controls = {
         "hold": lambda: PI(float(value), kp=0.1, ki=0.002),
         "proportional": lambda: PI(float(value), kp=0.5),
         "throttle": lambda: Constant(float(value)),
     }
-    world, moved_s = open_world(track, frame_rate=frame_rate), 0.0
+    scenario = Scenario(
+        track,
+        laps=laps,
+        speed=15.0 if kind == "throttle" else float(value),
+        throttle="network" if kind == "throttle" else "hold",  # it starts at a standstill
+        frame_rate=frame_rate,
+    )
+    world, moved_s = open_embedded(scenario), 0.0
 
     def check(_: object, row: object) -> None:
         nonlocal moved_s
         if row.speed_mph > 1:
             moved_s = row.time_s
         elif row.time_s - moved_s > STALLED_S:
-            raise StalledError(world.travelled)
+            raise StalledError(world.simulated.travelled)
 
     try:
-        policy = load_policy(checkpoint)
-        drive = drive_closed_loop(policy, world, controls[kind](), 0, laps=laps, show=check)
-        return summarize(drive)
+        policy, speed = load_policy(checkpoint), controls[kind]()
+        with one_thread():
+            return summarize(drive(policy, world, scenario, show=check, speed=speed))
     except StalledError as stalled:
         return {"stalled_m": round(stalled.args[0])}
     finally:
-        world.pictures.close()
+        world.close()
 
 
 def drive_and_keep(path: Path, settings: dict) -> dict:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivezoo.training import Training
-    from zoo.evaluate.environment_policy import EnvironmentPolicy
+    from zoo.worlds.environment_policy import EnvironmentPolicy
 
 
 @one_line_errors
@@ -50,19 +50,17 @@ def policy(
         InputError: the checkpoint cannot be loaded, or predicts no throttle although it must.
         UsageError: a value is wrong.
     """
+    from zoo.checkpoints.command import as_policy
     from zoo.checkpoints.policy import load_policy
     from zoo.cli.command_config import read_options
-    from zoo.drives.speed_controller import Network
-    from zoo.evaluate.environment_policy import EnvironmentPolicy
     from zoo.evaluate.evaluate_options import EvaluateOptions
-    from zoo.evaluate.many_drives import check_throttle, speed_controller
+    from zoo.worlds.drive_loop import speed_controller
+    from zoo.worlds.environment_policy import EnvironmentPolicy
+    from zoo.worlds.run_drives import check_throttle
 
     keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}
     settings = read_options("evaluate", EvaluateOptions, options("evaluate", keys))
     named = checkpoint_of(driver)
-    steering = load_policy(named) if isinstance(named, str) else named
+    steering = load_policy(named) if isinstance(named, str) else as_policy(named)
     check_throttle(steering, settings.throttle)
-    controller: Any = speed_controller(settings.speed)
-    if settings.throttle == "network":
-        controller = Network()
-    return EnvironmentPolicy(steering, controller, settings.frame_rate)
+    return EnvironmentPolicy(steering, speed_controller(settings), settings.frame_rate)

@@ -215,7 +215,7 @@ class World:
 
 
 def open_world(
-    track: str = "lake",
+    track: str | Track = "lake",
     renderer: str = "auto",
     quality: str = "full",
     frame_rate: float = 15.0,
@@ -224,12 +224,12 @@ def open_world(
     seed: int = 0,
     reverses: bool = True,
 ) -> World:
-    """Open a world by its track's name or file; `renderer="none"` gives a world without frames.
+    """Open a world of a track, or of its name or file; `renderer="none"` gives no frames.
 
     Raises:
         InputError: there is no such track or renderer, or a value is not allowed.
     """
-    course, pictures = read_track(track), None
+    course, pictures = read_track(track) if isinstance(track, str) else track, None
     if renderer != "none":
         from simulator.pictures import open_pictures  # slow import: a training only checks worlds
 

@@ -21,9 +21,9 @@ from zoo.drives.metric_registry import DRIVES, HIGHER, LOWER, NEITHER, REPLAYS
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
 from zoo.drives.metrics_page import metrics_page
 from zoo.evaluate.drives_table import mean_and_spread, print_drives
-from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.new.part_files import TEMPLATES
+from zoo.worlds.scenario import Scenario
 
 ROWS = [
     DriveRow(0.1 * row, steering=0.2 * row, speed_mph=9.0 + row, cross_track_m=0.1 * row)
@@ -56,11 +56,11 @@ def test_a_metric_has_a_value_or_is_unknown(name: str, drive: str) -> None:
 
 
 @pytest.mark.parametrize("name", PERTURBATIONS.own())
-def test_a_perturbation_changes_a_setup_by_each_value(name: str) -> None:
-    setups = sweeps([name], Setup("lake", weather="random"))[name]
-    assert list(setups) == sorted(setups)
-    assert set(PERTURBATIONS[name].values) <= set(setups)
-    changed = [str(asdict(setup)) for setup in setups.values()]
+def test_a_perturbation_changes_a_scenario_by_each_value(name: str) -> None:
+    scenarios = sweeps([name], Scenario("lake", weather="random"))[name]
+    assert list(scenarios) == sorted(scenarios)
+    assert set(PERTURBATIONS[name].values) <= set(scenarios)
+    changed = [str(asdict(scenario)) for scenario in scenarios.values()]
     assert len(set(changed)) == len(changed)
 
 
@@ -123,8 +123,8 @@ def test_a_perturbation_of_an_installed_package_is_driven(tmp_path: Path) -> Non
     code = template("perturbation", "aslant")
     with installed(tmp_path, code, "drivezoo.perturbations", PERTURBATIONS):
         assert "aslant" in perturbations_named("all")
-        setups = sweeps(["aslant"], Setup("lake"))["aslant"]
-        assert [setup.heading_deg for setup in setups.values()] == [12.0, 0.0, -12.0]
+        scenarios = sweeps(["aslant"], Scenario("lake"))["aslant"]
+        assert [scenario.heading for scenario in scenarios.values()] == [12.0, 0.0, -12.0]
 
 
 def test_a_command_measures_and_perturbs_with_the_users_files(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -150,11 +149,35 @@ class ProcessPool:
         )
 
 
-@contextmanager
-def opened_runner(workers: int, most: int) -> Iterator[Callable[..., Iterator[tuple[int, Any]]]]:
-    """Open processes, and yield a function that runs jobs; see `drive_in_processes`.
+class ThisProcess:
+    """A pool without further processes, since starting one takes seconds; see `ProcessPool`."""
 
-    A single process is this one, since starting another takes seconds.
+    def __init__(self) -> None:
+        self.shares: dict[int, float] = {}
+        self.show: Callable[[], None] = lambda: None  # called when a share changes
+        self._queue: deque[tuple[int, Callable, tuple]] = deque()
+        self._submitted = 0
+
+    def submit(self, function: Callable, *arguments: object) -> int:
+        """Queue a job, and return its number."""
+        self._queue.append((self._submitted, function, arguments))
+        self._submitted += 1
+        return self._submitted - 1
+
+    def finished(self, wait_s: float) -> list[tuple[int, Any]]:
+        """Run the next job, and return its number and result."""
+        number, function, arguments = self._queue.popleft()
+
+        def report(share: float) -> None:
+            self.shares[number] = share
+            self.show()
+
+        return [(number, function(*arguments, report))]
+
+
+@contextmanager
+def opened_pool(workers: int, most: int) -> Iterator[ProcessPool | ThisProcess]:
+    """Open a pool for several calls of `run_jobs`; a pool of one process is this one.
 
     Args:
         workers: number of processes; 0 for one per core.
@@ -162,78 +185,52 @@ def opened_runner(workers: int, most: int) -> Iterator[Callable[..., Iterator[tu
     """
     processes = min(workers or usable_cores(), most)
     if processes <= 1:
-        yield _run_here
+        yield ThisProcess()
         return
     with ProcessPool(processes) as pool:
-        yield partial(_run, pool)
+        yield pool
 
 
-def drive_in_processes(
-    drive: Callable[..., Result],
+def run_jobs(
+    pool: ProcessPool | ThisProcess,
+    function: Callable[..., Result],
     jobs: Sequence[tuple],
-    workers: int,
     show: Callable[[float], None] = lambda share: None,
     sizes: Sequence[float] | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """Yield the number and result of each job, in the order in which they finish.
 
-    A result is what `drive(*job, report)` returns.
+    A result is what `function(*job, report)` returns.
 
     Args:
-        drive: function at the top level of a module; it calls `report(share)` with the share of the
-            job that is done, 0..1.
-        jobs: arguments of each drive.
-        workers: number of processes; 0 for one per core.
+        pool: pool that runs the jobs.
+        function: function at the top level of a module; it calls `report(share)` with the share of
+            the job that is done, 0..1.
+        jobs: arguments of each call.
         show: function called with the share of all jobs that is done, 0..1.
         sizes: amount of work of each job, in any unit; None for equal jobs.
 
     Raises:
         KilledProcessError: a process was killed, for example because memory ran out.
-        Exception: a job failed; the others are ended.
+        Exception: a job failed.
     """
-    with opened_runner(workers, most=len(jobs)) as run:
-        yield from run(drive, jobs, show, sizes)
-
-
-def _run(
-    pool: ProcessPool,
-    function: Callable[..., Result],
-    jobs: Sequence[tuple],
-    show: Callable[[float], None] = lambda share: None,
-    sizes: Sequence[float] | None = None,
-) -> Iterator[tuple[int, Result]]:
-    weights, shares = _weights(jobs, sizes), np.zeros(len(jobs))
+    weights = np.ones(len(jobs)) if sizes is None else np.asarray(sizes, np.float64)
+    weights, shares = weights / weights.sum(), np.zeros(len(jobs))
     places = {pool.submit(function, *job): place for place, job in enumerate(jobs)}
+
+    def show_shares() -> None:
+        for number, place in places.items():
+            shares[place] = pool.shares.get(number, 0.0)
+        show(float(weights @ shares))
+
+    if isinstance(pool, ThisProcess):
+        pool.show = show_shares
     while places:
         for number, result in pool.finished(LOOK_S):
             place = places.pop(number)
             yield place, result
             shares[place] = 1.0
-        for number, place in places.items():
-            shares[place] = pool.shares.get(number, 0.0)
-        show(float(weights @ shares))
-
-
-def _run_here(
-    function: Callable[..., Result],
-    jobs: Sequence[tuple],
-    show: Callable[[float], None] = lambda share: None,
-    sizes: Sequence[float] | None = None,
-) -> Iterator[tuple[int, Result]]:
-    weights, shares = _weights(jobs, sizes), np.zeros(len(jobs))
-
-    def report(place: int, share: float) -> None:
-        shares[place] = share
-        show(float(weights @ shares))
-
-    for place, job in enumerate(jobs):
-        yield place, function(*job, partial(report, place))
-        report(place, 1.0)
-
-
-def _weights(jobs: Sequence[tuple], sizes: Sequence[float] | None) -> np.ndarray:
-    weights = np.ones(len(jobs)) if sizes is None else np.asarray(sizes, np.float64)
-    return weights / weights.sum()
+        show_shares()
 
 
 @contextmanager

@@ -84,7 +84,9 @@ def benchmark(names: list[str], options: BenchmarkOptions, console: Console) -> 
             line = f"{folder}: resumes after {len(finished.drives)} finished drives"
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         try:
-            drives = drive_suite(drivers, suite, finished, options.workers, console)
+            jobs = [(number, one) for number in range(len(drivers)) for one in suite.drives]
+            mean = suite.mean_steering
+            drives = drive_suite(drivers, jobs, mean, options.workers, console, finished)
         except KeyboardInterrupt:
             raise StoppedError(
                 f"stopped after {len(finished.drives)} of {len(drivers) * len(suite.drives)} "

@@ -1,23 +1,24 @@
 """Drivers of the benchmark: checkpoints, and the baselines that need no frames."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from simulator.expert import Expert
-from simulator.world import World
 from zoo.base.errors import InputError, UsageError
 from zoo.base.regular_file import hash_file
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import DriverRecord
 from zoo.benchmark.suite import Suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.command import Policy, as_policy
+from zoo.worlds.run_drives import PolicyMaker, load_kept
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import World
 
-Steer = Callable[[np.ndarray | None, float], tuple[float, float | None]]
 LATE_S = 0.4  # delay of the late expert's commands, in seconds
 
 
@@ -81,7 +82,7 @@ def read_driver(path: Path) -> Driver:
     Raises:
         InputError: the checkpoint cannot be read.
     """
-    policy = _policy(str(path))
+    policy = load_kept(str(path))
     seed = policy.config.get("seed")
     return Driver(
         file=str(path),
@@ -93,37 +94,30 @@ def read_driver(path: Path) -> Driver:
     )
 
 
-def needs_frames(file: str) -> bool:
-    """Return whether a driver, named as in `Driver.file`, looks at frames."""
-    return file not in BASELINES
-
-
-def steering_of(file: str, world: World, mean_steering: float | None) -> Steer:
-    """Return the policy of a driver in a world.
+@dataclass(frozen=True)
+class Baseline(PolicyMaker):
+    """What makes the policy of a baseline, which looks at no frames.
 
     Args:
-        file: path of the checkpoint, or name of the baseline.
-        world: world to drive in.
+        name: name of the baseline.
         mean_steering: steering of the baseline `mean`, -1..1.
     """
-    if file in ("zero", "mean"):
-        steering = 0.0 if file == "zero" else float(mean_steering or 0.0)
-        return lambda frame, mph: (steering, None)
-    if file not in BASELINES:
-        return _policy(file)
-    expert = Expert(world.track)
-    frames = round(LATE_S / world.frame_s) if file == "expert_late" else 0
-    waiting = deque([0.0] * frames)
 
-    def drive(frame: np.ndarray | None, mph: float) -> tuple[float, float | None]:
-        waiting.append(expert(world)[0])
-        return waiting.popleft(), None
+    name: str
+    mean_steering: float | None
 
-    return drive
+    def policy(self, world: World, scenario: Scenario) -> Policy:
+        """Return the policy of the baseline in the embedded world."""
+        if self.name in ("zero", "mean"):
+            steering = 0.0 if self.name == "zero" else float(self.mean_steering or 0.0)
+            return as_policy(lambda frame, mph: (steering, None))
+        simulated = world.simulated
+        expert = Expert(simulated.track)
+        frames = round(LATE_S / simulated.frame_s) if self.name == "expert_late" else 0
+        waiting = deque([0.0] * frames)
 
+        def drive(frame: np.ndarray | None, mph: float) -> tuple[float, None]:
+            waiting.append(expert(simulated)[0])
+            return waiting.popleft(), None
 
-@lru_cache(maxsize=1)  # a process mostly drives one checkpoint
-def _policy(file: str) -> Steer:
-    from zoo.checkpoints.policy import load_policy
-
-    return load_policy(file)
+        return as_policy(drive)

@@ -38,7 +38,7 @@ class FinishedDrives:
         first = {
             "suite": suite.name,
             "roads": suite.roads,
-            "setups": [repr(one.setup) for one in suite.drives],
+            "scenarios": [repr(one.scenario) for one in suite.drives],
             "mean_steering": suite.mean_steering,
             "drivers": [one.sha256 or one.file for one in drivers],
             "code": code_fingerprint()["hash"],

@@ -11,16 +11,15 @@ from pydantic import BaseModel, Field
 
 from simulator.road_family import roads_digest
 from simulator.weather import CLEAR, read_weather
-from simulator.world import open_world
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError, UsageError
 from zoo.base.limits import check_most
 from zoo.benchmark.marks import Mark, read_marks
 from zoo.cli.conf_files import choices, conf_folder
 from zoo.cli.nearest import hint
-from zoo.evaluate.evaluate_options import SpeedMph
-from zoo.evaluate.many_drives import Setup
 from zoo.runs.record_fields import Fields, Number, check_fields
+from zoo.worlds.open_world import open_world
+from zoo.worlds.scenario import Scenario, SpeedMph
 
 LIKE, LAPS, DEV = "like", "laps", "dev"  # groups; LIKE also has the clean partners
 
@@ -57,13 +56,13 @@ class SuiteDrive:
         group: name of the group.
         track: name of the road.
         settings: settings that differ from a clean drive, as in the suite's file.
-        setup: setup of the drive.
+        scenario: what is driven.
     """
 
     group: str
     track: str
     settings: dict[str, Any]
-    setup: Setup = field(repr=False)
+    scenario: Scenario = field(repr=False)
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -188,19 +187,14 @@ def _suite_drive(file: _File, path: Path, group: str, drive: _Drive) -> SuiteDri
     settings = drive.model_dump(exclude_unset=True, exclude={"track"})
     try:
         weather = read_weather(str(drive.weather)) if drive.weather else CLEAR
-        place = {key: settings[key] for key in ("delay_s", "frame_rate") if key in settings}
-        setup = Setup(
-            track=drive.track,
-            quality=file.quality,
-            weather=weather,
-            speed_mph=drive.speed or file.speed,
-            **place,
-        )
-        setup.check()
-        open_world(renderer="none", **setup.place)
+        known = {key: value for key, value in settings.items() if value is not None}
+        usual = {"speed": file.speed, "quality": file.quality}
+        scenario = Scenario(drive.track, **usual | known | {"weather": weather})
+        scenario.check()
+        open_world(scenario, "none").close()
     except InputError as error:
         raise InputError(f"{path}: groups.{group}: {drive.track}: {error}") from None
-    return SuiteDrive(group, drive.track, settings, setup)
+    return SuiteDrive(group, drive.track, settings, scenario)
 
 
 def _check_keys(found: object, path: Path) -> None:

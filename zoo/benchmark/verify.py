@@ -12,7 +12,7 @@ from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.checked_result import Road, check_suite, is_close, read_result, road_of
 from zoo.benchmark.drivers import Driver, read_driver
-from zoo.benchmark.drives import drive_jobs
+from zoo.benchmark.drives import drive_suite
 from zoo.benchmark.result import NEEDED, DriveRecord, DriverRecord, code_name
 from zoo.benchmark.suite import find_suite, read_suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
@@ -50,7 +50,7 @@ def verify(path: Path, suite: str, drives: int, workers: int, console: Console) 
         numbers = sorted(random.sample(numbers, min(drives, len(numbers))))
     recorded = [result.drives[number] for number in numbers]
     jobs = [(one.checkpoint, by_road[road_of(one)]) for one in recorded]
-    driven = drive_jobs(drivers, jobs, found.mean_steering, workers, console)
+    driven = drive_suite(drivers, jobs, found.mean_steering, workers, console)
     different = [
         (old, new) for old, new in zip(recorded, driven, strict=True) if not is_same(old, new)
     ]

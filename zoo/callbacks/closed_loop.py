@@ -2,11 +2,11 @@
 
 import copy
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import lightning
 import numpy as np
-import torch
 from rich.console import Console
 from torch import nn
 
@@ -133,34 +133,22 @@ class ClosedLoop(lightning.Callback):
 
     def drive(self, network: nn.Module, view: View) -> dict[str, float]:
         """Drive a copy of the network; return its figures, equal for equal weights."""
-        from simulator.world import Start
         from zoo.checkpoints.checkpoint import Checkpoint
-        from zoo.checkpoints.policy import Policy
+        from zoo.checkpoints.policy import CheckpointPolicy
         from zoo.drives.driving_score import driving_score
         from zoo.drives.tally import autonomy
-        from zoo.evaluate.embedded_drive import drive_closed_loop
-        from zoo.evaluate.many_drives import speed_controller
+        from zoo.worlds.run_drives import all_drives
 
-        began, threads = time.perf_counter(), torch.get_num_threads()
-        torch.set_num_threads(1)  # one image is too little work for two threads
-        try:
-            policy = Policy(Checkpoint(copy.deepcopy(network).cpu().eval(), view, {}, {}))
-            track = self.world.track
-            # On an open road the last start leaves room for a whole drive.
-            spread = track.length if track.closed else max(track.length - self.metres, 0.0)
-            drives = [
-                drive_closed_loop(
-                    policy,
-                    self.world,
-                    speed_controller(self.speed),
-                    seed=0,
-                    laps=self.metres / track.length,
-                    start=Start(number * spread / self.starts, speed_mph=self.speed),
-                )
-                for number in range(self.starts)
-            ]
-        finally:
-            torch.set_num_threads(threads)
+        began = time.perf_counter()
+        policy = CheckpointPolicy(Checkpoint(copy.deepcopy(network).cpu().eval(), view, {}, {}))
+        track = self.world.simulated.track
+        # On an open road the last start leaves room for a whole drive.
+        spread = track.length if track.closed else max(track.length - self.metres, 0.0)
+        scenario = replace(self.scenario, laps=self.metres / track.length)
+        scenarios = [
+            replace(scenario, start=number * spread / self.starts) for number in range(self.starts)
+        ]
+        drives = all_drives(policy, scenarios, world=self.world)
         error = np.abs(np.concatenate([one.cross_track_m for one in drives]))
         interventions = sum(int(one.intervention.sum()) for one in drives)
         driven_s = sum(float(one.time_s[-1]) for one in drives)
@@ -188,10 +176,12 @@ class ClosedLoop(lightning.Callback):
 
     def _open(self) -> str | None:
         """Open the world; return why it cannot be opened, or None."""
-        from simulator.world import open_world
+        from zoo.worlds.open_world import open_world
+        from zoo.worlds.scenario import Scenario
 
+        self.scenario = Scenario(self.track, speed=self.speed, quality=self.quality)
         try:
-            self.world = open_world(self.track, "auto", self.quality)
+            self.world = open_world(self.scenario)
         except InputError as error:
             return str(error)
         return None
@@ -209,7 +199,7 @@ def best_drive(
     for callback in trainer.callbacks:
         if isinstance(callback, ClosedLoop) and callback.world is not None:
             figures = callback.drive(module.network, view)
-            callback.world.pictures.close()  # a sweep's next job opens another world
+            callback.world.close()  # a sweep's next job opens another world
             callback.world = None
             return {
                 "track": recorded_name(callback.track),

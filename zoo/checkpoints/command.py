@@ -1,8 +1,11 @@
-"""What a policy returns, and the state that some policies keep between frames."""
+"""The contract of a policy, and the command that it returns."""
 
+import copy
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,14 +36,134 @@ class Command:
 
 
 # Function of a frame, uint8 [160, 320, 3] RGB (None in a world without a renderer), and mph. A
-# plain function may return a pair of steering and throttle.
+# plain function may return a pair of steering and throttle; `as_policy` makes a policy of it.
 PolicyFunction = Callable[[Any, float], Command | tuple[float, float | None]]
 
 
-def call_policy(policy: PolicyFunction, frame: np.ndarray | None, speed_mph: float) -> Command:
-    """Return a policy's command for a frame; see `PolicyFunction`."""
-    found = policy(frame, speed_mph)
-    return found if isinstance(found, Command) else Command(*found)
+class Policy:
+    """What drives a car: a function of a frame and a speed, and facts about it.
+
+    A subclass defines `__call__`. All other methods and attributes have defaults, those of a policy
+    without a state, without networks and without a guard.
+
+    Attributes:
+        name: name of its network, for messages and tables.
+        parameters: number of parameters of its networks.
+        outputs: 1 for steering, 2 for steering and throttle.
+        takes_speed: whether the command depends on the speed.
+        predicts_spread: whether the command has a spread.
+        latency_s: seconds from a command to the wheels, which a driver sets before each call; None
+            for a policy that does not predict steps ahead.
+        alarms: how often a guard has begun to slow the car down, in all sessions; None without one.
+        view: what the network sees of a frame; None without a network.
+        config, data: the experiment's config, and the recording's `fingerprint` and `rows`; empty
+            without a checkpoint.
+    """
+
+    name: str = "policy"
+    parameters: int = 0
+    outputs: int = 1
+    takes_speed: bool = False
+    predicts_spread: bool = False
+    latency_s: float | None = None
+    alarms: int | None = None
+    view: Any = None
+    config: Mapping[str, Any] = MappingProxyType({})
+    data: Mapping[str, Any] = MappingProxyType({})
+
+    def __call__(self, frame: Any, speed_mph: float) -> Command:
+        """Return the command for a frame.
+
+        Args:
+            frame: RGB image of the centre camera, uint8 [160, 320, 3].
+            speed_mph: the car's speed in mph.
+        """
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Forget the frames before, at a start and after the car was put back."""
+
+    def session(self) -> "Policy":
+        """Return the policy for one more car: with a state of its own, if it keeps one."""
+        return self
+
+    def expect(self, steering: np.ndarray) -> None:
+        """Take the steering of the wheels from now until a command reaches them.
+
+        Args:
+            steering: float [n], -1..1, evenly spaced over `latency_s`.
+        """
+
+    @property
+    def members(self) -> tuple["Policy", ...]:
+        """Return the policies of an ensemble, or the policy itself."""
+        return (self,)
+
+
+class FunctionPolicy(Policy):
+    """A plain function of a frame and mph as a policy.
+
+    >>> def steer_left(frame, speed_mph):
+    ...     return -0.1, None
+    >>> FunctionPolicy(steer_left).name, FunctionPolicy(steer_left)(None, 9.0).steering
+    ('steer_left', -0.1)
+    """
+
+    def __init__(self, function: PolicyFunction) -> None:
+        self.function = function
+        self.name = getattr(function, "__name__", type(function).__name__)
+
+    def __call__(self, frame: Any, speed_mph: float) -> Command:
+        """Return the function's command for a frame."""
+        returned = self.function(frame, speed_mph)
+        return returned if isinstance(returned, Command) else Command(*returned)
+
+
+def as_policy(driver: Policy | PolicyFunction) -> Policy:
+    """Return a policy as it is, and a plain function as a policy."""
+    return driver if isinstance(driver, Policy) else FunctionPolicy(driver)
+
+
+def _forwarded(name: str) -> Any:
+    """Return a property that reads and sets an attribute of the wrapped policy."""
+    return property(
+        attrgetter(f"policy.{name}"), lambda self, value: setattr(self.policy, name, value)
+    )
+
+
+class PolicyWrapper(Policy):
+    """A policy that has all methods and facts of another one; subclasses change some.
+
+    Args:
+        policy: policy to wrap.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy = policy
+
+    name, parameters, outputs = map(_forwarded, ("name", "parameters", "outputs"))
+    takes_speed, predicts_spread = map(_forwarded, ("takes_speed", "predicts_spread"))
+    latency_s, alarms = map(_forwarded, ("latency_s", "alarms"))
+    view, config, data = map(_forwarded, ("view", "config", "data"))
+    members = _forwarded("members")
+
+    def __call__(self, frame: Any, speed_mph: float) -> Command:
+        """Return the wrapped policy's command for a frame."""
+        return self.policy(frame, speed_mph)
+
+    def reset(self) -> None:
+        """Reset the wrapped policy."""
+        self.policy.reset()
+
+    def session(self) -> "Policy":
+        """Return a copy that wraps a session of the policy."""
+        other = copy.copy(self)
+        other.policy = self.policy.session()
+        return other
+
+    def expect(self, steering: np.ndarray) -> None:
+        """Pass on the steering that the wheels will have."""
+        self.policy.expect(steering)
 
 
 def output_command(outputs: Sequence[float], predicts_spread: bool) -> Command:
@@ -70,41 +193,3 @@ def mixture(commands: Sequence[Command]) -> Command:
     throttles = [one.throttle for one in commands if one.throttle is not None]
     throttle = sum(throttles) / count if len(throttles) == count else None
     return Command(steering, throttle, math.sqrt(sum(squares) / count))
-
-
-def expect_steering(policy: PolicyFunction, steering: np.ndarray) -> None:
-    """Tell a policy the wheels' steering until its command reaches them; most need not know it.
-
-    Args:
-        policy: policy; told if it has a method `expect`, as policies that predict ahead have.
-        steering: float [n], -1..1, evenly spaced over the policy's `latency_s`.
-    """
-    expect = getattr(policy, "expect", None)
-    if expect is not None:
-        expect(steering)
-
-
-def reset_policy(policy: PolicyFunction) -> None:
-    """Let a policy forget the frames before, at a start and after the car was put back."""
-    reset = getattr(policy, "reset", None)
-    if reset is not None:
-        reset()
-
-
-def own_session(policy: PolicyFunction) -> PolicyFunction:
-    """Return the policy for one more car: with a state of its own, if it keeps one."""
-    new_session = getattr(policy, "new_session", None)
-    return policy if new_session is None else new_session()
-
-
-def policy_name(policy: PolicyFunction) -> str:
-    """Return the name of a policy's network, or of a function.
-
-    >>> def steer_left(frame, speed_mph): ...
-    >>> policy_name(steer_left)
-    'steer_left'
-    """
-    for attribute in ("name", "__name__"):
-        if isinstance(name := getattr(policy, attribute, None), str):
-            return name
-    return type(policy).__name__

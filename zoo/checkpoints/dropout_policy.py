@@ -10,13 +10,13 @@ from torch import Tensor, nn
 from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.command import Command, mixture, output_command
+from zoo.checkpoints.command import Command, Policy, mixture, output_command
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 
 LAYERS = (nn.Dropout, nn.Dropout1d, nn.Dropout2d, nn.Dropout3d)
 
 
-class DropoutPolicy:
+class DropoutPolicy(Policy):
     """A policy that runs a network under several dropout masks, and returns mean and spread.
 
     The masks are drawn once, from the seed, and stay the same for every frame. New masks for each
@@ -30,8 +30,6 @@ class DropoutPolicy:
     Attributes:
         network: network in evaluation mode, without dropout; must not be changed.
         config: the checkpoint's, with `name` as the model's name.
-        view, data, name, parameters, takes_speed, outputs, predicts_spread: as in
-            `zoo.checkpoints.policy.Policy`.
 
     Raises:
         InputError: the network has no dropout, or remembers frames.

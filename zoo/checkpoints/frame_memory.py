@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from zoo.checkpoints.command import Policy
 from zoo.checkpoints.late_command import distance_m, outputs_at, returning
 from zoo.models.window import Window
 
@@ -41,19 +42,16 @@ class FrameMemory:
         return outputs
 
 
-class SessionPolicy:
+class SessionPolicy(Policy):
     """What policies with and without memory share: a state for each session.
 
     Attributes:
         memory: state of a network with memory; None of one that looks at a single frame.
         window: frames that it was trained on, and steps that it predicts.
-        latency_s: seconds from a command to the wheels, which a driver sets before each call; only
-            policies that predict steps ahead have it.
     """
 
     memory: FrameMemory | None = None
     window = Window()
-    latency_s: float
     _steps_per_s = _recorded_mph = 0.0
     _on_the_way = NOTHING
 
@@ -78,7 +76,7 @@ class SessionPolicy:
         if self.memory is not None:
             self.memory.reset()
 
-    def new_session(self: Session) -> Session:
+    def session(self: Session) -> Session:
         """Return the policy for one more car, without frames before."""
         other = copy.copy(self)
         other._on_the_way = NOTHING
@@ -87,11 +85,7 @@ class SessionPolicy:
         return other
 
     def expect(self, steering: np.ndarray) -> None:
-        """Take the steering of the wheels from now until a command reaches them.
-
-        Args:
-            steering: float [n], -1..1, evenly spaced over `latency_s`.
-        """
+        """Take the steering of the wheels from now until a command reaches them."""
         self._on_the_way = steering
 
     def in_time(self, outputs: np.ndarray, speed_mph: float) -> np.ndarray:
@@ -103,7 +97,7 @@ class SessionPolicy:
             outputs: outputs for now and for the steps ahead, [1 + ahead, outputs].
             speed_mph: the car's speed in mph.
         """
-        if len(outputs) == 1:
+        if self.latency_s is None:
             return outputs[0]
         steps = self.latency_s * self._steps_per_s
         if self._recorded_mph:

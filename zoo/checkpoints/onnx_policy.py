@@ -33,7 +33,7 @@ def is_onnx(path: str | Path) -> bool:
 
 
 class OnnxPolicy(SessionPolicy):
-    """A policy of an ONNX file, called as `zoo.checkpoints.policy.Policy`.
+    """A policy of an ONNX file, called as `CheckpointPolicy`.
 
     Args:
         path: ONNX file.
@@ -41,10 +41,7 @@ class OnnxPolicy(SessionPolicy):
 
     Attributes:
         path: ONNX file.
-        view: the network's input.
-        config, data: the experiment's config, and the recording's `fingerprint` and `rows`.
-        name, parameters: the network's class, and its number of parameters.
-        takes_speed, outputs, predicts_spread: as in the networks of `zoo.models`.
+        onnx: session of onnxruntime.
 
     Raises:
         InputError: the file does not exist, is not an ONNX file of drivezoo or returns NaN; or
@@ -53,18 +50,18 @@ class OnnxPolicy(SessionPolicy):
 
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
-        self.session = open_session(self.path, threads)
+        self.onnx = open_session(self.path, threads)
         try:
-            card = _read_card(self.path, self.session)
+            card = _read_card(self.path, self.onnx)
         except UnicodeDecodeError:  # of onnxruntime, for any text in the file
             raise InputError(
                 f"{self.path}: its {CARD} metadata cannot be used (not UTF-8); export it again"
             ) from None
         self.view, self.config, self.data = card["view"], card["config"], card["data"]
         self.name, self.parameters = card["network"], card["parameters"]
-        self.takes_speed = SPEED in [one.name for one in self.session.get_inputs()]
+        self.takes_speed = SPEED in [one.name for one in self.onnx.get_inputs()]
         self.predicts_spread = card["predicts_spread"]
-        self.outputs = self.session.get_outputs()[0].shape[-1] - self.predicts_spread
+        self.outputs = self.onnx.get_outputs()[0].shape[-1] - self.predicts_spread
         if card["window"] is not None:
             self.keep_memory(self._first_state(1), card["window"], self.data)
         _check_finite(self)
@@ -108,7 +105,7 @@ class OnnxPolicy(SessionPolicy):
         """Return the outputs and the new state."""
         states = {f"{STATE}{number}": one for number, one in enumerate(state)}
         try:
-            return self.session.run(None, inputs | states)
+            return self.onnx.run(None, inputs | states)
         except Exception as error:  # onnxruntime raises any error on a damaged graph
             raise InputError(
                 f"{self.path}: its graph cannot be run ({type(error).__name__}); export it again"
@@ -118,7 +115,7 @@ class OnnxPolicy(SessionPolicy):
         """Return zeros, the state before the first frame, for `count` cars."""
         return [
             np.zeros((count, *one.shape[1:]), STATE_TYPES[one.type])
-            for one in self.session.get_inputs()
+            for one in self.onnx.get_inputs()
             if one.name.startswith(STATE)
         ]
 

@@ -24,7 +24,7 @@ from zoo.checkpoints.onnx_policy import OnnxPolicy, is_onnx
 from zoo.models.memory import Memory
 
 
-class Policy(SessionPolicy):
+class CheckpointPolicy(SessionPolicy):
     """A policy with the view and the network of a checkpoint.
 
     >>> policy = load_policy("outputs/.../checkpoints/best.ckpt")  # doctest: +SKIP
@@ -67,7 +67,7 @@ class Policy(SessionPolicy):
 
 def load_policy(
     path: str | Path, threads: int = 1
-) -> Policy | OnnxPolicy | DropoutPolicy | EnsemblePolicy:
+) -> CheckpointPolicy | OnnxPolicy | DropoutPolicy | EnsemblePolicy:
     """Return the policy of a checkpoint, or of a file of `drivezoo export` or `drivezoo doubt`.
 
     Args:
@@ -83,7 +83,7 @@ def load_policy(
     path = find_checkpoint(path)
     contents = load_plain(path)
     if doubt_members(contents) is None:
-        return Policy(build_checkpoint(checked_contents(contents, path), path))
+        return CheckpointPolicy(build_checkpoint(checked_contents(contents, path), path))
     return doubt_policy(contents, path)
 
 
@@ -95,7 +95,7 @@ def doubt_policy(contents: dict, path: Path) -> DropoutPolicy | EnsemblePolicy:
     """
     doubt = build_doubt(contents, path)
     if len(doubt.members) > 1:
-        return EnsemblePolicy([Policy(one) for one in doubt.members])
+        return EnsemblePolicy([CheckpointPolicy(one) for one in doubt.members])
     try:
         return DropoutPolicy(doubt.members[0], doubt.samples, doubt.seed)
     except InputError as error:

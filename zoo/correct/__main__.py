@@ -147,7 +147,8 @@ class Correction:
 
         drives = self.folder / f"round-{number}" / "drives"
         remove_written(drives)  # left by a stopped correction
-        found = score_on_tracks(checkpoint, self.options.scored, drives, self.console)
+        options = self.options
+        found = score_on_tracks(checkpoint, options.scored, drives, self.console, options.workers)
         finished = Round(number, checkpoint, corrections, found.tracks)
         self.progress = self.progress.with_round(finished)
         self.progress.save(self.folder)
@@ -194,16 +195,16 @@ def _trainable(
     path: str, options: "CorrectOptions", overrides: list[str]
 ) -> "tuple[Checkpoint, DictConfig]":
     from zoo.checkpoints.checkpoint import load_checkpoint
-    from zoo.checkpoints.policy import Policy
+    from zoo.checkpoints.policy import CheckpointPolicy
     from zoo.correct.correct_training import own_config
-    from zoo.evaluate.many_drives import check_throttle
+    from zoo.worlds.run_drives import check_throttle
 
     if Path(path).suffix == ".onnx":
         raise InputError(
             f"{path}: an ONNX file cannot be trained; name the checkpoint that it was exported from"
         )
     checkpoint = load_checkpoint(path)
-    check_throttle(Policy(checkpoint), options.throttle)
+    check_throttle(CheckpointPolicy(checkpoint), options.throttle)
     _, trusted = split_trust([f"{TRUST}={options.trust}"])
     return checkpoint, own_config(checkpoint, overrides, path, trusted)
 

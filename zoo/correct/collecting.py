@@ -1,7 +1,6 @@
 """Drives of a checkpoint, recorded with what the expert would have done at each frame."""
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,20 +13,13 @@ from simulator.rig import CAMERAS
 from simulator.weather import read_weather
 from simulator.world import World
 from zoo.base.new_folder import RECORDINGS, whole_folder
-from zoo.base.process_pool import drive_in_processes
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.command import (
-    Command,
-    PolicyFunction,
-    call_policy,
-    expect_steering,
-    reset_policy,
-)
-from zoo.cli.console_progress import progress_bar
+from zoo.checkpoints.command import Command, Policy, PolicyWrapper
 from zoo.correct.correct_options import FIRST_SEED, CorrectOptions
-from zoo.drives.drive_record import DriveRow
-from zoo.evaluate.embedded_drive import instant_expert
-from zoo.evaluate.many_drives import Setup, drive_setup, open_setup
+from zoo.drives.drive_record import Drive, DriveRow
+from zoo.worlds.embedded_world import EmbeddedWorld, instant_expert
+from zoo.worlds.run_drives import Keep, PolicyMaker, all_drives, load_kept
+from zoo.worlds.scenario import Scenario
 
 NUDGE_EVERY_S, NUDGE_S = 4.0, 0.5
 START_RANGE_S = 50 * 365 * 24 * 3600  # recordings start anywhere within 50 years
@@ -49,7 +41,7 @@ class ExpertLabel:
     throttle: float
 
 
-class LabellingPolicy:
+class LabellingPolicy(PolicyWrapper):
     """A policy that drives as the model does, and stores the expert's label at every frame.
 
     Args:
@@ -67,14 +59,15 @@ class LabellingPolicy:
 
     def __init__(
         self,
-        policy: PolicyFunction,
+        policy: Policy,
         world: World,
         expert_mph: float,
         beta: float,
         nudge: float,
         seed: int,
     ) -> None:
-        self.policy, self.world, self.beta, self.nudge = policy, world, beta, nudge
+        super().__init__(policy)
+        self.world, self.beta, self.nudge = world, beta, nudge
         self.expert = instant_expert(world, expert_mph)
         self.labels: list[ExpertLabel] = []
         self.seed = seed
@@ -82,7 +75,7 @@ class LabellingPolicy:
     def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
         """Store the expert's label, and return the command that drives."""
         world = self.world
-        command = call_policy(self.policy, frame, speed_mph)
+        command = self.policy(frame, speed_mph)
         label = self.expert(world)
         self.labels.append(ExpertLabel(world.pose(), world.frames, *label))
         second = np.random.default_rng([self.seed, 0, int(world.time)])
@@ -94,23 +87,6 @@ class LabellingPolicy:
         if begin_s <= since_s < begin_s + NUDGE_S:
             return replace(command, steering=command.steering + self.nudge * force)
         return command
-
-    def reset(self) -> None:
-        """Reset the model's policy."""
-        reset_policy(self.policy)
-
-    def expect(self, steering: np.ndarray) -> None:
-        """Tell the model's policy which steering the wheels will have."""
-        expect_steering(self.policy, steering)
-
-    @property
-    def latency_s(self) -> float:
-        """Return the latency that the model's policy assumes; it has none if that has none."""
-        return self.policy.latency_s  # type: ignore[attr-defined]
-
-    @latency_s.setter
-    def latency_s(self, latency_s: float) -> None:
-        self.policy.latency_s = latency_s  # type: ignore[attr-defined]
 
 
 def worth_keeping(
@@ -165,63 +141,73 @@ def collect(
     """
     first = FIRST_SEED + (round_number - 1) * options.drives
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as name:
-        parts, jobs = Path(name), []
-        for track in options.scored.tracks:
-            for seed in range(first, first + options.drives):
-                setup = Setup.of(options.scored, track, seed)
-                setup = replace(setup, weather=read_weather(options.weather))
-                digest = hashlib.sha256(f"{identity} {track} {seed}".encode()).digest()
-                begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
-                place = parts / f"{len(jobs):03d}"
-                jobs.append(
-                    (checkpoint, setup, options, options.beta**round_number, begin_s, place)
-                )
-        with progress_bar(f"collecting {len(jobs)} drives", console) as show:
-            found = drive_in_processes(collect_drive, jobs, options.workers, show)
-            rows = sum(rows for _, rows in found)
+        parts = Path(name)
+        scenarios = [
+            replace(one, seed=first + seed, weather=read_weather(options.weather))
+            for one in options.scored
+            if one.seed == 0
+            for seed in range(options.drives)
+        ]
+        keeps = []
+        for number, one in enumerate(scenarios):
+            digest = hashlib.sha256(f"{identity} {one.track} {one.seed}".encode()).digest()
+            begin_s = int.from_bytes(digest[:8], "big") % START_RANGE_S
+            keeps.append(RecordedErrors(parts / f"{number:03d}", options, begin_s))
+        labelled = Labelled(checkpoint, options, options.beta**round_number)
+        what = f"collecting {len(scenarios)} drives"
+        rows = sum(all_drives(labelled, scenarios, keeps, options.workers, what, console))
         if rows:
             _join(sorted(parts.iterdir()), folder)
     return rows
 
 
-def collect_drive(
-    checkpoint: str,
-    setup: Setup,
-    options: CorrectOptions,
-    beta: float,
-    begin_s: float,
-    folder: Path,
-    report: Callable[[float], None] | None = None,
-) -> int:
-    """Drive once in this process, record the drive, and return the number of rows.
+@dataclass(frozen=True)
+class Labelled(PolicyMaker):
+    """What makes the labelling policy of a drive.
 
-    The first row's time is `begin_s` after the recorder's start; `report` is called at every frame
-    with the finished share of the drive, 0..1.
+    Args:
+        checkpoint: checkpoint file, or a policy.
+        options: options of the correction.
+        beta: see `LabellingPolicy`.
     """
-    import torch
 
-    from zoo.checkpoints.policy import load_policy
+    checkpoint: str
+    options: CorrectOptions
+    beta: float
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        world = open_setup(setup, "auto")
-        policy = LabellingPolicy(
-            load_policy(checkpoint),
-            world,
-            options.expert_speed,
-            beta,
-            options.nudge,
-            setup.seed,
+    def policy(self, world: EmbeddedWorld, scenario: Scenario) -> LabellingPolicy:
+        """Return the checkpoint's policy, labelled by the expert of the world."""
+        return LabellingPolicy(
+            load_kept(self.checkpoint).session(),
+            world.simulated,
+            self.options.expert_speed,
+            self.beta,
+            self.options.nudge,
+            scenario.seed,
         )
-        drive = drive_setup(policy, world, setup, report=report)
+
+
+@dataclass(frozen=True)
+class RecordedErrors(Keep):
+    """A recording of what is worth training on in a drive; the drive results in its number of rows.
+
+    Args:
+        folder: folder of the recording.
+        options: options of the correction.
+        begin_s: time of the first row, in seconds after the recorder's start.
+    """
+
+    folder: Path
+    options: CorrectOptions
+    begin_s: float
+
+    def result(self, drive: Drive, policy: LabellingPolicy, world: EmbeddedWorld) -> int:
+        """Record the drive, and return the number of rows."""
+        options = self.options
         keep = worth_keeping(drive.rows, options.before_s, options.after_s, options.off_m)
-        with Recorder(folder, relative=True) as recorder:
-            _record(recorder, world, drive.rows, policy.labels, keep, begin_s)
-        world.pictures.close()
-    finally:
-        torch.set_num_threads(threads)
-    return recorder.rows
+        with Recorder(self.folder, relative=True) as recorder:
+            _record(recorder, world.simulated, drive.rows, policy.labels, keep, self.begin_s)
+        return recorder.rows
 
 
 def _record(

@@ -1,15 +1,15 @@
 """Options of `drivezoo correct` and their checks."""
 
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 from pydantic import Field
 
+from simulator.weather import CLEAR
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import UsageError
-from zoo.cli.command_config import compose_keys
 from zoo.evaluate import evaluate_options as scoring
+from zoo.worlds.scenario import Laps, Margin, Scenario, SpeedMph, Throttle
 
 FIRST_SEED = 1000  # first start seed of drives with corrections; scored drives have 0, 1, ...
 
@@ -21,13 +21,13 @@ Seconds = Annotated[float, Field(ge=0, le=60)]
 class CorrectOptions(WorldSettings):
     """Options of a correction; `conf/correct.yaml` has their meanings and defaults."""
 
-    speed: scoring.SpeedMph
+    speed: SpeedMph
     rounds: Annotated[int, Field(ge=1, le=100)]
     drives: Annotated[int, Field(ge=1, le=100)]
-    laps: scoring.Laps
+    laps: Laps
     seeds: Annotated[int, Field(ge=1, le=FIRST_SEED)]
-    throttle: scoring.Throttle
-    margin: scoring.Margin | None
+    throttle: Throttle
+    margin: Margin | None
     before_s: Seconds
     after_s: Seconds
     off_m: Annotated[float, Field(ge=0)] | None
@@ -43,12 +43,17 @@ class CorrectOptions(WorldSettings):
     workers: scoring.Workers
     trust: str
 
-    @cached_property
-    def scored(self) -> scoring.EvaluateOptions:
-        """Return the options of scoring before and after each round, in clear weather."""
-        names = {one.name for one in fields(scoring.EvaluateOptions)} - {"out", "weather"}
-        shared = {name: value for name, value in vars(self).items() if name in names}
-        return scoring.EvaluateOptions(**compose_keys("evaluate") | shared)
+    @property
+    def scored(self) -> list[Scenario]:
+        """Return the drives before and after each round, by track, then seed, in clear weather."""
+        own = {key.name: getattr(self, key.name) for key in fields(WorldSettings)}
+        own |= {"speed": self.speed, "laps": self.laps, "weather": CLEAR}
+        usual = Scenario(**own, throttle=self.throttle, margin=self.margin)
+        return [
+            replace(usual, track=track, seed=seed)
+            for track in scoring.track_names(self.track)
+            for seed in range(self.seeds)
+        ]
 
     @property
     def by_a_person(self) -> bool:

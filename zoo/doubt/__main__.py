@@ -77,7 +77,7 @@ def doubt(arguments: list[str]) -> None:
 
 def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> Table:
     """Return a row for each checkpoint: its file, its network, and the view that it sees."""
-    members = getattr(policy, "members", [policy])
+    members = policy.members
     names, files = [short_name(one) for one in paths], [str(one) for one in paths]
     counts = [one.parameters for one in members]
     views = {

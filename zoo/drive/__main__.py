@@ -27,10 +27,8 @@ from zoo.cli.run_command import run_command
 if TYPE_CHECKING:
     from eventlet.greenio import GreenSocket
 
-    from zoo.checkpoints.onnx_policy import OnnxPolicy
-    from zoo.checkpoints.policy import Policy
+    from zoo.checkpoints.command import Policy
     from zoo.drive.drive_settings import DriveSettings
-    from zoo.monitor.guarded_policy import GuardedPolicy
 
 COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
@@ -161,7 +159,7 @@ def open_port(host: str, port: int) -> "GreenSocket":
 
 def load_warm_policy(
     path: Path, threads: int, needs_spread: bool = False, guard: Path | None = None
-) -> "Policy | OnnxPolicy | GuardedPolicy":
+) -> "Policy":
     """Load a policy and call it three times, because the first call is the slowest.
 
     Args:
@@ -176,7 +174,6 @@ def load_warm_policy(
     import numpy as np
     import torch
 
-    from zoo.checkpoints.command import call_policy, reset_policy
     from zoo.checkpoints.policy import load_policy
     from zoo.monitor.guarded_policy import guarded
 
@@ -186,21 +183,21 @@ def load_warm_policy(
     policy = load_policy(path, threads)
     watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
-        command = call_policy(watched, np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+        command = watched(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
     if needs_spread and command.spread is None:
         raise InputError(
             f"speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
             "model=nvidia_gaussian or of drivezoo doubt, or use speed=pi"
         )
-    reset_policy(policy)
+    policy.reset()
     # A new guard, which has not seen the black frames.
     return policy if guard is None else guarded(policy, path, guard)
 
 
-def view_line(policy: "Policy | OnnxPolicy") -> str:
+def view_line(policy: "Policy") -> str:
     """Describe a policy in one line."""
     seen = []
-    for one in getattr(policy, "members", [policy]):
+    for one in policy.members:
         height, width, _ = one.view.shape
         seen.append(f"{width} x {height} {one.view.colour}")
     what = f"{policy.name} of {policy.parameters:,} parameters"

@@ -16,7 +16,7 @@ from zoo.cli.command_config import check_options, read_keys
 from zoo.drive.origin import is_loopback
 from zoo.drives.speed_controller import SpeedController
 from zoo.drives.steering_filter import SteeringFilter
-from zoo.evaluate.evaluate_options import Margin
+from zoo.worlds.scenario import Margin
 
 _SPEED = re.compile(r"(drive\.)?speed=(?P<mph>[-+]?[\d.].*)")
 

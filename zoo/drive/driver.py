@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from zoo.checkpoints.command import PolicyFunction
+from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.notices import Notices
 from zoo.drive.session import Session
@@ -55,18 +55,18 @@ class Driver:
 
     def __init__(
         self,
-        policy: PolicyFunction,
+        policy: Policy | PolicyFunction,
         controller: SpeedController,
         steer: SteeringFilter,
         writer: BackgroundWriter,
         notices: Notices,
         record: bool = False,
         checkpoint: str = "",
-        load: Callable[[Path], PolicyFunction] | None = None,
+        load: Callable[[Path], Policy] | None = None,
         margin_m: float | None = None,
         track: str | None = None,
     ) -> None:
-        self.policy, self.writer, self.notices = policy, writer, notices
+        self.policy, self.writer, self.notices = as_policy(policy), writer, notices
         self.recording, self.checkpoint, self.load = record, str(checkpoint), load
         self.paused, self.track = False, track
         self.tally = Tally()
@@ -260,7 +260,7 @@ class Driver:
             "set_mph": self.set_mph,
             "troubles": dict(self.notices.counts),
         }
-        if hasattr(self.policy, "alarms"):
+        if self.policy.alarms is not None:
             figures["guard_alarms"] = self.alarms
         written = self.writer.close(figures)
         for line in [*self.notices.count_lines(), *summary_lines(figures)]:

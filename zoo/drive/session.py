@@ -2,7 +2,7 @@
 
 import math
 
-from zoo.checkpoints.command import Command, PolicyFunction, call_policy, own_session, reset_policy
+from zoo.checkpoints.command import Command, Policy, PolicyFunction, as_policy
 from zoo.drive.telemetry_message import Telemetry, parse_number
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.latency_meter import LatencyMeter, latency_meter
@@ -38,7 +38,7 @@ class Session:
         self.overridden = self.limited = False
         # Policy of all simulators, and the one with this simulator's state.
         self._shared: PolicyFunction | None = None
-        self._policy: PolicyFunction | None = None
+        self._policy: Policy | None = None
         # Last input of the policy, and its output.
         self._asked: tuple[PolicyFunction, bytes, float] | None = None
         self._command = Command(0.0)
@@ -85,7 +85,7 @@ class Session:
         """
         self._asked = None
         if self._policy is not None:
-            reset_policy(self._policy)
+            self._policy.reset()
         if self._meter is not None:
             self._meter.restart()
 
@@ -102,13 +102,13 @@ class Session:
         with most images. The call takes most of the latency.
         """
         if policy is not self._shared:
-            self._shared, self._policy = policy, own_session(policy)
-            reset_policy(self._policy)  # a policy without sessions may remember an earlier one
+            self._shared, self._policy = policy, as_policy(policy).session()
+            self._policy.reset()  # a policy without sessions may remember an earlier one
             self._meter = latency_meter(self._policy)
         if self._meter is not None and telemetry.steering is not None:
             self._meter.report(telemetry.steering, now_s)
         asked = policy, telemetry.image, self.speed_mph
         if asked != self._asked:
-            self._command = call_policy(self._policy, telemetry.frame, self.speed_mph)
+            self._command = self._policy(telemetry.frame, self.speed_mph)
             self._asked = asked
         return self._command

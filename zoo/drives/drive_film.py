@@ -19,7 +19,7 @@ MOMENTS, APART_S = 10, 2.0
 
 
 class KeptFrames(AbstractContextManager):
-    """Writer of a drive's images into its folder, passed as `show` to `drive_closed_loop`.
+    """Writer of a drive's images into its folder, called with every frame.
 
     Args:
         folder: folder of the drive; None keeps nothing.

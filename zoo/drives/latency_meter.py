@@ -1,11 +1,10 @@
 """Measurement of the latency: the seconds from a steering command to the wheels."""
 
 import math
-from typing import Any
 
 import numpy as np
 
-from zoo.checkpoints.command import expect_steering
+from zoo.checkpoints.command import Policy
 
 STEP_S, LONGEST_S = 0.02, 2.0  # resolution, and greatest latency that is recognized
 FORGET_S = 10.0  # time constant after which an earlier comparison counts 1/e
@@ -27,21 +26,21 @@ class LatencyMeter:
     while no latency explains the reports.
 
     Args:
-        policy: policy with the attribute `latency_s`, which is set to 0 first. Its method `expect`,
-            if it has one, gets the commands (see `zoo.checkpoints.frame_memory.SessionPolicy`).
+        policy: policy whose `latency_s` is set, first to 0, and whose method `expect` gets the
+            commands.
 
-    >>> class Ahead: latency_s = 0.0
-    >>> meter, wheel = LatencyMeter(Ahead), [0.0, 0.0, 0.1, -0.2, 0.3, -0.1, 0.2]
+    >>> policy, wheel = Policy(), [0.0, 0.0, 0.1, -0.2, 0.3, -0.1, 0.2]
+    >>> meter = LatencyMeter(policy)
     >>> for frame, command in enumerate([0.1, -0.2, 0.3, -0.1, 0.2, 0.0, 0.0]):
     ...     meter.report(wheel[frame], 0.1 * frame)
     ...     meter.send(command)
-    >>> Ahead.latency_s
+    >>> policy.latency_s
     0.1
     """
 
-    def __init__(self, policy: Any) -> None:
+    def __init__(self, policy: Policy) -> None:
         self.policy = policy
-        self.policy.latency_s = 0.0
+        self.policy.latency_s = self.latency_s = 0.0
         count = round(LONGEST_S / STEP_S) + 1
         self._errors, self._weights = np.zeros(count), np.zeros(count)
         self._sent = np.zeros(count)  # command in force in each step before the last report
@@ -80,9 +79,9 @@ class LatencyMeter:
         if abs(now_s - self._judged_s) >= JUDGE_EVERY_S:
             self._judged_s = now_s
             self._judge()
-        on_the_way = self._sent[: round(self.policy.latency_s / STEP_S)].copy()
+        on_the_way = self._sent[: round(self.latency_s / STEP_S)].copy()
         on_the_way[known:] = steering  # nothing is known of the commands before: it stays
-        expect_steering(self.policy, on_the_way[::-1])
+        self.policy.expect(on_the_way[::-1])
 
     def _judge(self) -> None:
         judged = int((self._weights >= FEWEST).sum())  # longer latencies have fewer comparisons
@@ -92,9 +91,9 @@ class LatencyMeter:
         best, worst = errors.min(), errors.max()
         if worst >= LEAST_SIGNAL and best <= EXPLAINED * worst:
             shortest = int(np.argmax(errors <= 1.1 * best + ROUNDING))
-            self.policy.latency_s = round(shortest * STEP_S, 2)
+            self.policy.latency_s = self.latency_s = round(shortest * STEP_S, 2)
 
 
-def latency_meter(policy: Any) -> LatencyMeter | None:
-    """Return a meter for a policy with the attribute `latency_s`, None for any other."""
-    return LatencyMeter(policy) if hasattr(policy, "latency_s") else None
+def latency_meter(policy: Policy) -> LatencyMeter | None:
+    """Return a meter for a policy that predicts steps ahead, None for any other."""
+    return None if policy.latency_s is None else LatencyMeter(policy)

@@ -21,7 +21,7 @@ from datamodules.recording import Recording
 from datamodules.stretches import find_breaks
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.command import PolicyFunction
+    from zoo.checkpoints.command import Policy
 
 CHUNK = 64  # rows that are compared, then predicted
 
@@ -39,7 +39,7 @@ class FrameAnalysis:
         predicted: steering of the policy, float32 [N]; NaN where unknown.
     """
 
-    def __init__(self, recording: Recording, policy: "PolicyFunction | None" = None) -> None:
+    def __init__(self, recording: Recording, policy: "Policy | None" = None) -> None:
         self.recording, self.policy = recording, policy
         self.predicted = np.full(len(recording), np.nan, np.float32)
         self._differences = np.full(len(recording), np.nan)
@@ -127,7 +127,7 @@ class FrameAnalysis:
         self._last = None
         if first:
             self._compare(first - 1, keep=False)
-        if getattr(self.policy, "reset", None) is not None:
+        if self.policy is not None:
             for row in range(max(0, first - CHUNK), first):
                 if not self._ending.is_set():
                     self._predict(row, keep=False)
@@ -147,20 +147,19 @@ class FrameAnalysis:
     def _predict(self, row: int, keep: bool = True) -> None:
         if self.policy is None:
             return
-        from zoo.checkpoints.command import call_policy, reset_policy
 
         if self._resets[row]:
-            reset_policy(self.policy)
+            self.policy.reset()
         try:
             frame = read_image(self.recording.images[row, 0])
-            command = call_policy(self.policy, frame, float(self.recording.speed_mph[row]))
+            command = self.policy(frame, float(self.recording.speed_mph[row]))
         except Exception:  # a bad image, or any exception of a network; the row stays unknown
             return
         if keep:
             self.predicted[row] = command.steering
 
 
-def load_predictor(named: str) -> tuple[Path, "PolicyFunction"]:
+def load_predictor(named: str) -> tuple[Path, "Policy"]:
     """Return a checkpoint's path and its policy.
 
     Raises:

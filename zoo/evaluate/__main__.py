@@ -16,7 +16,7 @@ from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.command import PolicyFunction
+    from zoo.checkpoints.command import Policy, PolicyFunction
     from zoo.evaluate.evaluate_options import EvaluateOptions
     from zoo.evaluate.evaluation import Evaluation
 
@@ -26,7 +26,7 @@ COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 
 def evaluate(
-    checkpoint: "str | PolicyFunction", options: "EvaluateOptions", console: Console
+    checkpoint: "str | Policy | PolicyFunction", options: "EvaluateOptions", console: Console
 ) -> "Evaluation":
     """Score a checkpoint or a policy by driving; write `metrics.json`, drives and plots.
 
@@ -42,14 +42,13 @@ def evaluate(
         checkpoint = str(find_checkpoint(checkpoint))
     with loading():
         from zoo.base.new_folder import command_folder
-        from zoo.checkpoints.command import policy_name
+        from zoo.checkpoints.command import as_policy
         from zoo.checkpoints.policy import load_policy
         from zoo.drives.metrics import METRICS
         from zoo.evaluate.drives_table import COUNTS, nan_line
         from zoo.evaluate.evaluate_options import check_world
         from zoo.evaluate.evaluation import Evaluation, curves
         from zoo.evaluate.guard_effect import guard_effect, unguarded
-        from zoo.evaluate.many_drives import Setup, check_throttle
         from zoo.evaluate.robustness import perturbations_named, sweeps
         from zoo.evaluate.track_scores import score_on_tracks
         from zoo.monitor.guarded_policy import guarded
@@ -58,31 +57,42 @@ def evaluate(
         from zoo.runs.table_files import check_plot, check_table
         from zoo.verdict.evidence import Evidence, read_evidence
         from zoo.verdict.judgement import judge
+        from zoo.worlds.run_drives import check_throttle
 
         # Report wrong input before processes start.
-        policy = load_policy(checkpoint) if isinstance(checkpoint, str) else checkpoint
+        is_file = isinstance(checkpoint, str)
+        policy = load_policy(checkpoint) if is_file else as_policy(checkpoint)
         check_world(options)
         check_throttle(policy, options.throttle)
         check_table(options.table, options.columns, ("track", *COUNTS, *METRICS))
         check_plot(options.plot)
-        if options.guard and not isinstance(checkpoint, str):
+        if options.guard and not is_file:
             raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
         if options.guard:
             guarded(policy, checkpoint, options.guard)
     names = perturbations_named(options.perturb, options.throttle)
-    usual = Setup.of(options, options.tracks[0], 0)
+    scenarios = options.scenarios
+    usual = scenarios[0]
     swept = sweeps(names, usual)
     with command_folder(options.out, "evaluations") as folder:
         more = [one for by_value in swept.values() for one in by_value.values()]
-        more += unguarded(options)
-        scores = score_on_tracks(checkpoint, options, folder, console, more)
-        name = checkpoint if isinstance(checkpoint, str) else policy_name(policy)
+        more += unguarded(scenarios)
+        scores = score_on_tracks(
+            checkpoint if is_file else policy,
+            scenarios,
+            folder,
+            console,
+            options.workers,
+            options.played_at,
+            more,
+        )
+        name = checkpoint if is_file else policy.name
         metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}
         if options.guard:
-            without = [scores.by_setup[one] for one in unguarded(options)]
+            without = [scores.by_scenario[one] for one in unguarded(scenarios)]
             metrics["guard"] = guard_effect(options.guard, scores.drives, without)
         results = {
-            name: {value: scores.by_setup[one] for value, one in by_value.items()}
+            name: {value: scores.by_scenario[one] for value, one in by_value.items()}
             for name, by_value in swept.items()
         }
         if names:
@@ -91,14 +101,13 @@ def evaluate(
                 for name, by_value in results.items()
             }
             save_figure(curves(results, usual), folder / "robustness.png")
-        config = getattr(policy, "config", {})
-        evidence = Evidence(None, config)
-        if isinstance(checkpoint, str):
-            evidence = read_evidence(checkpoint, config, getattr(policy, "data", None))
+        evidence = Evidence(None, policy.config)
+        if is_file:
+            evidence = read_evidence(checkpoint, policy.config, policy.data)
         verdict = judge(scores.drives, evidence, options.tracks)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)
-        nan = nan_line(list(scores.by_setup.values()))
+        nan = nan_line(list(scores.by_scenario.values()))
         problem = f"{name}: {nan}" if nan else ""
         return Evaluation(folder, metrics, verdict, usual, results, problem)
 

@@ -1,36 +1,27 @@
 """Options of `drivezoo evaluate` and their checks."""
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 from pydantic import Field
 
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
-from zoo.drives.interventions import LEAST_MARGIN_M
+from zoo.worlds.scenario import Scenario
 
-Laps = Annotated[float, Field(gt=0, le=1000)]
 Count = Annotated[int, Field(ge=1)]
 Workers = Annotated[int, Field(ge=0)]
-SpeedMph = Annotated[float, Field(ge=1, le=30)]
-Throttle = Literal["hold", "network"]
-Margin = Annotated[float, Field(ge=LEAST_MARGIN_M, allow_inf_nan=False)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(WorldSettings):
+class EvaluateOptions(Scenario):
     """Options of an evaluation; `conf/evaluate.yaml` has their meanings and defaults."""
 
-    laps: Laps
     seeds: Count
-    speed: SpeedMph
-    throttle: Throttle
-    margin: Margin | None
     film: bool
     film_speed: Annotated[float, Field(ge=1, le=100)]
     perturb: str | None
     replay: str | None
-    guard: str | None
     out: str | None
     table: str | None
     columns: str | None
@@ -42,6 +33,20 @@ class EvaluateOptions(WorldSettings):
         """Return the tracks' names or files, each once."""
         return track_names(self.track)
 
+    @property
+    def played_at(self) -> float:
+        """Return the films' playing speed as a multiple of the driven speed; 0 for no film."""
+        return self.film_speed if self.film else 0.0
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Return the scenario of each drive, by track, then seed."""
+        return [
+            self.one_drive(track=track, seed=self.seed + number)
+            for track in self.tracks
+            for number in range(self.seeds)
+        ]
+
 
 def track_names(text: str) -> list[str]:
     """Return the names in `lake,mountain`, each once."""
@@ -50,16 +55,16 @@ def track_names(text: str) -> list[str]:
 
 def check_world(options: WorldSettings) -> None:
     """Raise UsageError if a world of the options cannot be opened; nothing is rendered."""
-    from dataclasses import replace
-
-    from simulator.world import open_world
+    from zoo.worlds.open_world import open_world
 
     names = track_names(options.track)
     if not names:
         raise UsageError("track=: no track named; try track=lake,mountain")
     try:
         options.check()
+        world = options.world if isinstance(options, Scenario) else Scenario.world
         for name in names:
-            open_world(renderer="none", **replace(options, track=name).place)
+            scenario = Scenario(**replace(options, track=name).place, world=world)
+            open_world(scenario, renderer="none").close()
     except InputError as error:
         raise UsageError(str(error)) from None

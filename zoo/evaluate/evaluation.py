@@ -11,12 +11,12 @@ from zoo.cli.closing_lines import print_written
 from zoo.evaluate.drive_plots import degradation_curves, figures_by_track
 from zoo.evaluate.drives_table import DEVIATION, figure_columns, print_drives
 from zoo.evaluate.guard_effect import guard_line
-from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, sweep_table
 from zoo.evaluate.track_scores import how_well
 from zoo.runs.table import Column, Table
 from zoo.runs.table_files import Result
 from zoo.verdict.judgement import Verdict, print_verdict
+from zoo.worlds.scenario import Scenario
 
 By = dict[str, dict[float, dict]]
 
@@ -29,7 +29,7 @@ class Evaluation(Result):
         folder: folder with `metrics.json`, and a folder for each drive.
         metrics: contents of `metrics.json`.
         verdict: whether it drives, and what to do next.
-        usual: setup of the first drive.
+        usual: scenario of the first drive.
         swept: figures of the perturbed drives, by perturbation and value.
         problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
     """
@@ -37,7 +37,7 @@ class Evaluation(Result):
     folder: Path
     metrics: dict
     verdict: Verdict
-    usual: Setup
+    usual: Scenario
     swept: By = field(default_factory=dict)
     problem: str = ""
 
@@ -87,7 +87,7 @@ def print_end(result: Evaluation, written: list[Path], console: Console) -> None
         print_verdict(result.verdict, console)
 
 
-def curves(swept: By, usual: Setup) -> Figure:
+def curves(swept: By, usual: Scenario) -> Figure:
     """Return the curves of autonomy and error over each perturbation's values."""
     return degradation_curves(
         {PERTURBATIONS[name].label: by_value for name, by_value in swept.items()},
@@ -96,8 +96,8 @@ def curves(swept: By, usual: Setup) -> Figure:
     )
 
 
-def _how(usual: Setup) -> str:
+def _how(usual: Scenario) -> str:
     laps = f"{usual.laps:g} lap{'' if usual.laps == 1 else 's'}"
     if usual.throttle == "network":
         return f"{laps} with its own throttle"
-    return f"{laps} at {usual.speed_mph:g} mph"
+    return f"{laps} at {usual.speed:g} mph"

@@ -6,19 +6,12 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from zoo.drives.bootstrap import bootstrap, mean
-from zoo.evaluate.evaluate_options import EvaluateOptions
-from zoo.evaluate.many_drives import Setup
+from zoo.worlds.scenario import Scenario
 
 
-def unguarded(options: EvaluateOptions) -> list[Setup]:
-    """Return the setups of an evaluation's drives without the guard; none without a guard."""
-    if not options.guard:
-        return []
-    return [
-        replace(Setup.of(options, track, seed), guard="", film_speed=0.0)
-        for track in options.tracks
-        for seed in range(options.seeds)
-    ]
+def unguarded(scenarios: Sequence[Scenario]) -> list[Scenario]:
+    """Return scenarios without their guard; none where there is no guard."""
+    return [replace(one, guard=None) for one in scenarios if one.guard]
 
 
 def guard_effect(guard: str, guarded: Sequence[dict], without: Sequence[dict]) -> dict:

@@ -1,4 +1,4 @@
-"""Score of a checkpoint on a recording; see `zoo.evaluate.recording_replay`."""
+"""Score of a checkpoint on a recording; see `zoo.worlds.replay_world`."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
 
 from datamodules.formats.recording_writer import write_frame
 from datamodules.recording import Recording, read_recordings
@@ -18,14 +17,16 @@ from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.drives.drive_log import write_drive
-from zoo.drives.drive_record import DriveRow
+from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import METRICS, REPLAYS, measure
-from zoo.evaluate.evaluate_options import SpeedMph
 from zoo.runs.table import Table
 from zoo.runs.table_files import Result, check_table, write_asked
+from zoo.worlds.run_drives import Keep
+from zoo.worlds.scenario import Scenario, SpeedMph
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.command import PolicyFunction
+    from zoo.checkpoints.command import Policy, PolicyFunction
+    from zoo.worlds.world import World
 
 FRAMES = "frames"
 
@@ -81,7 +82,7 @@ class Replay(Result):
 
 
 def replay_recording(
-    checkpoint: "str | PolicyFunction",
+    checkpoint: "str | Policy | PolicyFunction",
     recording_folder: str,
     options: ReplayOptions,
     console: Console,
@@ -102,31 +103,30 @@ def replay_recording(
     if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
         checkpoint = str(find_checkpoint(checkpoint))
     with loading():
-        import torch
-
-        from zoo.checkpoints.command import policy_name
+        from zoo.checkpoints.command import as_policy
         from zoo.checkpoints.policy import load_policy
         from zoo.evaluate.drive_plots import error_over_distance
         from zoo.evaluate.drives_table import nan_line
-        from zoo.evaluate.recording_replay import replay
         from zoo.runs.metrics_file import write_metrics_file
         from zoo.runs.plots import save_figure
+        from zoo.worlds.replay_world import ReplayWorld
+        from zoo.worlds.run_drives import all_drives
 
         is_file = isinstance(checkpoint, str)
-        policy = load_policy(checkpoint) if is_file else checkpoint
-        name = checkpoint if is_file else policy_name(policy)
+        policy = load_policy(checkpoint) if is_file else as_policy(checkpoint)
+        name = checkpoint if is_file else policy.name
         recording = read_recordings(recording_folder)
-    torch.set_num_threads(1)  # one frame is too little work for two threads
+        world = ReplayWorld(recording, options.frame_rate, options.speed)
     with command_folder(options.out, "replays") as folder:
-        with _Shown(recording, folder, options, console) as shown:
-            drive = replay(
-                policy, recording, options.margin, options.frame_rate, shown, options.speed
-            )
+        scenario = Scenario(margin=options.margin)
+        keep = ReplayFrames(folder if options.frames else None)
+        (drive,) = all_drives(
+            policy, [scenario], keep, what="replaying", console=console, world=world
+        )
         figures = measure(drive)
         figures = {key: value if math.isfinite(value) else None for key, value in figures.items()}
         about = {"checkpoint": name, "recording": list(recording.names)}
-        kept = replace(drive, frame=np.array([row.frame for row in shown.rows]))
-        write_drive(folder, kept, **about)
+        write_drive(folder, drive, **about)
         metrics = about | {"margin_m": options.margin, "replay": figures}
         write_metrics_file(folder, metrics)
         title = (
@@ -174,30 +174,24 @@ def keyboard_lines(recording: Recording) -> list[str]:
     ]
 
 
-class _Shown:
-    """A callback of `replay` that shows progress and keeps rows and, optionally, frames."""
+class ReplayFrames(Keep):
+    """A drive whose warped frames are written.
 
-    def __init__(
-        self, recording: Recording, folder: Path, options: ReplayOptions, console: Console
-    ) -> None:
-        self.folder, self.keep = folder, options.frames
-        self.rows: list[DriveRow] = []
-        if self.keep:
-            (self.folder / FRAMES).mkdir()
-        self.progress = Progress(console=console, transient=True, disable=not console.is_terminal)
-        self.task = self.progress.add_task("replaying", total=len(recording))
+    Args:
+        folder: folder of the drive; None writes no frames.
+    """
 
-    def __enter__(self) -> "_Shown":
-        self.progress.start()
-        return self
+    def __init__(self, folder: Path | None) -> None:
+        self.folder, self.names = folder, []
+        if folder is not None:
+            (folder / FRAMES).mkdir()
 
-    def __exit__(self, *_: object) -> None:
-        self.progress.stop()
+    def show(self, frame: np.ndarray, row: DriveRow) -> None:
+        """Write a frame."""
+        if self.folder is not None:
+            self.names.append(f"{FRAMES}/{len(self.names):06d}.jpg")
+            write_frame(frame, self.folder / self.names[-1])
 
-    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        if self.keep:
-            name = f"{FRAMES}/{len(self.rows):06d}.jpg"
-            write_frame(frame, self.folder / name)
-            row = replace(row, frame=name)
-        self.rows.append(row)
-        self.progress.update(self.task, advance=1)
+    def result(self, drive: Drive, policy: "Policy", world: "World") -> Drive:
+        """Return the drive with the paths of its frames."""
+        return replace(drive, frame=np.array(self.names)) if self.names else drive

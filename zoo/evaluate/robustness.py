@@ -11,60 +11,62 @@ from simulator.weather import Weather, random_weather
 from zoo.base.errors import InputError, UsageError
 from zoo.cli.nearest import hint
 from zoo.cli.registry import Registry
-from zoo.evaluate.many_drives import Setup
+from zoo.worlds.scenario import Scenario
+
+Change = Callable[[Scenario, float], Scenario]
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One quantity of a setup that is varied.
+    """One quantity of a scenario that is varied.
 
     Attributes:
         label: name with unit, for the plot.
         values: values in rising order.
-        apply: function of a setup and a value that returns the changed setup.
-        usual: function of a setup that returns its present value, which is driven, too.
+        apply: function of a scenario and a value that returns the changed scenario.
+        usual: function of a scenario that returns its present value, which is driven, too.
     """
 
     label: str
     values: tuple[float, ...]
-    apply: Callable[[Setup, float], Setup]
-    usual: Callable[[Setup], float]
+    apply: Change
+    usual: Callable[[Scenario], float]
 
 
-def _of_setup(label: str, name: str, *values: float) -> Perturbation:
+def _of_scenario(label: str, name: str, *values: float) -> Perturbation:
     return Perturbation(
         label,
         values,
-        lambda setup, value: replace(setup, **{name: value}),
-        lambda setup: float(getattr(setup, name)),
+        lambda scenario, value: replace(scenario, **{name: value}),
+        lambda scenario: float(getattr(scenario, name)),
     )
 
 
 def _of_weather(label: str, name: str, *values: float) -> Perturbation:
+    def change(scenario: Scenario, value: float) -> Scenario:
+        return replace(scenario, weather=replace(_weather(scenario), **{name: value}))
+
     return Perturbation(
-        label,
-        values,
-        lambda setup, value: replace(setup, weather=replace(_weather(setup), **{name: value})),
-        lambda setup: float(getattr(_weather(setup), name)),
+        label, values, change, lambda scenario: float(getattr(_weather(scenario), name))
     )
 
 
 def _of_camera(label: str, name: str, *values: float) -> Perturbation:
-    def move(setup: Setup, value: float) -> Setup:
-        weather = _weather(setup)
+    def move(scenario: Scenario, value: float) -> Scenario:
+        weather = _weather(scenario)
         camera: CameraOffset = replace(weather.camera, **{name: value})
-        return replace(setup, weather=replace(weather, camera=camera))
+        return replace(scenario, weather=replace(weather, camera=camera))
 
     return Perturbation(
-        label, values, move, lambda setup: float(getattr(_weather(setup).camera, name))
+        label, values, move, lambda scenario: float(getattr(_weather(scenario).camera, name))
     )
 
 
-def _weather(setup: Setup) -> Weather:
-    """Return the weather of a setup; `random` is drawn as the world draws it."""
-    if isinstance(setup.weather, Weather):
-        return setup.weather
-    return random_weather(np.random.default_rng(setup.seed))
+def _weather(scenario: Scenario) -> Weather:
+    """Return the weather of a scenario; `random` is drawn as the world draws it."""
+    if isinstance(scenario.weather, Weather):
+        return scenario.weather
+    return random_weather(np.random.default_rng(scenario.seed))
 
 
 _OWN = {
@@ -77,11 +79,11 @@ _OWN = {
     ),
     "shift": _of_camera("camera to the right, m", "right_m", -0.6, -0.3, 0.0, 0.3, 0.6),
     "tilt": _of_camera("camera tilted up, deg", "pitch_deg", -4.0, -2.0, 0.0, 2.0, 4.0),
-    "latency": _of_setup("added latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
-    "frame_rate": _of_setup("frames per second", "frame_rate", 5.0, 10.0, 15.0, 20.0, 30.0),
-    "speed": _of_setup("speed, mph", "speed_mph", 10.0, 15.0, 20.0, 25.0, 30.0),
-    "offset": _of_setup("start to the right, m", "offset_m", -2.0, -1.0, 0.0, 1.0, 2.0),
-    "heading": _of_setup("start pointing right, deg", "heading_deg", -20.0, -10.0, 0.0, 10.0, 20.0),
+    "latency": _of_scenario("added latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
+    "frame_rate": _of_scenario("frames per second", "frame_rate", 5.0, 10.0, 15.0, 20.0, 30.0),
+    "speed": _of_scenario("speed, mph", "speed", 10.0, 15.0, 20.0, 25.0, 30.0),
+    "offset": _of_scenario("start to the right, m", "offset", -2.0, -1.0, 0.0, 1.0, 2.0),
+    "heading": _of_scenario("start pointing right, deg", "heading", -20.0, -10.0, 0.0, 10.0, 20.0),
 }
 PERTURBATIONS: Registry[Perturbation] = Registry("perturbation")
 for _name, _perturbation in _OWN.items():
@@ -89,21 +91,23 @@ for _name, _perturbation in _OWN.items():
 
 
 def perturbation(
-    label: str, *values: float, usual: float | Callable[[Setup], float] = 0.0
-) -> Callable[[Callable[[Setup, float], Setup]], Callable[[Setup, float], Setup]]:
-    """Register the decorated function of a setup and a value as a perturbation.
+    label: str, *values: float, usual: float | Callable[[Scenario], float] = 0.0
+) -> Callable[[Change], Change]:
+    """Register the decorated function of a scenario and a value as a perturbation.
 
     Args:
         label: see `Perturbation`.
         *values: see `Perturbation`.
-        usual: value that changes nothing, which is driven, too; or the function of a setup that
+        usual: value that changes nothing, which is driven, too; or the function of a scenario that
             returns it.
 
     Raises:
         ValueError: there are no values, or another module has a perturbation of that name.
     """
 
-    def register(function: Callable[[Setup, float], Setup]) -> Callable[[Setup, float], Setup]:
+    def register(
+        function: Change,
+    ) -> Change:
         name = function.__name__
         if not values:
             raise ValueError(f"perturbation {name}: has no values; name some in rising order")
@@ -133,8 +137,8 @@ def perturbations_named(text: str | None, throttle: str = "hold") -> list[str]:
     return names
 
 
-def sweeps(names: list[str], usual: Setup) -> dict[str, dict[float, Setup]]:
-    """Return the setups of each perturbation by value in rising order, the usual value included."""
+def sweeps(names: list[str], usual: Scenario) -> dict[str, dict[float, Scenario]]:
+    """Return by perturbation and value, in rising order, the scenarios; the usual one included."""
     found = {}
     for name in names:
         one = PERTURBATIONS[name]
@@ -143,7 +147,7 @@ def sweeps(names: list[str], usual: Setup) -> dict[str, dict[float, Setup]]:
     return found
 
 
-def sweep_table(results: dict[str, dict[float, dict]], usual: Setup) -> Table:
+def sweep_table(results: dict[str, dict[float, dict]], usual: Scenario) -> Table:
     """Return a table with a row for each perturbation: its values, and the figures of each."""
     table = Table("perturbation", title="one quantity changed at a time; * is the usual value")
     for _ in range(max(map(len, results.values()))):

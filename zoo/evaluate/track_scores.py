@@ -1,24 +1,108 @@
 """Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 from rich.console import Console
 
+from simulator.expert import Expert
 from simulator.track_names import file_name
+from simulator.weather import CLEAR
 from zoo.base.errors import InputError
 from zoo.base.written_files import remove_written
-from zoo.checkpoints.command import PolicyFunction
+from zoo.checkpoints.command import Policy, as_policy
 from zoo.cli.command_config import check_options, compose_keys
 from zoo.cli.console_progress import working
 from zoo.cli.nearest import hint
+from zoo.drives.drive_film import KeptFrames
+from zoo.drives.drive_log import summarize, write_drive
+from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.metrics import steering_per_s
+from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
-from zoo.evaluate.many_drives import Setup, drive_all, expert_steering_per_s
+from zoo.runs.plots import save_figure
+from zoo.worlds.embedded_world import EmbeddedWorld
+from zoo.worlds.run_drives import Keep, PolicyMaker, all_drives
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import World
+
+
+class KeptDrive(Keep):
+    """A drive's figures and, in its folder, the drive, its plots and frames of its worst moments.
+
+    A figure that is not finite is None. The figures hold `nan_frames` only if the policy steered
+    NaN, and `guard_alarms` only if a guard watched: how often it began to slow the car down.
+
+    Args:
+        folder: folder to write to; None writes nothing.
+        frame_rate: frames per second of simulated time.
+        film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
+    """
+
+    def __init__(
+        self, folder: Path | None = None, frame_rate: float = 15.0, film_speed: float = 0.0
+    ) -> None:
+        self.folder, self.frame_rate, self.film_speed = folder, frame_rate, film_speed
+
+    def __enter__(self) -> "KeptDrive":
+        self.frames = KeptFrames(self.folder, self.frame_rate, self.film_speed)
+        self.frames.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.frames.__exit__(*error)
+
+    def show(self, frame: np.ndarray, row: DriveRow) -> None:
+        """Take the next frame and its row."""
+        self.frames(frame, row)
+
+    def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
+        """Write the drive, and return its figures."""
+        drive = self.frames.write(drive)
+        alarms = {} if policy.alarms is None else {"guard_alarms": policy.alarms}
+        figures = summarize(drive) | alarms
+        if self.folder is not None:
+            write_drive(self.folder, drive, **alarms)
+            title = (
+                f"{drive.track}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "
+                f"{figures['interventions']} interventions"
+            )
+            if isinstance(world, EmbeddedWorld):
+                track = birds_eye(world.simulated.track, drive, title)
+                save_figure(track, self.folder / "track.png")
+            save_figure(error_over_distance(drive, title), self.folder / "error.png")
+        return {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in figures.items()
+        }
+
+
+class _ExpertMaker(PolicyMaker):
+    def policy(self, world: World, scenario: Scenario) -> Policy:
+        """Return the expert as a policy, which needs no frames."""
+        expert = Expert(world.simulated.track)
+        return as_policy(lambda _, mph: expert(world.simulated))
+
+
+def expert_steering_per_s(scenario: Scenario) -> float:
+    """Return the expert's steering change per second on a lap; NaN in a world without an expert."""
+    if scenario.world != "embedded":
+        return math.nan
+    return _expert_lap(replace(scenario, seed=0, laps=1.0, weather=CLEAR, margin=None, guard=None))
+
+
+@lru_cache
+def _expert_lap(scenario: Scenario) -> float:
+    (lap,) = all_drives(_ExpertMaker(), [scenario], renderer="none")
+    return steering_per_s(lap)
 
 
 @dataclass(frozen=True)
@@ -28,54 +112,66 @@ class TrackScores:
     Attributes:
         drives: figures of each drive, in the order of tracks, then seeds.
         tracks: mean and deviation over the drives of each track, see `mean_and_spread`.
-        by_setup: figures of each drive by its setup, the further setups included.
+        by_scenario: figures of each drive by its scenario, the further scenarios included.
     """
 
     drives: list[dict]
     tracks: dict[str, dict]
-    by_setup: dict[Setup, dict]
+    by_scenario: dict[Scenario, dict]
 
 
 def score_on_tracks(
-    checkpoint: str | PolicyFunction,
-    options: EvaluateOptions,
+    driver: str | Policy,
+    scenarios: Sequence[Scenario],
     folder: Path,
     console: Console,
-    more: Sequence[Setup] = (),
+    workers: int,
+    film_speed: float = 0.0,
+    more: Sequence[Scenario] = (),
 ) -> TrackScores:
     """Drive a checkpoint or a policy on every track with every seed.
 
     Args:
-        checkpoint: checkpoint file, or a policy, which drives in this process.
-        options: options of the drives.
+        driver: checkpoint file, or a policy, which drives in this process.
+        scenarios: drives to score.
         folder: folder to write to, each drive into `folder/<track>-<seed>`; without colons, so
             `alpine:17` is `alpine-17`.
         console: console for progress and warnings.
-        more: further setups to drive, whose figures alone are kept.
+        workers: number of processes; 0 for one per core. It does not change the figures.
+        film_speed: playing speed of the films; 0 for no film.
+        more: further scenarios to drive, whose figures alone are kept.
 
     Raises:
         InputError: the simulator cannot be opened, or a process was killed.
     """
-    jobs = [(track, seed) for track in options.tracks for seed in range(options.seeds)]
-    setups = [Setup.of(options, *job) for job in jobs]
-    # A setup that occurs twice, such as the usual one in several sweeps, is driven once.
-    more = [one for one in dict.fromkeys(more) if one not in setups]
-    places = [folder / f"{file_name(track)}-{seed}" for track, seed in jobs]
-    found = drive_all(
-        checkpoint, setups + more, places + [None] * len(more), options.workers, console
-    )
-    by_setup = dict(zip(setups + more, found, strict=True))
-    if warning := nan_line(found):
+    # A scenario that occurs twice, such as the usual one in several sweeps, is driven once.
+    more = [one for one in dict.fromkeys(more) if one not in scenarios]
+    keeps = [
+        KeptDrive(folder / f"{file_name(one.track)}-{one.seed}", one.frame_rate, film_speed)
+        for one in scenarios
+    ]
+    keeps += [KeptDrive()] * len(more)
+    driven = [*scenarios, *more]
+    what = driving_line(driven)
+    figures = all_drives(driver, driven, keeps, workers, what, console)
+    by_scenario = dict(zip(driven, figures, strict=True))
+    if warning := nan_line(figures):
         console.print(f"warning: {warning}", style="red", highlight=False, markup=False)
     tracks = {}
-    for track in options.tracks:
-        own = [one for one in setups if one.track == track]
+    for track in dict.fromkeys(one.track for one in scenarios):
+        own = [one for one in scenarios if one.track == track]
         with working("driving the expert for comparison", console):
             expert = expert_steering_per_s(own[0])
-        tracks[by_setup[own[0]]["track"]] = mean_and_spread([by_setup[one] for one in own]) | {
-            "expert_steering_per_s": (expert, None)
-        }
-    return TrackScores([by_setup[one] for one in setups], tracks, by_setup)
+        name = by_scenario[own[0]]["track"]
+        tracks[name] = mean_and_spread([by_scenario[one] for one in own])
+        tracks[name]["expert_steering_per_s"] = expert, None
+    return TrackScores([by_scenario[one] for one in scenarios], tracks, by_scenario)
+
+
+def driving_line(scenarios: Sequence[Scenario]) -> str:
+    """Return the text beside the progress of drives of equal laps."""
+    laps = scenarios[0].laps
+    return f"driving {len(scenarios)} x {laps:g} lap{'' if laps == 1 else 's'}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +237,14 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
     drives = folder / "drives"
     remove_written(drives)  # from before the run was resumed
     try:
-        found = score_on_tracks(str(best if best.is_file() else last), options, drives, console)
+        found = score_on_tracks(
+            str(best if best.is_file() else last),
+            options.scenarios,
+            drives,
+            console,
+            options.workers,
+            options.played_at,
+        )
     except InputError as error:  # a missing library must not fail a training of hours
         console.print(f"not driven: {error}", highlight=False, markup=False)
         return None

@@ -82,7 +82,7 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
     out = _checked_out(path, options.out)
     with loading():
         from zoo.checkpoints.checkpoint import load_checkpoint
-        from zoo.checkpoints.policy import Policy
+        from zoo.checkpoints.policy import CheckpointPolicy
         from zoo.export.parity import compare, take_frames
 
         checkpoint = load_checkpoint(path)
@@ -91,7 +91,7 @@ def export(checkpoint_path: str, options: ExportOptions, console: Console) -> Pa
     with output_path(out, inputs=[path]) as part:
         part.write_bytes(contents)
         exported = OnnxPolicy(part)
-        parity = compare(Policy(checkpoint), exported, frames)
+        parity = compare(CheckpointPolicy(checkpoint), exported, frames)
         _check_parity(path, parity)
     height, width, _ = checkpoint.view.shape
     lines = [

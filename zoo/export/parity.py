@@ -13,7 +13,7 @@ from datamodules.recording import read_recordings
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import Command
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.policy import CheckpointPolicy
 
 FRAMES = 64
 RENDERED = 24
@@ -71,7 +71,7 @@ def take_frames(recording: str | None, config: dict) -> Frames:
     return _rendered_frames()
 
 
-def compare(policy: Policy, exported: OnnxPolicy, frames: Frames) -> Parity:
+def compare(policy: CheckpointPolicy, exported: OnnxPolicy, frames: Frames) -> Parity:
     """Compare two policies on each frame, and time them on one thread.
 
     Policies with memory get the frames as one drive, and those that predict ahead are asked for
@@ -118,7 +118,7 @@ def _outputs(command: Command) -> list[float]:
 
 
 @torch.inference_mode()
-def _first_steps(policy: Policy, images: np.ndarray) -> np.ndarray:
+def _first_steps(policy: CheckpointPolicy, images: np.ndarray) -> np.ndarray:
     """Return the outputs for images, each the first frame of a drive, [N, 1 + ahead, outputs]."""
     network = policy.network
     steps, *_ = network.step(

@@ -32,7 +32,7 @@ def command(arguments: list[str]) -> None:
         options = check_options(GuardOptions, keys)
         checkpoint = str(find_checkpoint(checkpoint))
         from zoo.guard.guard_run import run_guard
-        from zoo.guard.observed_drive import one_thread
+        from zoo.worlds.run_drives import one_thread
     with one_thread():
         run_guard(checkpoint, options, Console(emoji=False))
 

@@ -6,9 +6,11 @@ import torch
 
 from simulator.weather import CLEAR, Weather
 from zoo.checkpoints.checkpoint import load_checkpoint
-from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import Policy, load_policy
-from zoo.evaluate.many_drives import Setup
+from zoo.checkpoints.command import Policy
+from zoo.checkpoints.policy import CheckpointPolicy, load_policy
+from zoo.worlds.run_drives import PolicyMaker
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import World
 
 WEATHER, DEGRADED = "weather", "degraded"  # groups
 NOISE = (0.05, 0.8)  # smallest and largest deviation of the weights' noise
@@ -22,14 +24,14 @@ class Condition:
         group: WEATHER or DEGRADED.
         kind: fog, rain, light or weights.
         level: strength, above 0 up to 1.
-        setup: setup of the drive.
+        scenario: drive, but for its policy.
         noise: standard deviation of the noise of the network's weights, as a multiple of their own.
     """
 
     group: str
     kind: str
     level: float
-    setup: Setup
+    scenario: Scenario
     noise: float = 0.0
 
     @property
@@ -38,11 +40,11 @@ class Condition:
         return f"{self.kind} {self.level:.2g}"
 
 
-def shifted_conditions(usual: Setup, levels: int, degraded: int) -> list[Condition]:
+def shifted_conditions(usual: Scenario, levels: int, degraded: int) -> list[Condition]:
     """Return conditions that no nominal drive has; each starts with a seed of its own.
 
     Args:
-        usual: setup of a nominal drive with the first seed to use.
+        usual: a nominal drive with the first seed to use.
         levels: levels each of fog, rain and light; 10 gives thirty.
         degraded: number of degraded networks, with rising noise of the weights.
     """
@@ -82,24 +84,32 @@ def dark(weather: Weather, level: float) -> Weather:
     )
 
 
-def conditioned_policy(checkpoint: str, noise: float, seed: int) -> Policy | OnnxPolicy:
-    """Return a checkpoint's policy, with Gaussian noise on the weights of every layer.
+@dataclass(frozen=True)
+class Noisy(PolicyMaker):
+    """What makes a checkpoint's policy, with Gaussian noise on the weights of every layer.
 
     Args:
         checkpoint: checkpoint file.
         noise: standard deviation of the noise, as a multiple of the layer's own; 0 for none.
-        seed: random seed of the noise.
-
-    Raises:
-        InputError: the checkpoint cannot be read, or is an ONNX file and gets noise.
     """
-    if not noise:
-        return load_policy(checkpoint)
-    loaded = load_checkpoint(checkpoint)
-    generator = torch.Generator().manual_seed(seed)
-    with torch.no_grad():
-        for one in loaded.network.parameters():
-            if one.ndim > 1:
-                deviation = float(one.std(correction=0))  # 0, not NaN, for a single weight
-                one += noise * deviation * torch.randn(one.shape, generator=generator)
-    return Policy(loaded)
+
+    checkpoint: str
+    noise: float
+
+    def policy(self, world: World, scenario: Scenario) -> Policy:
+        """Return the policy, whose noise is drawn from the scenario's seed.
+
+        Raises:
+            InputError: the checkpoint cannot be read, or is an ONNX file and gets noise.
+        """
+        if not self.noise:
+            return load_policy(self.checkpoint)
+        loaded = load_checkpoint(self.checkpoint)
+        generator = torch.Generator().manual_seed(scenario.seed)
+        with torch.no_grad():
+            for one in loaded.network.parameters():
+                if one.ndim > 1:
+                    deviation = float(one.std(correction=0))  # 0, not NaN, for a single weight
+                    drawn = torch.randn(one.shape, generator=generator)
+                    one += self.noise * deviation * drawn
+        return CheckpointPolicy(loaded)

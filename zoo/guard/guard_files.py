@@ -10,10 +10,10 @@ from zoo.base.regular_file import hash_file
 from zoo.base.terminal import printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.guard import guard_tables
+from zoo.guard.guard_drives import ScoredDrive
 from zoo.guard.guard_plot import score_histograms
 from zoo.guard.guard_result import GuardResult
 from zoo.guard.published import LINES
-from zoo.guard.scored_drives import ScoredDrive
 from zoo.monitor.scores import METHODS
 from zoo.report import blocks
 from zoo.report.report_page import to_html
@@ -132,7 +132,7 @@ def _plain_drive(drive: ScoredDrive) -> dict:
         "kind": condition.kind,
         "level": condition.level,
         "noise": condition.noise,
-        "weather": str(condition.setup.weather),
+        "weather": str(condition.scenario.weather),
         "seed": drive.seed,
         "driven_m": drive.driven_m,
         "failures": windows.failures,

@@ -9,18 +9,10 @@ from simulator.weather import read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import UsageError
 from zoo.cli.nearest import hint
-from zoo.evaluate.evaluate_options import (
-    Count,
-    Laps,
-    Margin,
-    SpeedMph,
-    Workers,
-    check_world,
-    track_names,
-)
-from zoo.evaluate.many_drives import Setup
+from zoo.evaluate.evaluate_options import Count, Workers, check_world, track_names
 from zoo.monitor.scores import METHODS
 from zoo.monitor.signals import ENSEMBLE, MOST_SAMPLES
+from zoo.worlds.scenario import Laps, Margin, Scenario, SpeedMph
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,18 +54,18 @@ class GuardOptions(WorldSettings):
         if self.method is not None and self.method not in usable:
             raise UsageError(f"method={self.method}: no such method; {hint(self.method, usable)}")
 
-    def usual(self) -> Setup:
-        """Return the setup of a nominal drive with seed 0.
+    def usual(self) -> Scenario:
+        """Return a nominal drive with seed 0.
 
         Raises:
             UsageError: the world cannot be opened, or a value is not allowed.
         """
         check_world(self)
-        return Setup(
+        return Scenario(
             **self.place,
             laps=self.nominal_laps,
-            speed_mph=self.speed,
-            margin_m=self.margin,
+            speed=self.speed,
+            margin=self.margin,
             weather=read_weather(self.weather),
         )
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 
 from zoo.drives.bootstrap import Estimate
 from zoo.guard.conditions import Condition
+from zoo.guard.guard_drives import Driven, ScoredDrive
 from zoo.guard.guard_options import GuardOptions
-from zoo.guard.paired_drives import Driven
-from zoo.guard.scored_drives import ScoredDrive
 from zoo.monitor.scores import Score
 from zoo.monitor.threshold import Threshold
 

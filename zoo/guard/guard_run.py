@@ -11,26 +11,24 @@ from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.policy import Policy, load_policy
+from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.closing_lines import print_written
-from zoo.cli.console_progress import progress_bar, working
+from zoo.cli.console_progress import working
 from zoo.drives.bootstrap import Estimate
-from zoo.evaluate.many_drives import Setup
 from zoo.guard.conditions import DEGRADED, WEATHER, Condition, shifted_conditions
+from zoo.guard.guard_drives import Driven, Fleet, ObservedDrive, ScoredDrive, score_drive
 from zoo.guard.guard_files import print_result, write_files
 from zoo.guard.guard_options import GuardOptions
 from zoo.guard.guard_result import NOMINAL, Fitted, GuardResult, Pairs, of_group
 from zoo.guard.guard_tables import TABLE_COLUMNS, warnings_table
 from zoo.guard.labelled_windows import LEADS_S, WINDOW_S
-from zoo.guard.observed_drive import ObservedDrive
-from zoo.guard.paired_drives import Driven, drive_pairs
-from zoo.guard.scored_drives import Fleet, ScoredDrive, score_drive
 from zoo.guard.warning_figures import warning_figures
 from zoo.monitor.guard_file import Guard, write_guard
 from zoo.monitor.scores import METHODS, Score, fit_score
 from zoo.monitor.signals import ENSEMBLE, signal_sources
 from zoo.monitor.threshold import Threshold, fit_threshold
 from zoo.runs.table_files import check_table, write_table
+from zoo.worlds.scenario import Scenario
 
 GUARD = "guard.pt"
 TIMED = 100  # frames whose score is timed
@@ -51,7 +49,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
     if options.method is not None and METHODS[options.method].signal not in sources:
         raise InputError(f"method={options.method}: {'; '.join(notes)}; name another method")
     degraded = options.degraded
-    if degraded and type(policy) is not Policy:
+    if degraded and type(policy) is not CheckpointPolicy:
         notes.append("no degraded networks: needs a checkpoint of one network")
         degraded = 0
     with command_folder(options.out, "guards") as folder:
@@ -88,7 +86,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         )
         written = write_files(folder, result)  # kept, if the paired drives are interrupted
         if options.paired:
-            result = replace(result, pairs=drive_paired(path, result, usual, console))
+            result = replace(result, pairs=drive_paired(fleet, path, result, usual))
             write_files(folder, result)
         print_result(result, console)
         if options.table is not None:
@@ -98,7 +96,7 @@ def run_guard(checkpoint: str, options: GuardOptions, console: Console) -> Guard
         return result
 
 
-def fit_nominal(fleet: Fleet, options: GuardOptions, usual: Setup, notes: list[str]) -> Fitted:
+def fit_nominal(fleet: Fleet, options: GuardOptions, usual: Scenario, notes: list[str]) -> Fitted:
     """Drive nominal drives, and fit scores and thresholds; a method that fails adds a note.
 
     Raises:
@@ -159,7 +157,7 @@ def drive_shifted(fleet: Fleet, conditions: list[Condition], fitted: Fitted) -> 
 
     def take(number: int, drive: ObservedDrive) -> None:
         one = conditions[number]
-        found[number] = score_drive(drive, one, one.setup.seed, fitted.scores)
+        found[number] = score_drive(drive, one, one.scenario.seed, fitted.scores)
 
     fleet.observe(conditions, "weather, light and degraded networks", take)
     return [found[number] for number in range(len(conditions))]
@@ -212,12 +210,9 @@ def best_method(figures: dict[str, dict[str, dict[int, dict[str, Estimate]]]]) -
     return max(by_method, key=mean_f3)
 
 
-def drive_paired(guard: Path, result: GuardResult, usual: Setup, console: Console) -> Pairs:
+def drive_paired(fleet: Fleet, guard: Path, result: GuardResult, usual: Scenario) -> Pairs:
     """Drive the conditions and the held-out nominal drives again, with the guard and slower."""
     drives = [*result.fitted.nominal, *result.shifted]
     conditions = [one.condition for one in drives]
-    without = [Driven(one.windows.failures, one.driven_m, usual.speed_mph) for one in drives]
-    with progress_bar(f"with and without the guard: {2 * len(drives)} drives", console) as show:
-        workers = result.options.workers
-        found = drive_pairs(result.checkpoint, str(guard), conditions, workers, show)
-    return Pairs(conditions, without, *found)
+    without = [Driven(one.windows.failures, one.driven_m, usual.speed) for one in drives]
+    return Pairs(conditions, without, *fleet.drive_pairs(str(guard), conditions))

@@ -9,10 +9,10 @@ import torch
 from torch import nn
 
 from zoo.base.errors import InputError
-from zoo.checkpoints.command import Command, call_policy
+from zoo.checkpoints.command import Command, Policy
 from zoo.checkpoints.frozen_graph import network_inputs
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.saliency.visual_backprop import Saliency
 
 IMAGE_SIZE, MAP_SIZE = (80, 40), (64, 16)  # width and height in pixels
@@ -23,7 +23,7 @@ SEED, MOST_SAMPLES = 0, 256  # of Monte-Carlo dropout
 Source = Callable[[np.ndarray, float, Command], np.ndarray | float]
 
 
-def make_source(name: str, policy: Policy | OnnxPolicy, samples: int) -> Source:
+def make_source(name: str, policy: Policy, samples: int) -> Source:
     """Return the source of a policy's signal.
 
     Args:
@@ -42,7 +42,7 @@ def make_source(name: str, policy: Policy | OnnxPolicy, samples: int) -> Source:
 
 
 def signal_sources(
-    policy: Policy | OnnxPolicy, samples: int, ensemble: Sequence[Policy | OnnxPolicy] = ()
+    policy: Policy, samples: int, ensemble: Sequence[Policy] = ()
 ) -> tuple[dict[str, Source], list[str]]:
     """Return the sources of signals that a policy has, and a line for each that it lacks.
 
@@ -75,10 +75,10 @@ class AttentionMap:
         InputError: the network has no saliency map.
     """
 
-    def __init__(self, policy: Policy | OnnxPolicy) -> None:
-        if hasattr(policy, "network") and hasattr(policy.network, "step"):
+    def __init__(self, policy: Policy) -> None:
+        if isinstance(policy, CheckpointPolicy) and policy.memory is not None:
             raise InputError("a network with memory has no map of one frame")
-        if not isinstance(policy, Policy | OnnxPolicy):
+        if not isinstance(policy, CheckpointPolicy | OnnxPolicy):
             raise InputError("several networks have no common map")
         self._saliency = Saliency(policy)
 
@@ -100,11 +100,10 @@ class DropoutSpread:
         InputError: the network has no dropout.
     """
 
-    def __init__(self, policy: Policy | OnnxPolicy, samples: int) -> None:
-        network = getattr(policy, "network", None)
-        if not isinstance(policy, Policy) or hasattr(network, "step"):
+    def __init__(self, policy: Policy, samples: int) -> None:
+        if not isinstance(policy, CheckpointPolicy) or policy.memory is not None:
             raise InputError("needs a checkpoint of one network without memory")
-        self._network, self._policy, self._samples = copy.deepcopy(network), policy, samples
+        self._network, self._policy, self._samples = copy.deepcopy(policy.network), policy, samples
         layers = [one for one in self._network.modules() if isinstance(one, nn.Dropout) and one.p]
         if not layers:
             raise InputError(f"{policy.name} has no dropout")
@@ -129,21 +128,21 @@ class EnsembleSpread:
     using deep ensembles", arXiv:1612.01474.
     """
 
-    def __init__(self, others: Sequence[Policy | OnnxPolicy]) -> None:
+    def __init__(self, others: Sequence[Policy]) -> None:
         self._others = others
 
     def __call__(self, frame: np.ndarray, mph: float, command: Command) -> float:
         """Return the spread of a frame."""
-        others = [call_policy(one, frame, mph).steering for one in self._others]
+        others = [one(frame, mph).steering for one in self._others]
         return float(np.std([command.steering, *others], ddof=1))
 
 
-def command_spread(policy: Policy | OnnxPolicy) -> Source:
+def command_spread(policy: Policy) -> Source:
     """Return the source of the spread that a policy itself returns.
 
     Raises:
         InputError: the policy returns none.
     """
-    if call_policy(policy, np.zeros((160, 320, 3), np.uint8), 0.0).spread is None:
+    if policy(np.zeros((160, 320, 3), np.uint8), 0.0).spread is None:
         raise InputError("the policy returns none; drivezoo doubt writes one that does")
     return lambda frame, mph, command: float(command.spread or 0.0)

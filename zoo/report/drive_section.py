@@ -126,7 +126,7 @@ def _name(drive: "Drive", file: str) -> str:
 
 def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
     """Return the worst moments of a track's drives, each with its saliency map."""
-    from zoo.checkpoints.policy import Policy
+    from zoo.checkpoints.policy import CheckpointPolicy
     from zoo.models.network_facts import multiply_adds
     from zoo.saliency.visual_backprop import Saliency, overlay
 
@@ -139,7 +139,7 @@ def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
     count = MOMENTS
     if multiply_adds(checkpoint.network, (channels, height, width)) > SLOW_MACS:
         count = FEW
-    saliency = Saliency(Policy(checkpoint))
+    saliency = Saliency(CheckpointPolicy(checkpoint))
     images = []
     for number, (drive, row) in enumerate(found[:count], 1):
         frame = read_frame(drive.folder / str(drive.frame[row]))

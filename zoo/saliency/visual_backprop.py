@@ -14,7 +14,7 @@ from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
 from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.onnx_policy import OnnxPolicy
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.models.image_layers import Crop
 from zoo.models.memory import frame_outputs
 
@@ -61,7 +61,7 @@ class Saliency:
     >>> image = overlay(frame, where)  # doctest: +SKIP
     """
 
-    def __init__(self, policy: Policy, published: bool = False) -> None:
+    def __init__(self, policy: CheckpointPolicy, published: bool = False) -> None:
         if isinstance(policy, OnnxPolicy):
             raise InputError(
                 f"{policy.path}: saliency needs gradients, which an ONNX file does not have; use "

@@ -10,9 +10,10 @@ from simulator.weather import Weather, read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
 from zoo.cli.nearest import hint
-from zoo.evaluate.evaluate_options import Count, SpeedMph, Workers
+from zoo.evaluate.evaluate_options import Count, Workers
 from zoo.search.failure_archive import Grid
 from zoo.search.search_space import SearchSpace
+from zoo.worlds.scenario import SpeedMph
 
 VARY = "vary"
 

@@ -22,13 +22,19 @@ from zoo.runs.table import Column, Table
 from zoo.runs.table_files import check_table, write_table
 from zoo.search.failure_archive import Archive
 from zoo.search.failure_map import failure_map
-from zoo.search.first_failure import TRACK, opened_drivers
 from zoo.search.search_options import SearchOptions
-from zoo.search.search_run import Driven, distance_to_usual, search, usual_features
+from zoo.search.search_run import (
+    Driven,
+    distance_to_usual,
+    opened_driver,
+    search,
+    usual_features,
+)
 from zoo.search.search_space import SearchSpace, weather_text
+from zoo.worlds.embedded_world import ROAD
 
 VERSION = 1
-RESULT, MAP, MILDEST = "search.json", "map.png", f"{TRACK}.yaml"
+RESULT, MAP, MILDEST = "search.json", "map.png", f"{ROAD}.yaml"
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
         digest = sha256(Path(checkpoint).read_bytes()).hexdigest()
         report = Report(checkpoint, digest, options, space, archive, usual_features(space), folder)
         with (
-            opened_drivers(options.workers) as drive,
+            opened_driver(checkpoint, options) as drive,
             progress_bar(f"{options.budget} drives", console) as show,
         ):
 
@@ -96,7 +102,7 @@ def search_and_report(checkpoint: str, options: SearchOptions, console: Console)
                 write_whole(folder / RESULT, json_text(result_of(report, drives)))
                 show(len(drives) / options.budget)
 
-            drives = search(checkpoint, options, space, archive, drive, keep)
+            drives = search(options, space, archive, drive, keep)
         result = result_of(report, drives)
         mildest = report.mildest(drives)
         written = [folder / RESULT, _draw(report, drives)]

@@ -1,18 +1,58 @@
 """A search: choose roads, drive them, and keep which failed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
+from simulator.track import Track
+from zoo.base.process_pool import opened_pool
+from zoo.drives.drive_record import Drive
 from zoo.search.failure_archive import Archive
-from zoo.search.first_failure import BATCH, DriveJobs, Job, Outcome
 from zoo.search.sampler import ArchiveSampler, RandomSampler, TpeSampler
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_space import Candidate, SearchSpace
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
+BATCH = 8  # drives that are chosen together, for every number of processes
 STARTUP = 0.12  # share of the budget that TPE draws at random first
 USUAL_ROADS = 25  # of the family, for the usual values of features
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The end of a drive.
+
+    Attributes:
+        failed: whether it ended with an intervention.
+        driven_m: metres driven.
+        time_s: seconds driven.
+        closeness: largest share of the way from the centreline to the edge line, below 1; 1 for
+            a failure.
+        nan_frames: number of frames for which the network steered NaN.
+    """
+
+    failed: bool
+    driven_m: float
+    time_s: float
+    closeness: float
+    nan_frames: int
+
+    @classmethod
+    def of(cls, drive: Drive, track: Track) -> "Outcome":
+        """Return the end of a drive that ended at its first intervention."""
+        failed = bool(drive.intervention.any())
+        edge = track.width_at(drive.distance_m) / 2
+        closeness = float((np.abs(drive.cross_track_m) / edge).max())
+        return cls(
+            failed,
+            round(drive.driven_m, 3),
+            round(float(drive.time_s[-1]), 3),
+            1.0 if failed else round(min(closeness, 0.999), 4),
+            drive.nan_frames,
+        )
 
 
 @dataclass(frozen=True)
@@ -23,12 +63,33 @@ class Driven:
     outcome: Outcome
 
 
+@contextmanager
+def opened_driver(
+    checkpoint: str, options: SearchOptions
+) -> Iterator[Callable[[Sequence[Candidate]], list[Outcome]]]:
+    """Open processes; yield a function that drives roads and returns outcomes in their order.
+
+    Raises:
+        InputError: a process was killed, for example because memory ran out.
+    """
+    with opened_pool(options.workers, most=BATCH) as pool:
+
+        def drive(chosen: Sequence[Candidate]) -> list[Outcome]:
+            scenarios = [scenario_of(options, one) for one in chosen]
+            drives = all_drives(checkpoint, scenarios, first_only=True, pool=pool)
+            return [
+                Outcome.of(drive, candidate.track)
+                for drive, candidate in zip(drives, chosen, strict=True)
+            ]
+
+        yield drive
+
+
 def search(
-    checkpoint: str,
     options: SearchOptions,
     space: SearchSpace,
     archive: Archive,
-    drive: DriveJobs,
+    drive: Callable[[Sequence[Candidate]], list[Outcome]],
     report: Callable[[list[Driven]], None],
 ) -> list[Driven]:
     """Drive `options.budget` roads and return them in the order of their choice.
@@ -37,18 +98,17 @@ def search(
     the same for every number of processes.
 
     Args:
-        checkpoint: checkpoint file.
         options: options of the search.
         space: roads and days to choose from.
         archive: empty cells, which are filled.
-        drive: see `opened_drivers`.
+        drive: see `opened_driver`.
         report: function called after each batch with all drives so far.
     """
     sampler = make_sampler(options, space, archive)
     found: list[Driven] = []
     while len(found) < options.budget:
         chosen = sampler.propose(min(BATCH, options.budget - len(found)))
-        outcomes = drive([job_of(checkpoint, options, one) for one in chosen])
+        outcomes = drive(chosen)
         for candidate, outcome in zip(chosen, outcomes, strict=True):
             archive.add(candidate.features, outcome.failed)
             found.append(Driven(candidate, outcome))
@@ -69,16 +129,15 @@ def make_sampler(
     return RandomSampler(space, options.seed, whole_family=options.sampler == "family")
 
 
-def job_of(checkpoint: str, options: SearchOptions, one: Candidate) -> Job:
+def scenario_of(options: SearchOptions, one: Candidate) -> Scenario:
     """Return the drive of a road on its day."""
-    return Job(
-        checkpoint,
-        one.content,
-        one.weather,
-        options.speed,
-        options.frame_rate,
-        options.delay_s,
-        options.quality,
+    return Scenario(
+        road=one.content,
+        weather=one.weather,
+        speed=options.speed,
+        frame_rate=options.frame_rate,
+        delay_s=options.delay_s,
+        quality=options.quality,
     )
 
 

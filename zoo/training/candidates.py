@@ -6,7 +6,7 @@ score, so that the score is not the best of several attempts.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -17,8 +17,8 @@ from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.drives.driving_score import driving_score
-from zoo.evaluate.many_drives import Setup, drive_all
-from zoo.evaluate.track_scores import RunScore
+from zoo.evaluate.track_scores import KeptDrive, RunScore, driving_line
+from zoo.worlds.run_drives import all_drives
 
 START_SEED = 1000  # the score's seeds count from 0
 BEST, MONITORED = "best.ckpt", "monitored.ckpt"
@@ -151,13 +151,16 @@ def _drive(
     score: RunScore, checkpoints: Path, candidates: Sequence[Candidate], console: Console
 ) -> list[dict]:
     """Drive each candidate once, from the same start; return `Choice.drives`."""
-    once = replace(score, laps=_laps(score), film=False)
-    setup = Setup.of(once, score.tracks[0], START_SEED)
-    found = drive_all(
+    scenario = score.one_drive(
+        track=score.tracks[0], seed=START_SEED, laps=_laps(score), guard=None
+    )
+    scenarios = [scenario] * len(candidates)
+    found = all_drives(
         [str(checkpoints / one.file) for one in candidates],
-        [setup] * len(candidates),
-        [None] * len(candidates),
+        scenarios,
+        KeptDrive(),
         score.workers,
+        driving_line(scenarios),
         console,
     )
     keys = ("autonomy", "interventions", "cte_mean_m", "driven_s")

@@ -5,15 +5,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.zoo.commands import ROOT, environment
 from zoo.base.errors import InputError
-from zoo.base.process_pool import drive_in_processes
+from zoo.base.process_pool import opened_pool, run_jobs
+
+
+def run_all(function: Callable, jobs: list[tuple], workers: int, **more: Any) -> Iterator[tuple]:
+    with opened_pool(workers, most=len(jobs)) as pool:
+        yield from run_jobs(pool, function, jobs, **more)
 
 
 def half(number: int, report: Callable[[float], None]) -> tuple[float, int]:
@@ -61,7 +67,7 @@ def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
         if share == (0.25 if workers == 1 else 0.5):
             go_on.touch()
 
-    done = dict(drive_in_processes(stop_half_way, [(go_on,), (go_on,)], workers, show))
+    done = dict(run_all(stop_half_way, [(go_on,), (go_on,)], workers, show=show))
     assert done == {0: None, 1: None}
     assert go_on.exists(), f"only {shown} was shown"
     assert shown == sorted(shown)
@@ -71,54 +77,53 @@ def test_progress_moves_within_a_drive(workers: int, tmp_path: Path) -> None:
 def test_progress_counts_the_work_of_each_job() -> None:
     shown: list[float] = []
     jobs = [(1,), (2,), (3,)]
-    list(drive_in_processes(half, jobs, workers=1, show=shown.append, sizes=[60, 30, 10]))
+    list(run_all(half, jobs, workers=1, show=shown.append, sizes=[60, 30, 10]))
     assert shown == pytest.approx([0.6, 0.9, 1.0])
 
 
 def test_no_jobs_are_no_drives() -> None:
-    assert list(drive_in_processes(half, [], workers=2)) == []
+    assert list(run_all(half, [], workers=2)) == []
 
 
 def test_results_come_with_the_number_of_their_job() -> None:
-    found = dict(drive_in_processes(half, [(4,), (6,), (8,)], workers=2))
+    found = dict(run_all(half, [(4,), (6,), (8,)], workers=2))
     assert {number: value for number, (value, _) in found.items()} == {0: 2.0, 1: 3.0, 2: 4.0}
     assert os.getpid() not in {process for _, process in found.values()}
 
 
 def test_one_worker_is_this_process() -> None:
-    found = dict(drive_in_processes(half, [(4,), (6,)], workers=1))
+    found = dict(run_all(half, [(4,), (6,)], workers=1))
     assert found == {0: (2.0, os.getpid()), 1: (3.0, os.getpid())}
 
 
 def test_a_process_that_is_killed_is_told_with_what_to_try() -> None:
     with pytest.raises(InputError, match=r"killed.* workers=1"):
-        dict(drive_in_processes(end, [(1,), (2,)], workers=2))
+        dict(run_all(end, [(1,), (2,)], workers=2))
 
 
 def test_what_a_drive_raises_is_raised() -> None:
     with pytest.raises(InputError, match=r"drive \d cannot be"):
-        dict(drive_in_processes(refuse, [(1,), (2,)], workers=2))
+        dict(run_all(refuse, [(1,), (2,)], workers=2))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_drive_that_exits_ends_no_process_silently(workers: int) -> None:
     with pytest.raises(SystemExit, match="3"):
-        dict(drive_in_processes(stop, [(3,), (3,)], workers))
+        dict(run_all(stop, [(3,), (3,)], workers))
 
 
 def test_an_error_names_its_place_in_the_other_process() -> None:
     with pytest.raises(InputError) as found:
-        dict(drive_in_processes(refuse, [(1,), (2,)], workers=2))
+        dict(run_all(refuse, [(1,), (2,)], workers=2))
     assert "in refuse" in str(found.value.__cause__)
 
 
 PARENT = """
 import sys
 from pathlib import Path
-from tests.zoo.base.test_process_pool import never_end
-from zoo.base.process_pool import drive_in_processes
+from tests.zoo.base.test_process_pool import never_end, run_all
 try:
-    list(drive_in_processes(never_end, [(Path(one),) for one in sys.argv[1:]], workers=2))
+    list(run_all(never_end, [(Path(one),) for one in sys.argv[1:]], workers=2))
 except KeyboardInterrupt:
     sys.exit(130)
 """

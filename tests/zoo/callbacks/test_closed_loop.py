@@ -112,7 +112,7 @@ def test_a_drive_leaves_mode_gradients_and_chance_as_they_were(
     assert torch.get_num_threads() == threads
     for one, before in zip(network.parameters(), gradients, strict=True):
         assert torch.equal(one.grad, before)
-    callback.world.pictures.close()
+    callback.world.close()
 
 
 def test_its_share_of_the_time_is_kept_by_leaving_epochs_out(monkeypatch) -> None:
@@ -138,7 +138,7 @@ def test_where_no_renderer_opens_it_says_so_once_and_trains(
     def refuse(*_: object, **__: object) -> None:
         raise InputError("renderer=auto: none opens here")
 
-    monkeypatch.setattr("simulator.world.open_world", refuse)
+    monkeypatch.setattr("zoo.worlds.open_world.open_world", refuse)
     tiny = ("model=tiny", "data.crop=[50,0]", "callbacks=closed_loop")
     trainer, _ = fit(recorded, tmp_path / "a", console, *tiny)
     assert trainer.current_epoch == 2
@@ -162,14 +162,14 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     path.write_text("closed: false\nsegments: [{straight: 200}]\n")
     callback = ClosedLoop(track=str(path), starts=3, metres=60, quality="simple")
     assert callback._open() is None
-    begun, step = [], callback.world.step
+    begun, step = [], callback.world.simulated.step
 
     def step_and_note(*command: float) -> None:
         step(*command)
-        if callback.world.frames == 1:
-            begun.append(callback.world.place.distance)
+        if callback.world.simulated.frames == 1:
+            begun.append(callback.world.simulated.place.distance)
 
-    callback.world.step = step_and_note
+    callback.world.simulated.step = step_and_note
     view = View([60, 40], "hsv_s", [1, 14])
     network = make_network({"_target_": "zoo.models.linear.Linear"}, view)
     torch.nn.init.zeros_(network.head.weight)
@@ -177,7 +177,7 @@ def test_on_an_open_road_every_drive_has_its_length(tmp_path: Path) -> None:
     figures = callback.drive(network, view)
     assert figures["interventions"] == 0
     assert begun == pytest.approx([0, 140 / 3, 280 / 3], abs=1)
-    callback.world.pictures.close()
+    callback.world.close()
 
 
 @pytest.mark.slow

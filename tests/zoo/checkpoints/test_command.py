@@ -1,30 +1,25 @@
-"""The command of a policy, and the state that a policy keeps for each car."""
+"""The command of a policy, and a plain function as a policy."""
 
-from simulator.world import open_world
-from zoo.checkpoints.command import Command, call_policy, own_session, reset_policy
-from zoo.evaluate.embedded_drive import drive_closed_loop
-from zoo.evaluate.many_drives import speed_controller
+from zoo.checkpoints.command import Command, Policy, as_policy
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.open_world import open_world
+from zoo.worlds.scenario import Scenario
 
 
-class Counting:
-    """A policy that turns off the road, and counts frames and resets."""
+class Counting(Policy):
+    """A policy that turns off the road, and counts resets."""
 
-    def __init__(self) -> None:
-        self.frames, self.resets = 0, 0
+    resets = 0
 
     def __call__(self, frame, speed_mph: float) -> Command:
-        self.frames += 1
         return Command(0.5)
 
     def reset(self) -> None:
         self.resets += 1
 
-    def new_session(self) -> "Counting":
-        return Counting()
-
 
 def test_a_pair_is_a_command_without_doubt() -> None:
-    assert call_policy(lambda frame, mph: (0.1, None), None, 9.0) == Command(0.1, None, None)
+    assert as_policy(lambda frame, mph: (0.1, None))(None, 9.0) == Command(0.1, None, None)
 
 
 def test_a_command_unpacks_as_the_pair_that_policies_once_returned() -> None:
@@ -33,19 +28,8 @@ def test_a_command_unpacks_as_the_pair_that_policies_once_returned() -> None:
     assert Command(0.1, 0.2)[0] == 0.1
 
 
-def test_a_plain_function_has_no_state() -> None:
-    policy = lambda frame, mph: (0.1, None)  # noqa: E731
-    reset_policy(policy)
-    assert own_session(policy) is policy
-
-
-def test_each_car_has_its_own_state() -> None:
-    policy = Counting()
-    assert own_session(policy) is not policy
-
-
 def test_a_drive_resets_the_policy_at_its_start_and_after_each_intervention() -> None:
-    policy, world = Counting(), open_world("lake", "none")
-    drive = drive_closed_loop(policy, world, speed_controller(9.0), 1, 0.1)
-    assert drive.intervention.sum() > 1
-    assert policy.resets == 1 + drive.intervention.sum()
+    policy, scenario = Counting(), Scenario("lake", 1, laps=0.1, speed=9.0)
+    driven = drive(policy, open_world(scenario, "none"), scenario)
+    assert driven.intervention.sum() > 1
+    assert policy.resets == 1 + driven.intervention.sum()

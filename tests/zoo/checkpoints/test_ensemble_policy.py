@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from datamodules.view import View
-from zoo.checkpoints.command import Command, own_session, reset_policy
+from zoo.checkpoints.command import Command, Policy
 from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 
 FRAME = np.zeros((160, 320, 3), np.uint8)
 
 
-class Member:
+class Member(Policy):
     """A policy with a fixed command."""
 
     view, config, name, parameters = View((60, 25), "rgb", None), {"seed": 1}, "Member", 10
@@ -40,7 +40,7 @@ class Counting(Member):
     def reset(self) -> None:
         self.count = 0
 
-    def new_session(self) -> "Counting":
+    def session(self) -> "Counting":
         return Counting()
 
 
@@ -73,10 +73,10 @@ def test_it_describes_its_members() -> None:
 
 def test_members_that_remember_are_reset_and_have_a_state_for_each_session() -> None:
     policy = EnsemblePolicy([Counting(), Member(0.0)])
-    other = own_session(policy)
+    other = policy.session()
     assert [policy(FRAME, 9.0).steering for _ in range(2)] == [0.05, 0.1]
     assert other(FRAME, 9.0).steering == 0.05
-    reset_policy(policy)
+    policy.reset()
     assert policy(FRAME, 9.0).steering == 0.05
 
 
@@ -84,5 +84,5 @@ def test_the_latency_reaches_the_members_that_predict_ahead() -> None:
     policy = EnsemblePolicy([Counting(), Member(0.0)])
     policy.latency_s = 0.4
     assert policy.members[0].latency_s == policy.latency_s == 0.4
-    assert not hasattr(policy.members[1], "latency_s")
-    assert not hasattr(EnsemblePolicy([Member(0.0)]), "latency_s")
+    assert policy.members[1].latency_s is None
+    assert EnsemblePolicy([Member(0.0)]).latency_s is None

@@ -7,19 +7,18 @@ import torch
 from tests.zoo.models.test_memory import NAMES
 from tests.zoo.models.test_models_command import build
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.command import own_session, reset_policy
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.policy import CheckpointPolicy
 
 FRAMES = np.random.default_rng(3).integers(0, 256, (6, 160, 320, 3), np.uint8)
 
 
-def policy_of(name: str, *overrides: str, **data: float) -> Policy:
+def policy_of(name: str, *overrides: str, **data: float) -> CheckpointPolicy:
     torch.manual_seed(1)
     network, view = build(name, *overrides)
-    return Policy(Checkpoint(network.eval(), view, {}, dict(data)))
+    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, dict(data)))
 
 
-def steering(policy: Policy, frames: np.ndarray = FRAMES) -> list[float]:
+def steering(policy: CheckpointPolicy, frames: np.ndarray = FRAMES) -> list[float]:
     return [policy(frame, 9.0).steering for frame in frames]
 
 
@@ -28,7 +27,7 @@ def test_a_reset_forgets_the_frames_before(name: str) -> None:
     policy = policy_of(name, "model.sequence=4")
     first = steering(policy)
     assert steering(policy)[0] != first[0], "it has no memory"
-    reset_policy(policy)
+    policy.reset()
     assert steering(policy) == first
 
 
@@ -36,7 +35,7 @@ def test_a_reset_forgets_the_frames_before(name: str) -> None:
 def test_sessions_do_not_mix_their_frames(name: str) -> None:
     policy = policy_of(name, "model.sequence=4")
     wanted = steering(policy)
-    one, other = own_session(policy), own_session(policy)
+    one, other = policy.session(), policy.session()
     for forth, back, steers in zip(FRAMES, FRAMES[::-1], wanted, strict=True):
         assert one(forth, 9.0).steering == steers
         other(back, 9.0)
@@ -72,5 +71,5 @@ def test_without_the_recordings_rate_the_latency_changes_nothing() -> None:
 
 @pytest.mark.parametrize("name", ["nvidia", "cnn_gru"])
 def test_only_policies_that_predict_ahead_have_a_latency(name: str) -> None:
-    assert not hasattr(policy_of(name), "latency_s")
-    assert hasattr(policy_of("action_chunk"), "latency_s")
+    assert policy_of(name).latency_s is None
+    assert policy_of("action_chunk").latency_s == 0.0

@@ -12,7 +12,7 @@ from datamodules.view import View
 from tests.zoo.compositions import composed
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import choices
 from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
@@ -116,7 +116,7 @@ def test_a_network_that_predicts_its_spread_returns_it(speed: bool) -> None:
     network = PilotNet((3, 66, 200), spread=True, speed=speed).eval()
     with torch.no_grad():
         network.head[-2].weight[0] *= 100  # steers beyond 1
-    policy = Policy(Checkpoint(network, view, {}, {}))
+    policy = CheckpointPolicy(Checkpoint(network, view, {}, {}))
     frame = np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8)
     out = network(*network_inputs(view(frame), SPEED if speed else None))[0].tolist()
 

@@ -9,54 +9,58 @@ import pytest
 from datamodules.recording import read_recordings
 from simulator.recorder import JPEG_QUALITY
 from simulator.weather import CLEAR
-from simulator.world import World, open_world
+from simulator.world import World
 from tests.simulator.tracks import loop
+from zoo.checkpoints.command import as_policy
 from zoo.cli.command_config import read_options
-from zoo.correct.collecting import LabellingPolicy, collect_drive, worth_keeping
+from zoo.correct.collecting import Labelled, LabellingPolicy, RecordedErrors, worth_keeping
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_record import DriveRow
-from zoo.evaluate.many_drives import Setup, drive_setup
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.embedded_world import EmbeddedWorld, open_embedded
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
+
+LOOP = Scenario("loop", 1, laps=0.3)
 
 
 def straight_on(frame: np.ndarray | None, speed_mph: float) -> tuple[float, None]:
     return 0.0, None
 
 
-def labelling(world: World, beta: float = 0.0, nudge: float = 0.0) -> LabellingPolicy:
-    return LabellingPolicy(straight_on, world, 30.0, beta, nudge, seed=3)
+def labelling(world: EmbeddedWorld, beta: float = 0.0, nudge: float = 0.0) -> LabellingPolicy:
+    return LabellingPolicy(as_policy(straight_on), world.simulated, 30.0, beta, nudge, seed=3)
 
 
 def test_the_labels_steer_back_to_the_middle() -> None:
-    world = World(loop())
+    world = EmbeddedWorld(World(loop()))
     policy = labelling(world)
-    drive = drive_setup(policy, world, Setup("loop", 1, laps=0.3, speed_mph=15))
-    assert len(policy.labels) == len(drive.rows)
-    interventions = [number for number, row in enumerate(drive.rows) if row.intervention]
+    driven = drive(policy, world, LOOP)
+    assert len(policy.labels) == len(driven.rows)
+    interventions = [number for number, row in enumerate(driven.rows) if row.intervention]
     assert interventions
     for number in interventions:
-        steering, error = policy.labels[number].steering, drive.rows[number].cross_track_m
+        steering, error = policy.labels[number].steering, driven.rows[number].cross_track_m
         assert steering * error < 0
         assert abs(steering) > 0.1
 
 
 def test_with_beta_1_the_expert_drives() -> None:
-    world = World(loop())
-    setup = Setup("loop", 1, laps=1, speed_mph=15)
-    drive = drive_setup(labelling(world, beta=1.0), world, setup)
-    assert not any(row.intervention for row in drive.rows)
-    half = drive_setup(labelling(world, beta=0.5), world, setup)
+    world, lap = EmbeddedWorld(World(loop())), Scenario("loop", 1)
+    assert not drive(labelling(world, beta=1.0), world, lap).intervention.any()
+    half = drive(labelling(world, beta=0.5), world, lap)
     steered = np.array([row.steering != 0 for row in half.rows])
     assert 0.2 < steered.mean() < 0.8
 
 
 def test_a_nudge_leads_off_the_line() -> None:
-    world = open_world("lake", renderer="none")
+    scenario = Scenario("lake", laps=0.3)
+    world = open_embedded(scenario, "none")
 
     def error(nudge: float) -> float:
         policy = labelling(world, nudge=nudge)
-        policy.policy = lambda frame, mph: (policy.expert(world)[0], None)
-        drive = drive_setup(policy, world, Setup("lake", laps=0.3, speed_mph=15))
-        return max(abs(row.cross_track_m) for row in drive.rows)
+        policy.policy = as_policy(lambda frame, mph: (policy.expert(world.simulated)[0], None))
+        return np.abs(drive(policy, world, scenario).cross_track_m).max()
 
     assert error(0.0) < 0.3 < error(0.5) < 3
 
@@ -83,10 +87,11 @@ def test_the_recording_has_the_frames_that_the_model_saw(
         seen.append(frame.copy())
         return 0.3, None
 
-    monkeypatch.setattr("zoo.checkpoints.policy.load_policy", lambda _: policy)
+    monkeypatch.setattr("zoo.correct.collecting.load_kept", lambda _: as_policy(policy))
     options = read_options("correct", CorrectOptions, ["off_m=0"])
-    setup = Setup("lake", 1, laps=0.02, speed_mph=20, weather=CLEAR, margin_m=1.0)
-    rows = collect_drive("any", setup, options, 0.0, 1e6, tmp_path / "recording")
+    scenario = Scenario("lake", 1, laps=0.02, speed=20, weather=CLEAR, margin=1.0)
+    keep = RecordedErrors(tmp_path / "recording", options, 1e6)
+    (rows,) = all_drives(Labelled("any", options, 0.0), [scenario], keep)
     recording = read_recordings(str(tmp_path / "recording"))
     assert rows == len(recording) == len(seen) > 20
     for row in (0, rows // 2, rows - 1):

@@ -15,7 +15,6 @@ from tests.zoo.bomb import Bomb
 from tests.zoo.commands import only_line, run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.checkpoints.checkpoint import make_card
-from zoo.checkpoints.command import own_session, reset_policy
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import compose_config
 from zoo.doubt.__main__ import doubt
@@ -102,9 +101,9 @@ def test_the_table_has_a_row_for_each_checkpoint(
 def test_the_commands_repeat_after_a_reset_and_in_another_session(file: Path) -> None:
     policy = load_policy(file)
     first = [policy(frame, 9.0) for frame in FRAMES]
-    reset_policy(policy)
+    policy.reset()
     assert [policy(frame, 9.0) for frame in FRAMES] == first
-    assert [own_session(policy)(frame, 9.0) for frame in FRAMES] == first
+    assert [policy.session()(frame, 9.0) for frame in FRAMES] == first
 
 
 def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> None:

@@ -14,7 +14,6 @@ import torch
 
 from datamodules.image import decode_image
 from datamodules.recording import read_recordings
-from simulator.world import open_world
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from tests.zoo.drive.old_client import OldClient
@@ -23,8 +22,8 @@ from zoo.checkpoints.policy import load_policy
 from zoo.drive.embedded_client import EmbeddedClient
 from zoo.drives.drive_log import read_drive
 from zoo.drives.metrics import measure
-from zoo.evaluate.embedded_drive import drive_closed_loop
-from zoo.evaluate.many_drives import speed_controller
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +187,7 @@ def test_a_bad_network_gets_the_figures_of_an_evaluation(
     result = drive(tmp_path, off_the_road, *options)
     assert result.returncode == 0, result.stderr
     policy = load_policy(off_the_road)
-    scored = drive_closed_loop(policy, open_world("lake"), speed_controller(9), 0, 0.03)
+    (scored,) = all_drives(policy, [Scenario("lake", laps=0.03, speed=9)])
     wanted = measure(scored)["interventions"]
 
     record = read_drive(tmp_path / "drive")

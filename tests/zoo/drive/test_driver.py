@@ -9,7 +9,7 @@ import pytest
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
 from zoo.base.errors import InputError
-from zoo.checkpoints.command import Command
+from zoo.checkpoints.command import Command, Policy, as_policy
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
@@ -18,7 +18,7 @@ from zoo.drives.speed_controller import PI, Constant, SpeedController
 from zoo.drives.steering_filter import SteeringFilter
 
 
-class Counting:
+class Counting(Policy):
     """A policy with memory: it steers by a hundredth more at each frame since its reset."""
 
     latency_s = 0.0
@@ -33,7 +33,7 @@ class Counting:
     def reset(self) -> None:
         self.frames = 0
 
-    def new_session(self) -> "Counting":
+    def session(self) -> "Counting":
         return Counting()
 
 
@@ -70,7 +70,7 @@ def test_pause_brakes_and_steers_on(make: Callable[..., Driver]) -> None:
 def test_a_guards_limit_brakes_and_is_counted(make: Callable[..., Driver]) -> None:
     driver = make()
     limits = iter([None, 4.0, 4.0, None, 4.0])
-    driver.policy = lambda frame, mph: Command(0.0, None, None, next(limits))
+    driver.policy = as_policy(lambda frame, mph: Command(0.0, None, None, next(limits)))
     session = driver.connect("a")
     throttles = []
     for red in range(5):  # a new image each time, since the policy is called once for each
@@ -188,7 +188,7 @@ def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driv
         looks.append(speed_mph)
         return len(looks) / 10, None
 
-    driver.policy = look
+    driver.policy = as_policy(look)
     session = driver.connect("a")
 
     def steer(speed: str, colour: tuple[int, int, int] = (9, 9, 9)) -> str:
@@ -199,7 +199,7 @@ def test_a_picture_that_is_sent_again_is_looked_at_once(make: Callable[..., Driv
     assert steer("2.0000") == "0.2000"
     assert steer("2.0000", (200, 0, 0)) == "0.3000"
     assert steer("2.0000") == "0.4000"
-    driver.policy = lambda frame, speed_mph: (0.7, None)  # as a page switches it
+    driver.policy = as_policy(lambda frame, speed_mph: (0.7, None))  # as a page switches it
     assert steer("2.0000") == "0.7000"
     assert looks == [1, 2, 2, 2]
 
@@ -254,7 +254,7 @@ def test_a_simulator_that_connects_again_is_not_remembered(
     remembering: Driver, has_sessions: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not has_sessions:
-        monkeypatch.delattr(Counting, "new_session")
+        monkeypatch.delattr(Counting, "session")
     session = remembering.connect("a")
     assert [steer(remembering, session, frame(n), n / 15) for n in range(2)] == [0.01, 0.02]
     remembering.disconnect("a")
@@ -278,6 +278,6 @@ def test_the_spread_is_recorded_and_shown(remembering: Driver) -> None:
     reply = remembering.answer(remembering.connect("a"), MOVING, 0.0)
     remembering.sent(reply, 1.0)
     assert reply.row.spread == remembering.latest().spread == 0.05
-    remembering.policy = red_policy
+    remembering.policy = as_policy(red_policy)
     remembering.sent(remembering.answer(remembering.connect("b"), MOVING, 9.0), 1.0)
     assert remembering.latest().spread is None

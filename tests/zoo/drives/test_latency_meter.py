@@ -9,26 +9,32 @@ import numpy as np
 import pytest
 
 from simulator.expert import Expert
-from simulator.world import World, open_world
+from zoo.checkpoints.command import Command, Policy, as_policy
 from zoo.correct.collecting import LabellingPolicy
 from zoo.drives.latency_meter import LatencyMeter, latency_meter
-from zoo.evaluate.embedded_drive import drive_closed_loop
-from zoo.evaluate.many_drives import speed_controller
-from zoo.guard.observed_drive import Observer
+from zoo.guard.guard_drives import Observer
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.embedded_world import EmbeddedWorld, open_embedded
+from zoo.worlds.scenario import Scenario
 
 
-class Ahead:
+def lake(delay_s: float = 0.0) -> EmbeddedWorld:
+    return open_embedded(Scenario("lake", delay_s=delay_s), "none")
+
+
+class Ahead(Policy):
     """A policy that steers as the expert does, and stores the latencies it is told."""
 
     latency_s = 9.0
 
-    def __init__(self, world: World) -> None:
-        self.world, self.expert = world, Expert(world.track)
+    def __init__(self, world: EmbeddedWorld | None = None) -> None:
+        self.world = (world or lake()).simulated
+        self.expert = Expert(self.world.track)
         self.latencies: list[float] = []
 
-    def __call__(self, frame: None, speed_mph: float) -> tuple[float, None]:
+    def __call__(self, frame: None, speed_mph: float) -> Command:
         self.latencies.append(self.latency_s)
-        return self.expert(self.world)[0], None
+        return Command(self.expert(self.world)[0])
 
 
 def feed(meter: LatencyMeter, commands: list[float], latency: int, begin: int = 0) -> None:
@@ -49,9 +55,9 @@ def commands() -> list[float]:
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.4, 0.6, 1.2])
 def test_a_drive_finds_the_delay_of_its_world(delay_s: float) -> None:
-    world = open_world("lake", "none", delay_s=delay_s)
+    world = lake(delay_s)
     policy = Ahead(world)
-    drive_closed_loop(policy, world, speed_controller(12), 1, 0.15)
+    drive(policy, world, Scenario("lake", 1, laps=0.15, speed=12))
     assert policy.latencies[0] == 0.0, "a drive starts without the last one's latency"
     # Frames are 0.06 or 0.08 s apart, so that no report tells 0.08 s from 0.1 s.
     assert np.abs(np.array(policy.latencies[60:]) - delay_s).max() < 0.021
@@ -66,20 +72,20 @@ def test_a_drive_finds_the_delay_of_its_world(delay_s: float) -> None:
     ids=["correct", "guard"],
 )
 def test_a_policy_that_is_watched_knows_the_latency(wrap: Callable[[Ahead], Any]) -> None:
-    world = open_world("lake", "none", delay_s=0.4)
+    world = lake(0.4)
     policy = Ahead(world)
-    drive_closed_loop(wrap(policy), world, speed_controller(12), 1, 0.1)
+    drive(wrap(policy), world, Scenario("lake", 1, laps=0.1, speed=12))
     assert policy.latencies[-1] == 0.4
 
 
 def test_a_policy_that_does_not_predict_ahead_needs_no_meter() -> None:
-    policy = lambda frame, mph: (0.0, None)  # noqa: E731
+    policy = as_policy(lambda frame, mph: (0.0, None))
     assert latency_meter(policy) is None
-    assert latency_meter(LabellingPolicy(policy, open_world("lake", "none"), 12, 0, 0, 0)) is None
+    assert latency_meter(LabellingPolicy(policy, lake().simulated, 12, 0, 0, 0)) is None
 
 
 def test_the_latency_stays_while_the_steering_is_constant(commands: list[float]) -> None:
-    meter = LatencyMeter(Ahead(open_world("lake", "none")))
+    meter = LatencyMeter(Ahead())
     feed(meter, [0.3] * 100, 5)
     assert meter.policy.latency_s <= 0.5
     feed(meter, commands, 4, begin=100)
@@ -90,7 +96,7 @@ def test_the_latency_stays_while_the_steering_is_constant(commands: list[float])
 
 
 def test_the_latency_stays_while_nothing_explains_the_reports(commands: list[float]) -> None:
-    meter = LatencyMeter(Ahead(open_world("lake", "none")))
+    meter = LatencyMeter(Ahead())
     feed(meter, commands, 4)
     other = np.random.default_rng(1).uniform(-0.2, 0.2, 600)
     for row, steering in enumerate(other):
@@ -107,7 +113,7 @@ class Told(Ahead):
 
 
 def test_a_policy_is_told_the_commands_on_their_way(commands: list[float]) -> None:
-    policy = Told(open_world("lake", "none"))
+    policy = Told()
     meter = LatencyMeter(policy)
     feed(meter, commands, 4)
     meter.report(commands[-4], 6.0)
@@ -121,7 +127,7 @@ def test_a_policy_is_told_the_commands_on_their_way(commands: list[float]) -> No
 
 
 def test_the_latency_survives_that_the_car_is_put_back(commands: list[float]) -> None:
-    meter = LatencyMeter(Ahead(open_world("lake", "none")))
+    meter = LatencyMeter(Ahead())
     feed(meter, commands, 5)
     for begin in (60, 70, 80):
         meter.restart()
@@ -133,7 +139,7 @@ def test_the_latency_survives_that_the_car_is_put_back(commands: list[float]) ->
 @pytest.mark.parametrize("delay_s", [0.0, 0.2, 0.6])
 def test_jitter_of_messages_is_no_obstacle(delay_s: float, rate: int) -> None:
     rng = np.random.default_rng(2)
-    meter = LatencyMeter(Ahead(open_world("lake", "none")))
+    meter = LatencyMeter(Ahead())
     sent, steering, time_s = [(-9.0, 0.0)], 0.0, 0.0
     while time_s < 20:
         wheel = sent[bisect.bisect(sent, (time_s - delay_s, math.inf)) - 1][1]

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from simulator.world import open_world
+from zoo.checkpoints.command import as_policy
 from zoo.drives.drive_log import read_drive, write_drive
 from zoo.drives.drive_record import PERSON, REPLAY, SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import LOWER, metric
 from zoo.drives.metrics import METRICS, measure
-from zoo.evaluate.embedded_drive import drive_closed_loop
-from zoo.evaluate.many_drives import speed_controller
 from zoo.results import print_results
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
 # Metrics of `drive_by_speed`, as the first version measured them.
@@ -37,10 +37,10 @@ MEASURED = {
 
 def drive_by_speed() -> Drive:
     """Drive a fifth of the lake with a policy that steers by its speed."""
-    world = open_world("lake", renderer="none")
-    return drive_closed_loop(
-        lambda _, mph: ((mph - 19.5) * 0.05, None), world, speed_controller(20), 3, 0.2
-    )
+    policy = as_policy(lambda _, mph: ((mph - 19.5) * 0.05, None))
+    scenario = Scenario("lake", 3, laps=0.2, speed=20)
+    (drive,) = all_drives(policy, [scenario], renderer="none")
+    return drive
 
 
 def test_a_drives_figures_are_those_of_the_first_version() -> None:

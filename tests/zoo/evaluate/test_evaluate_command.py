@@ -16,8 +16,8 @@ from zoo.evaluate import track_scores
 from zoo.evaluate.__main__ import command
 from zoo.evaluate.drives_table import table_rows
 from zoo.evaluate.evaluate_options import EvaluateOptions
-from zoo.evaluate.many_drives import Setup
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
+from zoo.worlds.scenario import Scenario
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_figures_do_not_depend_on_the_number_of_workers(
 
 @pytest.mark.parametrize("name", PERTURBATIONS)
 def test_a_perturbation_changes_one_thing_and_passes_the_usual(name: str) -> None:
-    usual = Setup("lake", weather=CLEAR, speed_mph=17)
+    usual = Scenario("lake", weather=CLEAR, speed=17)
     by_value = sweeps([name], usual)[name]
     assert list(by_value) == sorted(by_value)
     assert 3 <= len(by_value) <= 6

@@ -4,22 +4,26 @@ import numpy as np
 import pytest
 
 from simulator.expert import Expert
-from simulator.world import open_world
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
-from zoo.evaluate.many_drives import Setup, check_throttle, drive_setup, expert_steering_per_s
+from zoo.checkpoints.command import as_policy
+from zoo.evaluate.track_scores import expert_steering_per_s
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.open_world import open_world
+from zoo.worlds.run_drives import check_throttle
+from zoo.worlds.scenario import Scenario
 
 
-def speeds(setup: Setup, throttle: float | None) -> np.ndarray:
+def speeds(scenario: Scenario, throttle: float | None) -> np.ndarray:
     """Return the speeds in mph of a drive that steers like the expert."""
-    world = open_world("lake", renderer="none")
-    expert = Expert(world.track)
-    drive = drive_setup(lambda *_: (expert(world)[0], throttle), world, setup)
-    return np.array([row.speed_mph for row in drive.rows])
+    world = open_world(scenario, "none")
+    expert = Expert(world.simulated.track)
+    policy = as_policy(lambda *_: (expert(world.simulated)[0], throttle))
+    return drive(policy, world, scenario).speed_mph
 
 
 def test_it_starts_from_a_standstill_and_goes_as_fast_as_its_throttle() -> None:
-    own = Setup("lake", 1, laps=0.3, speed_mph=15, throttle="network")
+    own = Scenario("lake", 1, laps=0.3, speed=15, throttle="network")
     slow, fast = speeds(own, 0.1), speeds(own, 0.2)
     assert slow[0] == fast[0] == 0
     assert 5 < slow[-1] < fast[-1]
@@ -27,20 +31,20 @@ def test_it_starts_from_a_standstill_and_goes_as_fast_as_its_throttle() -> None:
 
 
 def test_otherwise_its_throttle_is_not_asked_for() -> None:
-    held = Setup("lake", 1, laps=0.2, speed_mph=15)
+    held = Scenario("lake", 1, laps=0.2, speed=15)
     assert speeds(held, 1.0) == pytest.approx(speeds(held, None))
     assert speeds(held, 1.0).mean() == pytest.approx(15, abs=0.5)
 
 
 def test_a_network_that_gives_none_is_refused() -> None:
     with pytest.raises(InputError, match=r"throttle=network: .*no throttle"):
-        check_throttle(lambda frame, mph: (0.0, None), "network")
-    check_throttle(lambda frame, mph: (0.0, 0.5), "network")
-    check_throttle(lambda frame, mph: (0.0, None), "hold")
+        check_throttle(as_policy(lambda frame, mph: (0.0, None)), "network")
+    check_throttle(as_policy(lambda frame, mph: (0.0, 0.5)), "network")
+    check_throttle(as_policy(lambda frame, mph: (0.0, None)), "hold")
 
 
 def test_the_expert_beside_it_drives_with_its_own_throttle_too() -> None:
-    per_s = [expert_steering_per_s(Setup("lake", throttle=one)) for one in ("hold", "network")]
+    per_s = [expert_steering_per_s(Scenario("lake", throttle=one)) for one in ("hold", "network")]
     assert per_s[0] < per_s[1], "it is faster, and so in more bends a second"
 
 

@@ -24,7 +24,7 @@ from zoo.base.whole_file import write_output
 from zoo.base.written_files import OUTPUTS
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint, read_checkpoint_file
 from zoo.checkpoints.onnx_policy import CARD
-from zoo.checkpoints.policy import Policy, load_policy
+from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.compose import choices
 from zoo.doctor import inputs
 from zoo.doctor.finding import OK
@@ -96,7 +96,7 @@ def test_every_model_steers_as_its_checkpoint(name: str, frames: Frames, tmp_pat
     data = {"rows": 3, "rows_per_s": 15.0}
     checkpoint = Checkpoint(network.eval(), view, {"model": {"name": name}}, data)
     (tmp_path / "model.onnx").write_bytes(onnx_bytes(checkpoint))
-    policy, onnx_policy = Policy(checkpoint), load_policy(tmp_path / "model.onnx")
+    policy, onnx_policy = CheckpointPolicy(checkpoint), load_policy(tmp_path / "model.onnx")
 
     assert compare(policy, onnx_policy, frames).difference < 1e-5
 
@@ -143,7 +143,7 @@ def test_the_file_keeps_the_view_and_the_scale(
     policy = load_policy(tmp_path / "model.onnx")
     assert policy.view == view == View([40, 20], colour, [32, 64], resize)
     assert policy.config == config
-    assert compare(Policy(checkpoint), policy, frames).difference < 1e-5
+    assert compare(CheckpointPolicy(checkpoint), policy, frames).difference < 1e-5
     text = onnx.load(tmp_path / "model.onnx").doc_string
     assert ("INTER_AREA" if resize.startswith("area") else "INTER_LINEAR") in text
     assert COLOURS[colour] in text

@@ -9,7 +9,7 @@ from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
 from tests.zoo.models import keras_reference
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.policy import Policy
+from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 from zoo.models.make_network import make_network
@@ -144,7 +144,7 @@ def test_a_network_of_many_layers_explains_itself_and_exports(tmp_path) -> None:
     view = View([0, 0], "rgb", SHAPE[:2])
     checkpoint = Checkpoint(network, view, {"model": {"name": "keras"}}, {"rows": 3})
     frame = np.random.default_rng(0).integers(0, 256, (160, 320, 3), dtype=np.uint8)
-    policy = Policy(checkpoint)
+    policy = CheckpointPolicy(checkpoint)
     for published in (False, True):
         where = Saliency(policy, published)(frame, 9.0)
         assert where.shape == (160, 320)

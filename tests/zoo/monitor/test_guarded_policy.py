@@ -9,7 +9,7 @@ import torch
 from tests.zoo.monitor.networks import write_pilotnet
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
-from zoo.checkpoints.command import Command, own_session, reset_policy
+from zoo.checkpoints.command import Command, Policy
 from zoo.checkpoints.policy import load_policy
 from zoo.monitor.guard_file import KEY, Guard, read_guard, write_guard
 from zoo.monitor.guarded_policy import GuardedPolicy, guarded
@@ -18,7 +18,7 @@ from zoo.monitor.scores import fit_score, make_score
 DARK, BRIGHT = (np.full((160, 320, 3), grey, np.uint8) for grey in (20, 230))
 
 
-class Remembering:
+class Remembering(Policy):
     """A policy with a state and a spread that is the frame's brightness."""
 
     latency_s = 0.0
@@ -33,7 +33,7 @@ class Remembering:
     def reset(self) -> None:
         self.calls = 0
 
-    def new_session(self) -> "Remembering":
+    def session(self) -> "Remembering":
         return Remembering()
 
 
@@ -56,7 +56,7 @@ def test_a_reset_forgets_the_window_and_the_policys_frames() -> None:
     for _ in range(3):
         policy(BRIGHT, 9.0)
     assert policy.fires
-    reset_policy(policy)
+    policy.reset()
     assert not policy.fires
     assert policy.policy.calls == 0
     assert policy(BRIGHT, 9.0).limit_mph is None, "the window is not whole yet"
@@ -64,7 +64,7 @@ def test_a_reset_forgets_the_window_and_the_policys_frames() -> None:
 
 def test_each_session_has_a_window_of_its_own_and_alarms_add_up() -> None:
     policy = GuardedPolicy(Remembering(), guard_of_brightness(1))
-    first, second = own_session(policy), own_session(policy)
+    first, second = policy.session(), policy.session()
     first(BRIGHT, 9.0)
     assert first.fires
     assert not second.fires
@@ -77,7 +77,7 @@ def test_the_policys_attributes_are_those_of_the_policy(tmp_path: Path) -> None:
     path = write_pilotnet(tmp_path / "best.ckpt")
     policy = GuardedPolicy(load_policy(path), _autoencoder(path))
     assert policy.name == "PilotNet"
-    assert not hasattr(policy, "latency_s")
+    assert policy.latency_s is None
     delayed = GuardedPolicy(Remembering(), guard_of_brightness())
     delayed.latency_s = 0.4
     assert delayed.policy.latency_s == 0.4

@@ -7,7 +7,7 @@ import pytest
 
 from tests.zoo.monitor.networks import write_pilotnet
 from tests.zoo.written_checkpoints import write_constant
-from zoo.checkpoints.command import Command, call_policy
+from zoo.checkpoints.command import Command
 from zoo.checkpoints.policy import load_policy
 from zoo.monitor.scores import METHODS, fit_score, make_score
 from zoo.monitor.signals import DROPOUT, ENSEMBLE, IMAGE, MAP, SPREAD, signal_sources
@@ -66,13 +66,13 @@ def test_a_network_with_dropout_has_image_map_and_spread(checkpoint: Path) -> No
     sources, lacking = signal_sources(policy, samples=8)
     assert set(sources) == {IMAGE, MAP, DROPOUT}
     assert SPREAD in lacking[0]
-    command = call_policy(policy, FRAME, 9.0)
+    command = policy(FRAME, 9.0)
     assert sources[IMAGE](FRAME, 9.0, command).shape == (40, 80, 3)
     assert sources[MAP](FRAME, 9.0, command).shape == (16, 64, 1)
     spread = sources[DROPOUT](FRAME, 9.0, command)
     assert spread > 0
     assert sources[DROPOUT](FRAME, 9.0, command) == spread, "the masks are the same for each frame"
-    assert call_policy(policy, FRAME, 9.0) == command, "the policy itself drives without dropout"
+    assert policy(FRAME, 9.0) == command, "the policy itself drives without dropout"
 
 
 def test_a_network_without_dropout_is_one_line(tmp_path: Path) -> None:

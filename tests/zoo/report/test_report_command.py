@@ -16,12 +16,14 @@ import torch
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
-from zoo.evaluate.many_drives import Setup, drive_once
+from zoo.evaluate.track_scores import KeptDrive
 from zoo.report.blocks import Image, Images, Rows, Section, Text
 from zoo.report.markdown import to_markdown
 from zoo.report.report_page import to_html
 from zoo.report.write_up import write_report
 from zoo.runs.table import Table
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
 MISSING = re.compile(r'<p class="missing">(.*?)</p>')
 
@@ -53,8 +55,9 @@ def driven(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report") / "run"
     shutil.copytree(run_folder, folder)
     forget_drives(folder)
-    setup = Setup("lake", laps=0.03, speed_mph=25.0, quality="simple", film_speed=3.0)
-    drive_once(str(folder / "checkpoints" / "best.ckpt"), setup, folder / "drives" / "lake-0")
+    scenario = Scenario("lake", laps=0.03, speed=25.0, quality="simple")
+    keep = KeptDrive(folder / "drives" / "lake-0", film_speed=3.0)
+    all_drives(str(folder / "checkpoints" / "best.ckpt"), [scenario], keep)
     write_report(folder)
     return folder
 

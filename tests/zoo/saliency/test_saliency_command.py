@@ -13,16 +13,16 @@ from tests.zoo.commands import run
 from tests.zoo.models.test_models_command import build
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
-from zoo.checkpoints.policy import Policy, load_policy
+from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.compose import choices
 from zoo.saliency.__main__ import draw_saliency
 from zoo.saliency.visual_backprop import Saliency, enlarge, overlay
 
 
-def policy_of(name: str) -> Policy:
+def policy_of(name: str) -> CheckpointPolicy:
     torch.manual_seed(0)
     network, view = build(name)
-    return Policy(Checkpoint(network.eval(), view, {}, {}))
+    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, {}))
 
 
 @pytest.fixture

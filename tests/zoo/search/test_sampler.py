@@ -9,20 +9,20 @@ from simulator.weather import CLEAR
 from zoo.base.errors import InputError
 from zoo.cli.command_config import read_options
 from zoo.search.failure_archive import Archive
-from zoo.search.first_failure import Job, Outcome
 from zoo.search.search_options import SearchOptions
-from zoo.search.search_run import Driven, search
+from zoo.search.search_run import Driven, Outcome, search
+from zoo.search.search_space import Candidate
 
 
 def options_of(*given: str) -> SearchOptions:
     return read_options("search", SearchOptions, ["length=60", "weather=clear", *given])
 
 
-def narrow_fails(jobs: list[Job]) -> list[Outcome]:
+def narrow_fails(chosen: list[Candidate]) -> list[Outcome]:
     """Fail on roads narrower than 5.4 m."""
     widths = [
-        min(width for _, width in job.content.get("widths", [[0, job.content["width"]]]))
-        for job in jobs
+        min(width for _, width in one.content.get("widths", [[0, one.content["width"]]]))
+        for one in chosen
     ]
     return [
         Outcome(width < 5.4, 30.0, 5.0, 1.0 if width < 5.4 else 5.4 / width, 0) for width in widths
@@ -33,9 +33,7 @@ def searched(options: SearchOptions) -> tuple[list[Driven], Archive]:
     space = options.space()
     archive = Archive(options.grid(space))
     batches: list[int] = []
-    found = search(
-        "x.ckpt", options, space, archive, narrow_fails, lambda d: batches.append(len(d))
-    )
+    found = search(options, space, archive, narrow_fails, lambda d: batches.append(len(d)))
     assert batches == [*range(8, options.budget, 8), options.budget]
     return found, archive
 

@@ -11,16 +11,16 @@ import yaml
 from PIL import Image
 from rich.console import Console
 
-from simulator.track_file import read_track
 from simulator.weather import read_weather
 from tests.zoo.commands import only_line, run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.command_config import read_options
 from zoo.drives.drive_log import read_drive
 from zoo.evaluate.__main__ import command as evaluate
-from zoo.search.first_failure import Job, drive_to_failure
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_report import search_and_report
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
 
 SHORT = ("length=60", "speed=25", "quality=simple", "cells=4")
 
@@ -62,16 +62,13 @@ def test_the_mildest_failure_replays_to_the_frame(
     evaluate([*arguments, "workers=1", f"out={tmp_path / 'again'}"])
     again = read_drive(tmp_path / "again" / "mildest-0")
     file = found / "mildest.yaml"
-    job = Job(
-        str(checkpoint),
-        yaml.safe_load(file.read_text()),
-        read_weather(mildest["weather"]),
-        options.speed,
-        options.frame_rate,
-        options.delay_s,
-        options.quality,
+    scenario = Scenario(
+        road=yaml.safe_load(file.read_text()),
+        weather=read_weather(mildest["weather"]),
+        speed=options.speed,
+        quality=options.quality,
     )
-    first = drive_to_failure(job, read_track(str(file)))
+    (first,) = all_drives(str(checkpoint), [scenario], first_only=True)
     frames = len(first)
     assert first.intervention[-1]
     assert not first.intervention[:-1].any()

@@ -9,9 +9,9 @@ from rich.console import Console
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.evaluate import many_drives
 from zoo.evaluate.track_scores import RunScore, run_options
 from zoo.training.candidates import choose_best, restore_monitored
+from zoo.worlds import run_drives
 
 SHORT = run_options(OmegaConf.create({"laps": 0.05, "candidate_laps": 0.05, "workers": 1}))
 UNDRIVEN = run_options(OmegaConf.create({"candidate_laps": 0}))
@@ -73,7 +73,7 @@ def test_without_a_simulator_the_lowest_error_stays(
     def fail(*_: object, **__: object) -> None:
         raise InputError("no renderer opens")
 
-    monkeypatch.setattr(many_drives, "open_world", fail)
+    monkeypatch.setattr(run_drives, "open_world", fail)
     assert choose_best(SHORT, "val/mse", run, console).epoch == epoch(run) == 1
     assert "no renderer opens" in console.file.getvalue()
 

@@ -15,7 +15,7 @@ from simulator.rig import (
     camera_matrix,
 )
 from simulator.world import Start, open_world
-from zoo.evaluate.camera_warp import Warp, camera_place
+from zoo.worlds.camera_warp import Warp, camera_place
 
 WARP = Warp()
 RNG = np.random.default_rng(0)

@@ -17,16 +17,19 @@ from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
 from zoo.cli.command_config import read_options
 from zoo.drives.drive_log import read_drive
+from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
-from zoo.evaluate.recording_replay import (
-    VirtualCar,
-    curvature,
-    replay,
-    seconds_of_rows,
-)
 from zoo.evaluate.replay_score import ReplayOptions, keyboard_lines, replay_and_print
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.replay_world import ReplayWorld, VirtualCar, curvature, seconds_of_rows
+from zoo.worlds.scenario import Scenario
 
 ROWS = 250  # 16.6 s
+
+
+def replay(policy, recording, margin: float | None = None, show=None, **world: float) -> Drive:
+    """Drive on a recording."""
+    return drive(policy, ReplayWorld(recording, **world), Scenario(margin=margin), show)
 
 
 class Recorded:
@@ -52,10 +55,10 @@ def recording(folder):
 
 
 def test_who_steers_as_recorded_stays_on_the_path(recording):
-    drive = replay(Recorded(recording), recording)
-    figures = measure(drive)
+    driven = replay(Recorded(recording), recording)
+    figures = measure(driven)
 
-    assert len(drive.rows) == len(drive.xy) == ROWS
+    assert len(driven.rows) == len(driven.xy) == ROWS
     assert figures["autonomy"] == 1
     assert figures["cte_max_m"] < 1e-9
     assert figures["steering_per_s"] == pytest.approx(figures["expert_steering_per_s"], rel=0.01)
@@ -65,16 +68,16 @@ def test_who_steers_as_recorded_stays_on_the_path(recording):
 
 
 def test_who_steers_farther_right_leaves_the_path_there_and_is_put_back(recording):
-    drive = replay(Recorded(recording, 0.05), recording)
+    driven = replay(Recorded(recording, 0.05), recording)
 
-    cte = np.array([row.cross_track_m for row in drive.rows])
-    lost = np.array([row.intervention for row in drive.rows])
+    cte = np.array([row.cross_track_m for row in driven.rows])
+    lost = np.array([row.intervention for row in driven.rows])
     assert cte.min() >= 0
     assert np.array_equal(lost, cte > 1)
     assert lost.sum() > 2
     assert (cte[1:][lost[:-1]] == 0).all()
-    autonomy = 1 - 6 * lost.sum() / drive.rows[-1].time_s
-    assert measure(drive)["autonomy"] == max(0, autonomy)
+    autonomy = 1 - 6 * lost.sum() / driven.rows[-1].time_s
+    assert measure(driven)["autonomy"] == max(0, autonomy)
 
 
 def test_a_smaller_margin_finds_more_interventions(recording):
@@ -99,9 +102,9 @@ def test_a_recording_of_the_centre_camera_alone_will_do(tmp_path):
     folder = write_recording(tmp_path / "one", rows=ROWS, cameras=("center",)).folder
     recording = read_recordings(str(folder))
 
-    drive = replay(Recorded(recording, 0.02), recording)
+    driven = replay(Recorded(recording, 0.02), recording)
 
-    assert 0 < max(abs(row.cross_track_m) for row in drive.rows) < 2
+    assert 0 < max(abs(row.cross_track_m) for row in driven.rows) < 2
 
 
 @pytest.mark.slow
@@ -149,11 +152,11 @@ def test_it_begins_anew_after_a_pause_and_with_another_recording(tmp_path, folde
     seconds = seconds_of_rows(recording)
     assert np.flatnonzero(np.isnan(seconds)).tolist() == [99, ROWS - 1, 2 * ROWS - 1]
 
-    drive = replay(Recorded(recording, 0.01), recording)
-    cte = [row.cross_track_m for row in drive.rows]
+    driven = replay(Recorded(recording, 0.01), recording)
+    cte = [row.cross_track_m for row in driven.rows]
     assert cte[100] == cte[ROWS] == 0
     assert min(cte[99], cte[ROWS - 1]) > 0
-    assert drive.rows[-1].time_s == pytest.approx((2 * ROWS - 4) / 15 + 1 / 15, rel=0.01)
+    assert driven.rows[-1].time_s == pytest.approx((2 * ROWS - 4) / 15 + 1 / 15, rel=0.01)
 
 
 def test_without_times_it_asks_for_the_frame_rate(recording):
@@ -162,8 +165,8 @@ def test_without_times_it_asks_for_the_frame_rate(recording):
     with pytest.raises(InputError, match=r"row 1: center_.*no time.*frame_rate=15"):
         replay(Recorded(timeless), timeless)
 
-    drive = replay(Recorded(timeless), timeless, frame_rate=10.0)
-    assert drive.rows[-1].time_s == pytest.approx((ROWS - 1) / 10)
+    driven = replay(Recorded(timeless), timeless, frame_rate=10.0)
+    assert driven.rows[-1].time_s == pytest.approx((ROWS - 1) / 10)
 
 
 def test_without_speed_nothing_is_driven_until_one_is_given(recording):
@@ -180,9 +183,9 @@ def test_without_speed_nothing_is_driven_until_one_is_given(recording):
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
-        ({"margin_m": 0.0}, "margin=0"),
-        ({"margin_m": 5.0}, "margin=5"),
-        ({"margin_m": math.nan}, "margin=nan"),
+        ({"margin": 0.0}, "margin=0"),
+        ({"margin": 5.0}, "margin=5"),
+        ({"margin": math.nan}, "margin=nan"),
         ({"frame_rate": 0.0}, "frame_rate=0"),
     ],
 )
@@ -222,10 +225,10 @@ def test_the_command_prints_a_table_and_leaves_figures_a_drive_and_frames(
     out = tmp_path / "a b"
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["margin_m"] == 0.8
-    drive = read_drive(out)
-    assert len(drive) == ROWS
-    assert drive.intervention.sum() == metrics["replay"]["interventions"]
-    assert all((out / frame).is_file() for frame in drive.frame)
+    driven = read_drive(out)
+    assert len(driven) == ROWS
+    assert driven.intervention.sum() == metrics["replay"]["interventions"]
+    assert all((out / frame).is_file() for frame in driven.frame)
     assert (out / "error.png").is_file()
 
     again = run(tmp_path, checkpoint, str(folder), *options, module="zoo.replay")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from zoo.checkpoints.command import PolicyFunction, call_policy, own_session, reset_policy
+from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
 
 
@@ -21,14 +21,16 @@ class EnvironmentPolicy:
         frame_rate: steps of the environment per second of simulated time.
     """
 
-    def __init__(self, policy: PolicyFunction, speed: SpeedController, frame_rate: float) -> None:
-        self.policy, self.speed, self.frame_rate = own_session(policy), speed, frame_rate
+    def __init__(
+        self, policy: Policy | PolicyFunction, speed: SpeedController, frame_rate: float
+    ) -> None:
+        self.policy, self.speed, self.frame_rate = as_policy(policy).session(), speed, frame_rate
         self.reset()
 
     def reset(self) -> None:
         """Forget the steps before; call it after `env.reset`."""
         self._steps = 0
-        reset_policy(self.policy)
+        self.policy.reset()
         self.speed.reset()
 
     def __call__(self, observation: Mapping[str, Any]) -> np.ndarray:
@@ -41,7 +43,7 @@ class EnvironmentPolicy:
             InputError: the image has another size or type.
         """
         mph = float(np.asarray(observation["speed"]).item())
-        command = call_policy(self.policy, observation["image"], mph)
+        command = self.policy(observation["image"], mph)
         steering = 0.0 if math.isnan(command.steering) else command.steering
         now_s = self._steps / self.frame_rate
         throttle = self.speed.throttle(mph, steering, command.throttle, now_s, command.spread)

@@ -1,4 +1,4 @@
-"""Scoring on a recording without a simulator, by NVIDIA's protocol.
+"""A recording as a world, without a simulator: NVIDIA's protocol of scoring.
 
 Source: Bojarski et al. 2016, "End to End Learning for Self-Driving Cars", section 6. A virtual car
 drives next to the recorded car. At each row, the recorded frame is warped to the virtual car's
@@ -19,10 +19,9 @@ of the replay's interventions with those of the same lap driven is 0.93 at 30 mp
 """
 
 import math
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,10 +31,11 @@ from datamodules.recording import GAP_S, Recording
 from simulator.rig import MAX_STEERING_DEG, REAR_AXLE_M, WHEELBASE_M
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
-from zoo.checkpoints.command import PolicyFunction, call_policy, reset_policy
-from zoo.drives.drive_record import REPLAY, Drive, DriveRow
+from zoo.drives.drive_record import REPLAY
 from zoo.drives.interventions import INTERVENTION_S
-from zoo.evaluate.camera_warp import Warp
+from zoo.worlds.camera_warp import Warp
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import State, World
 
 MARGIN_M = 1.0  # NVIDIA's margin
 GREATEST_MARGIN_M = 2.0  # farther off the path, a warped frame differs much from a real one
@@ -105,99 +105,107 @@ def curvature(steering: float) -> float:
     return math.tan(math.radians(MAX_STEERING_DEG) * steering) / WHEELBASE_M
 
 
-def replay(
-    policy: PolicyFunction,
-    recording: Recording,
-    margin_m: float = MARGIN_M,
-    frame_rate: float | None = None,
-    show: Callable[[np.ndarray, DriveRow], None] | None = None,
-    speed_mph: float | None = None,
-) -> Drive:
-    """Let a policy steer a virtual car along a recording, at the recorded speed.
+class ReplayWorld(World):
+    """A virtual car next to a recorded one, at the recorded speed.
 
     After a pause, and at the start of each further recording, the car is put on the path. Pauses
     do not count as time.
 
     Args:
-        policy: policy, whose throttle is ignored; it is reset whenever the car is put on the path.
         recording: recording in the order in which it was driven.
-        margin_m: distance from the recorded path in metres above which an intervention begins.
         frame_rate: rows per second, for a recording whose image names hold no time.
-        show: function called with every warped frame, uint8 [160, 320, 3] RGB, and its row.
         speed_mph: speed of every row, for a recording that holds none.
 
     Raises:
-        InputError: the recording has no times or no speed or is too short, or an image cannot be
-            read.
+        InputError: the recording has no times or no speed, or is too short.
     """
-    if not 0 < margin_m <= GREATEST_MARGIN_M:
-        raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
-    recording = with_speed(recording, speed_mph)
-    elapsed = seconds_of_rows(recording, frame_rate)
-    driven_s = float(np.nansum(elapsed))
-    if driven_s < SHORTEST_S:
-        raise InputError(
-            f"{', '.join(recording.names)}: holds {driven_s:.1f} s of driving; name a recording of "
-            f"{SHORTEST_S:g} s or more, since each intervention counts as {INTERVENTION_S:g} s"
-        )
-    speed_mps = recording.speed_mph * MPS_PER_MPH
-    rows: list[DriveRow] = []
-    xy: list[tuple[float, float]] = []
-    distance_m: list[float] = []
-    nan_frames = 0
-    warp, car = Warp(), VirtualCar()
-    now_s, place = 0.0, _Path()
-    reset_policy(policy)
-    for row in range(len(recording)):
-        frames = _Frames(recording, row)
-        frame = warp(frames, frames.cameras, car.cte_m, car.heading_rad)
-        began = time.perf_counter()
-        command = call_policy(policy, frame, float(recording.speed_mph[row]))
-        latency_ms = 1000 * (time.perf_counter() - began)
-        nan_frames += bool(np.isnan(command.steering))
-        steering = float(np.clip(np.nan_to_num(command.steering), -1, 1))
-        lost = abs(car.cte_m) > margin_m or car.lost
-        shown = DriveRow(
-            time_s=now_s,
-            steering=steering,
-            throttle=float(recording.throttle[row] - recording.brake[row]),
+
+    def __init__(
+        self,
+        recording: Recording,
+        frame_rate: float | None = None,
+        speed_mph: float | None = None,
+    ) -> None:
+        self.recording = with_speed(recording, speed_mph)
+        self.elapsed_s = seconds_of_rows(self.recording, frame_rate)
+        driven_s = self.elapsed_s[~np.isnan(self.elapsed_s)]
+        self.driven_s = float(driven_s.cumsum()[-1]) if len(driven_s) else 0.0
+        if self.driven_s < SHORTEST_S:
+            raise InputError(
+                f"{', '.join(recording.names)}: holds {self.driven_s:.1f} s of driving; name a "
+                f"recording of {SHORTEST_S:g} s or more, since each intervention counts as "
+                f"{INTERVENTION_S:g} s"
+            )
+        self._speed_mps = self.recording.speed_mph * MPS_PER_MPH
+        self._warp = Warp()
+
+    def reset(self, scenario: Scenario) -> State:
+        """Begin at the first row."""
+        margin_m = scenario.margin
+        if margin_m is not None and not 0 < margin_m <= GREATEST_MARGIN_M:
+            raise InputError(f"margin={margin_m:g}: must be above 0, up to {GREATEST_MARGIN_M:g} m")
+        self.row, self.now_s = 0, 0.0
+        self.car, self.path = VirtualCar(), _Path()
+        return self._state()
+
+    def frame(self, camera: str = "center") -> np.ndarray:
+        """Return the recorded frame, warped to the virtual car.
+
+        Raises:
+            InputError: an image cannot be read.
+        """
+        frames = _Frames(self.recording, self.row)
+        return self._warp(frames, frames.cameras, self.car.cte_m, self.car.heading_rad)
+
+    def step(self, steering: float, throttle: float) -> State:
+        """Steer the virtual car to the next row."""
+        return self._advance(steering)
+
+    def put_back(self, speed_mph: float) -> State:
+        """Put the virtual car on the path, at the next row."""
+        self.car = VirtualCar()
+        return self._advance(None)
+
+    def facts(self, scenario: Scenario) -> dict[str, Any]:
+        """Return the recording's name, the margin and the recorded driver's steering change."""
+        change = float(np.abs(np.diff(self.recording.steering)).sum())
+        return {
+            "source": REPLAY,
+            "track": ", ".join(self.recording.names),
+            "lane_m": MARGIN_M,
+            "expert_steering_per_s": change / self.driven_s,
+        }
+
+    def _advance(self, steering: float | None) -> State:
+        """Drive to the next row; None leaves the virtual car on the path."""
+        row, seconds = self.row, float(self.elapsed_s[self.row])
+        self.row += 1
+        if math.isnan(seconds):
+            self.car = VirtualCar()
+            return self._state(moved=True)
+        recorded = float(self.recording.steering[row])
+        metres = float(self._speed_mps[row] + self._speed_mps[row + 1]) / 2 * seconds
+        if steering is not None:
+            self.car.step(steering, recorded, metres, max(1, math.ceil(seconds / STEP_S)))
+        self.path.step(recorded, metres)
+        self.now_s += seconds
+        return self._state()
+
+    def _state(self, moved: bool = False) -> State:
+        recording, row = self.recording, min(self.row, len(self.recording) - 1)
+        return State(
+            time_s=self.now_s,
             speed_mph=float(recording.speed_mph[row]),
-            cross_track_m=car.cte_m,
-            intervention=lost,
-            latency_ms=latency_ms,
-            spread=math.nan if command.spread is None else command.spread,
+            throttle=float(recording.throttle[row] - recording.brake[row]),
+            cross_track_m=self.car.cte_m,
+            distance_m=self.path.metres,
+            driven_m=self.path.metres,
+            contact=self.car.lost,
+            xy=self.path.beside(self.car.cte_m),
+            share=self.row / len(recording),
+            moved=moved,
+            done=self.row == len(recording),
         )
-        rows.append(shown)
-        xy.append(place.beside(car.cte_m))
-        distance_m.append(place.metres)
-        if show:
-            show(frame, shown)
-        if math.isnan(elapsed[row]):
-            car = VirtualCar()
-            reset_policy(policy)
-            continue
-        seconds = float(elapsed[row])
-        metres = float(speed_mps[row] + speed_mps[row + 1]) / 2 * seconds
-        if lost:
-            car = VirtualCar()
-            reset_policy(policy)
-        else:
-            steps = max(1, math.ceil(seconds / STEP_S))
-            car.step(steering, float(recording.steering[row]), metres, steps)
-        place.step(float(recording.steering[row]), metres)
-        now_s += seconds
-    change = float(np.abs(np.diff(recording.steering)).sum())
-    return Drive.of(
-        rows,
-        source=REPLAY,
-        track=", ".join(recording.names),
-        lane_m=margin_m,
-        driven_m=place.metres,
-        nan_frames=nan_frames,
-        expert_steering_per_s=change / now_s,
-        xy=np.array(xy),
-        distance_m=np.array(distance_m),
-    )
 
 
 def with_speed(recording: Recording, speed_mph: float | None = None) -> Recording:

@@ -1,0 +1,1 @@
+"""Worlds in which policies drive, and the only code that drives in them."""

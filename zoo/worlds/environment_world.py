@@ -1,0 +1,87 @@
+"""A Gymnasium environment as a world."""
+
+from typing import Any
+
+import cv2
+import gymnasium
+import numpy as np
+
+from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.base.errors import InputError
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import State, World
+
+# Keys of `info`, as the simulator's environments name them, and attributes of `State`.
+KNOWN = {
+    "cte": "cross_track_m",
+    "width": "width_m",
+    "distance": "distance_m",
+    "lap": "lap",
+    "hit": "contact",
+}
+
+
+class EnvironmentWorld(World):
+    """A world of an environment whose action is steering and throttle, -1..1 each.
+
+    Its observation is an image, or a dict with `image` and `speed` in mph. `info` may have the keys
+    of `simulator.env`; what it lacks is unknown. After an intervention the environment is reset.
+
+    Args:
+        environment: environment to drive in.
+        frame_rate: steps per second of simulated time.
+    """
+
+    def __init__(self, environment: gymnasium.Env, frame_rate: float = 15.0) -> None:
+        self.environment, self.frame_rate = environment, frame_rate
+
+    def reset(self, scenario: Scenario) -> State:
+        """Begin an episode with the scenario's seed."""
+        self.steps = 0
+        self.observation, info = self.environment.reset(seed=scenario.seed)
+        return self._state(info)
+
+    def frame(self, camera: str = "center") -> np.ndarray:
+        """Return the observed image at the size of the camera's frames."""
+        image = self.observation
+        if isinstance(image, dict):
+            image = image["image" if camera == "center" else camera]
+        if image.shape[:2] != (FRAME_HEIGHT, FRAME_WIDTH):
+            size = FRAME_WIDTH, FRAME_HEIGHT
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        return image
+
+    def step(self, steering: float, throttle: float) -> State:
+        """Take a step; the drive is done when the episode is."""
+        self.steps += 1
+        action = np.array([steering, throttle], np.float32)
+        self.observation, _, terminated, truncated, info = self.environment.step(action)
+        return self._state(info, done=terminated or truncated)
+
+    def put_back(self, speed_mph: float) -> State:
+        """Begin another episode, at the same time of the drive."""
+        self.observation, info = self.environment.reset()
+        return self._state(info)
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.environment.close()
+
+    def _state(self, info: dict[str, Any], done: bool = False) -> State:
+        speed = info.get("speed_mph", float("nan"))
+        if isinstance(self.observation, dict) and "speed" in self.observation:
+            speed = np.asarray(self.observation["speed"]).item()
+        known = {name: info[key] for key, name in KNOWN.items() if key in info}
+        return State(self.steps / self.frame_rate, float(speed), **known, done=done)
+
+
+def make_environment(scenario: Scenario) -> EnvironmentWorld:
+    """Return the world of the environment that a scenario's `track` names.
+
+    Raises:
+        InputError: there is no such environment.
+    """
+    try:
+        return EnvironmentWorld(gymnasium.make(scenario.track), scenario.frame_rate)
+    except gymnasium.error.Error as error:
+        raise InputError(f"track={scenario.track}: {error}") from None
