@@ -80,7 +80,7 @@ class World(ABC):
 
     def facts(self, scenario: Scenario) -> dict[str, Any]:
         """Return known attributes of `zoo.drives.drive_record.Drive`, such as `length_m`."""
-        return {"track": scenario.track, "seed": scenario.seed}
+        return {"track": scenario.world, "seed": scenario.seed}
 
     def expert_steering(self) -> float:
         """Return the steering of an expert at the car's place, -1..1; NaN without an expert."""

@@ -19,7 +19,7 @@ from zoo.base.errors import InputError, UsageError
 from zoo.benchmark.__main__ import command
 from zoo.benchmark.benchmarked import PAGE, groups_table, print_result
 from zoo.benchmark.checked_result import read_result
-from zoo.benchmark.drives import drive_road
+from zoo.benchmark.drives import drive_figures
 from zoo.benchmark.finished_drives import NAME as UNFINISHED
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import summarize_drives
@@ -125,7 +125,7 @@ def test_the_same_command_gives_the_same_digest(
 @pytest.fixture
 def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of a benchmark that was stopped in its second drive."""
-    left = iter([drive_road])
+    left = iter([drive_figures])
 
     def drive_once(*arguments: object) -> object:
         one = next(left, None)
@@ -135,7 +135,7 @@ def interrupted(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
     out = tmp_path / "out"
     with monkeypatch.context() as patched:
-        patched.setattr("zoo.benchmark.drives.drive_road", drive_once)
+        patched.setattr("zoo.benchmark.drives.drive_figures", drive_once)
         with pytest.raises(StoppedError, match=f"1 of 2 drives.*out={re.escape(str(out))}"):
             drive(["zero"], suite, out)
     return out

@@ -12,10 +12,11 @@ from tests.zoo.monitor.networks import write_pilotnet
 from zoo.base.errors import InputError, UsageError
 from zoo.evaluate.__main__ import command as evaluate
 from zoo.guard.__main__ import command
-from zoo.guard.conditions import conditioned_policy
+from zoo.guard.conditions import Noisy
 from zoo.monitor.guard_file import read_guard
 
 WORLD = ("quality=simple", "frame_rate=5", "speed=20", "margin=25", "workers=1")
+from zoo.worlds.scenario import Scenario
 
 
 @pytest.fixture(scope="module")
@@ -106,12 +107,12 @@ def test_evaluate_drives_with_the_guard_and_without(
 def test_noise_in_the_weights_is_drawn_from_the_seed(checkpoint: Path) -> None:
     path = write_pilotnet(checkpoint.with_name("pilotnet.ckpt"))
     clean, first, again, other = (
-        conditioned_policy(str(path), noise, seed).network.head[0].weight.detach()
+        Noisy(str(path), noise).policy(None, Scenario(seed=seed)).network.head[0].weight.detach()
         for noise, seed in ((0.0, 1), (0.3, 1), (0.3, 1), (0.3, 2))
     )
     assert first.equal(again)
     assert not first.equal(other)
-    network = conditioned_policy(str(path), 0.3, 1).network
+    network = Noisy(str(path), 0.3).policy(None, Scenario(seed=1)).network
     assert all(one.isfinite().all() for one in network.parameters())
     ratio = float((first - clean).std() / clean.std())
     assert ratio == pytest.approx(0.3, rel=0.2)

@@ -1,0 +1,146 @@
+"""What every policy promises, over all implementations."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tests.zoo.models.test_models_command import build
+from tests.zoo.monitor.networks import write_pilotnet
+from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
+from zoo.checkpoints.command import Command, Policy, PolicyWrapper, as_policy
+from zoo.checkpoints.dropout_policy import DropoutPolicy
+from zoo.checkpoints.ensemble_policy import EnsemblePolicy
+from zoo.checkpoints.policy import CheckpointPolicy, load_policy
+from zoo.correct.collecting import LabellingPolicy
+from zoo.export.__main__ import onnx_bytes
+from zoo.guard.guard_drives import Observer
+from zoo.monitor.guard_file import Guard
+from zoo.monitor.guarded_policy import GuardedPolicy
+from zoo.monitor.scores import make_score
+from zoo.worlds.embedded_world import open_embedded
+from zoo.worlds.scenario import Scenario
+
+FRAMES = np.random.default_rng(3).integers(0, 256, (4, 160, 320, 3), np.uint8)
+FACTS = (
+    "name",
+    "parameters",
+    "outputs",
+    "takes_speed",
+    "predicts_spread",
+    "latency_s",
+    "view",
+    "config",
+    "data",
+)
+
+
+def of_model(name: str) -> CheckpointPolicy:
+    torch.manual_seed(1)
+    network, view = build(name)
+    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0}))
+
+
+def labelling(policy: Policy) -> Policy:
+    world = open_embedded(Scenario("lake"), "none").simulated
+    return LabellingPolicy(policy, world, 15.0, beta=0.0, nudge=0.0, seed=0)
+
+
+def guarding(policy: Policy) -> Policy:
+    return GuardedPolicy(policy, Guard(make_score("spread", {}), 1e6, 2, 6.0, 8, ""))
+
+
+def exported(folder: Path) -> Policy:
+    pytest.importorskip("onnxruntime")
+    checkpoint = load_checkpoint(write_pilotnet(folder / "best.ckpt"))
+    (folder / "model.onnx").write_bytes(onnx_bytes(checkpoint))
+    return load_policy(folder / "model.onnx")
+
+
+def ensemble() -> Policy:
+    return EnsemblePolicy([of_model("action_chunk"), of_model("lenet")])
+
+
+def dropout(folder: Path) -> Policy:
+    return DropoutPolicy(load_checkpoint(write_pilotnet(folder / "best.ckpt")), 4, seed=0)
+
+
+POLICIES: dict[str, Callable[[Path], Policy]] = {
+    "checkpoint": lambda folder: of_model("lenet"),
+    "checkpoint with memory": lambda folder: of_model("cnn_gru"),
+    "checkpoint that predicts ahead": lambda folder: of_model("action_chunk"),
+    "onnx": exported,
+    "dropout": dropout,
+    "ensemble": lambda folder: ensemble(),
+    "function": lambda folder: as_policy(lambda frame, mph: (frame.mean() / 255, None)),
+}
+WRAPPERS: dict[str, Callable[[Policy], Policy]] = {
+    "guard": guarding,
+    "observer": lambda policy: Observer(policy, {}),
+    "labels": labelling,
+    "wrapper": PolicyWrapper,
+}
+
+
+def steering(policy: Policy) -> list[float]:
+    return [policy(frame, 9.0).steering for frame in FRAMES]
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -> None:
+    policy = POLICIES[name](tmp_path)
+    command = policy(FRAMES[0], 9.0)
+    assert isinstance(command, Command)
+    assert -1 <= command.steering <= 1
+    assert (command.spread is not None) == policy.predicts_spread
+    policy.reset()
+    first = steering(policy)
+    policy.reset()
+    assert steering(policy) == first
+    one, other = policy.session(), policy.session()
+    assert isinstance(one, Policy)
+    for number, frame in enumerate(FRAMES):  # in turns, each car with its own frames
+        assert one(frame, 9.0).steering == first[number]
+        other(FRAMES[-1 - number], 9.0)
+
+
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
+    policy = POLICIES[name](tmp_path)
+    assert policy.name
+    assert policy.outputs in (1, 2)
+    assert policy.parameters >= 0
+    assert policy.alarms is None
+    assert all(isinstance(one, Policy) for one in policy.members)
+    assert dict(policy.config) == policy.config
+    assert dict(policy.data) == policy.data
+    if policy.latency_s is not None:
+        policy.latency_s = 0.2
+        assert policy.latency_s == 0.2
+    policy.expect(np.zeros(3))
+
+
+@pytest.mark.parametrize("wrap", WRAPPERS)
+def test_a_wrapper_forwards_all_methods_and_facts(wrap: str) -> None:
+    policy = ensemble()
+    wrapper = WRAPPERS[wrap](policy)
+    first = steering(wrapper)
+    wrapper.reset()
+    assert steering(wrapper) == first
+    wrapper.latency_s = 0.4
+    wrapper.expect(np.full(3, 0.5))
+    for fact in FACTS:
+        assert getattr(wrapper, fact) == getattr(policy, fact), fact
+    assert policy.latency_s == 0.4
+    assert wrapper.members == policy.members
+    late = wrapper(FRAMES[0], 9.0).steering
+    policy.expect(np.full(3, -0.5))
+    policy.reset()
+    assert wrapper.session()(FRAMES[0], 9.0).steering != pytest.approx(late, abs=1e-9)
+
+
+@pytest.mark.parametrize("wrap", WRAPPERS)
+def test_a_wrapper_of_a_function_does_not_predict_ahead(wrap: str) -> None:
+    assert WRAPPERS[wrap](as_policy(lambda frame, mph: (0.0, None))).latency_s is None

@@ -1,0 +1,102 @@
+"""What every world promises, over all implementations, one of another package among them."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datamodules.recording import read_recordings
+from tests.recordings import write_recording
+from tests.zoo.commands import ROOT
+from zoo.base.errors import InputError
+from zoo.checkpoints.command import as_policy
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.open_world import open_world
+from zoo.worlds.replay_world import ReplayWorld
+from zoo.worlds.run_drives import all_drives
+from zoo.worlds.scenario import Scenario
+from zoo.worlds.world import State, World
+
+WORLDS = {
+    "embedded": Scenario("lake", laps=0.02, quality="simple"),
+    "replay": Scenario("recording", world="replay"),
+    "gymnasium": Scenario("Lake-v0", world="gymnasium"),
+    "outside": Scenario(world="straight"),
+}
+
+
+def manual_world() -> str:
+    """Return the example of the manual."""
+    page = (ROOT / "docs" / "extending.md").read_text()
+    found = re.search(r"```python\n(# my_world\.py\n.*?)```", page, re.DOTALL)
+    assert found, "docs/extending.md has no my_world.py"
+    return found[1]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Install a package outside the checkout; write a recording beside it."""
+    folder = tmp_path_factory.mktemp("outside")
+    (folder / "my_world.py").write_text(manual_world())
+    about = folder / "my_world-1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: my-world\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[drivezoo.worlds]\nstraight = my_world:StraightRoad\n")
+    write_recording(folder / "recording", rows=250)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        patch.chdir(folder)
+        yield folder
+
+
+@pytest.fixture(params=WORLDS)
+def opened(request: pytest.FixtureRequest, folder: Path) -> Iterator[tuple[World, Scenario]]:
+    scenario = WORLDS[request.param]
+    world = open_world(scenario)
+    yield world, scenario
+    world.close()
+
+
+def test_a_world_is_reset_stepped_and_put_back(opened: tuple[World, Scenario]) -> None:
+    world, scenario = opened
+    state = world.reset(scenario)
+    assert isinstance(state, State)
+    assert state.time_s == 0
+    assert not state.done
+    frame = world.frame()
+    assert (frame.shape, frame.dtype) == ((160, 320, 3), np.uint8)
+    later = world.step(0.1, 0.2)
+    assert later.time_s > 0
+    back = world.put_back(9.0)
+    assert back.time_s >= later.time_s
+    assert back.cross_track_m is None or abs(back.cross_track_m) < 0.6
+    assert world.reset(scenario).time_s == 0
+
+
+def test_a_drive_ends_and_is_the_same_twice(opened: tuple[World, Scenario]) -> None:
+    world, scenario = opened
+    policy = as_policy(lambda frame, mph: (float(frame.mean()) / 255 - 0.4, None))
+    drives = [drive(policy, world, scenario, first_only=True) for _ in range(2)]
+    assert len(drives[0]) > 1
+    assert drives[0].track
+    for column in ("time_s", "steering", "speed_mph", "cross_track_m", "intervention"):
+        first, second = (getattr(one, column) for one in drives)
+        np.testing.assert_array_equal(first, second)
+
+
+def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) -> None:
+    policy = as_policy(lambda frame, mph: (0.3, None))
+    (straight,) = all_drives(policy, [WORLDS["outside"]])
+    assert straight.intervention.any(), "it leaves the straight road"
+    with pytest.raises(InputError, match=r"world=strait: no such world; did you mean straight"):
+        open_world(Scenario(world="strait"))
+
+
+def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:
+    recording = read_recordings(str(folder / "recording"))
+    straight = as_policy(lambda frame, mph: (0.0, None))
+    (replayed,) = all_drives(straight, [Scenario(margin=0.5)], world=ReplayWorld(recording))
+    (named,) = all_drives(straight, [Scenario("recording", world="replay", margin=0.5)])
+    np.testing.assert_array_equal(replayed.cross_track_m, named.cross_track_m)
