@@ -143,4 +143,5 @@ def test_a_wrapper_forwards_all_methods_and_facts(wrap: str) -> None:
 
 @pytest.mark.parametrize("wrap", WRAPPERS)
 def test_a_wrapper_of_a_function_does_not_predict_ahead(wrap: str) -> None:
-    assert WRAPPERS[wrap](as_policy(lambda frame, mph: (0.0, None))).latency_s is None
+    policy = as_policy(lambda frame, mph: Command(0.0, None, 0.1))
+    assert WRAPPERS[wrap](policy).latency_s is None

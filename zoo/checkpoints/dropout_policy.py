@@ -44,7 +44,8 @@ class DropoutPolicy(Policy):
         model = checkpoint.config.get("model", {}) | {"name": self.name}
         self.config = checkpoint.config | {"model": model}
         self.parameters = sum(one.numel() for one in self.network.parameters())
-        self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
+        facts: Any = self.network
+        self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
         self.forward = quick_forward(
             SampledNetwork(self.network, self.view, samples, seed), self.view
         )

@@ -56,13 +56,13 @@ class EnsemblePolicy(Policy):
         """Return an ensemble for one more car."""
         return EnsemblePolicy([one.session() for one in self.members])
 
-    @property  # type: ignore[override]
+    @property
     def latency_s(self) -> float | None:
         """Return the seconds from a command to the wheels; None if no member predicts ahead."""
         return next((one.latency_s for one in self.members if one.latency_s is not None), None)
 
     @latency_s.setter
-    def latency_s(self, seconds: float) -> None:
+    def latency_s(self, seconds: float | None) -> None:
         for one in self.members:
             if one.latency_s is not None:
                 one.latency_s = seconds

@@ -1,7 +1,7 @@
 """What a policy keeps from frame to frame, and the time that its steering is for."""
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -55,7 +55,7 @@ class SessionPolicy(Policy):
     _steps_per_s = _recorded_mph = 0.0
     _on_the_way = NOTHING
 
-    def keep_memory(self, first: Sequence[Any], window: Window, data: dict) -> None:
+    def keep_memory(self, first: Sequence[Any], window: Window, data: Mapping[str, Any]) -> None:
         """Keep the state of a network with memory.
 
         Args:

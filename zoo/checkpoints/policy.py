@@ -1,6 +1,7 @@
 """The policy of a checkpoint, and the loader for checkpoints and ONNX files."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -44,7 +45,8 @@ class CheckpointPolicy(SessionPolicy):
         self.config, self.data = checkpoint.config, checkpoint.data
         self.name = type(self.network).__name__
         self.parameters = sum(one.numel() for one in self.network.parameters())
-        self.takes_speed, self.outputs = self.network.takes_speed, self.network.outputs
+        facts: Any = self.network
+        self.takes_speed, self.outputs = facts.takes_speed, facts.outputs
         self.predicts_spread = getattr(self.network, "predicts_spread", False)
         self.forward = quick_forward(self.network, self.view)
         if isinstance(self.network, Memory):

@@ -40,7 +40,7 @@ class LatencyMeter:
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
-        self.policy.latency_s = self.latency_s = 0.0
+        self.policy.latency_s = 0.0
         count = round(LONGEST_S / STEP_S) + 1
         self._errors, self._weights = np.zeros(count), np.zeros(count)
         self._sent = np.zeros(count)  # command in force in each step before the last report
@@ -79,7 +79,7 @@ class LatencyMeter:
         if abs(now_s - self._judged_s) >= JUDGE_EVERY_S:
             self._judged_s = now_s
             self._judge()
-        on_the_way = self._sent[: round(self.latency_s / STEP_S)].copy()
+        on_the_way = self._sent[: round((self.policy.latency_s or 0.0) / STEP_S)].copy()
         on_the_way[known:] = steering  # nothing is known of the commands before: it stays
         self.policy.expect(on_the_way[::-1])
 
@@ -91,7 +91,7 @@ class LatencyMeter:
         best, worst = errors.min(), errors.max()
         if worst >= LEAST_SIGNAL and best <= EXPLAINED * worst:
             shortest = int(np.argmax(errors <= 1.1 * best + ROUNDING))
-            self.policy.latency_s = self.latency_s = round(shortest * STEP_S, 2)
+            self.policy.latency_s = round(shortest * STEP_S, 2)
 
 
 def latency_meter(policy: Policy) -> LatencyMeter | None:

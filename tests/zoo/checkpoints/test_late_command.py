@@ -110,7 +110,7 @@ def test_a_session_and_a_reset_have_no_commands_before() -> None:
     policy.expect(np.full(10, 0.5))
     outputs = np.zeros((4, 1))
     assert policy.in_time(outputs, 15.0)[0] < 0
-    assert policy.new_session().in_time(outputs, 15.0)[0] == 0
+    assert policy.session().in_time(outputs, 15.0)[0] == 0
     policy.reset()
     assert policy.in_time(outputs, 15.0)[0] == 0
 

@@ -14,9 +14,9 @@ from zoo.evaluate.__main__ import command as evaluate
 from zoo.guard.__main__ import command
 from zoo.guard.conditions import Noisy
 from zoo.monitor.guard_file import read_guard
+from zoo.worlds.scenario import Scenario
 
 WORLD = ("quality=simple", "frame_rate=5", "speed=20", "margin=25", "workers=1")
-from zoo.worlds.scenario import Scenario
 
 
 @pytest.fixture(scope="module")
