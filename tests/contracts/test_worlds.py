@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 
 from datamodules.recording import read_recordings
+from tests.contracts.outside_package import installed
 from tests.recordings import write_recording
 from tests.zoo.commands import ROOT
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import as_policy
 from zoo.worlds.drive_loop import drive
-from zoo.worlds.open_world import open_world
+from zoo.worlds.open_world import WORLDS, open_world
 from zoo.worlds.replay_world import ReplayWorld
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
 
-WORLDS = {
+SCENARIOS = {
     "embedded": Scenario("lake", laps=0.02, quality="simple"),
     "replay": Scenario("recording", world="replay"),
     "gymnasium": Scenario("Lake-v0", world="gymnasium"),
@@ -38,22 +39,17 @@ def manual_world() -> str:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Install a package outside the checkout; write a recording beside it."""
-    folder = tmp_path_factory.mktemp("outside")
-    (folder / "my_world.py").write_text(manual_world())
-    about = folder / "my_world-1.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: my-world\nVersion: 1\n")
-    (about / "entry_points.txt").write_text("[drivezoo.worlds]\nstraight = my_world:StraightRoad\n")
-    write_recording(folder / "recording", rows=250)
+    folder, here = tmp_path_factory.mktemp("outside"), tmp_path_factory.mktemp("here")
+    write_recording(here / "recording", rows=250)
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(folder)
-        patch.chdir(folder)
-        yield folder
+        patch.chdir(here)
+        with installed(folder, manual_world(), "drivezoo.worlds", WORLDS):
+            yield here
 
 
-@pytest.fixture(params=WORLDS)
+@pytest.fixture(params=SCENARIOS)
 def opened(request: pytest.FixtureRequest, folder: Path) -> Iterator[tuple[World, Scenario]]:
-    scenario = WORLDS[request.param]
+    scenario = SCENARIOS[request.param]
     world = open_world(scenario)
     yield world, scenario
     world.close()
@@ -88,7 +84,7 @@ def test_a_drive_ends_and_is_the_same_twice(opened: tuple[World, Scenario]) -> N
 
 def test_a_world_of_another_package_is_named_by_its_entry_point(folder: Path) -> None:
     policy = as_policy(lambda frame, mph: (0.3, None))
-    (straight,) = all_drives(policy, [WORLDS["outside"]])
+    (straight,) = all_drives(policy, [SCENARIOS["outside"]])
     assert straight.intervention.any(), "it leaves the straight road"
     with pytest.raises(InputError, match=r"world=strait: no such world; did you mean straight"):
         open_world(Scenario(world="strait"))

@@ -30,7 +30,7 @@ from zoo.base.errors import InputError, UsageError
 
 KEY, VARIABLE, GROUP = "parts", "DRIVEZOO_PARTS", "drivezoo.parts"
 MEANING = f"files, folders or modules of your own networks, losses, ...; see also {VARIABLE}"
-_REGISTERS = re.compile(r"^@(\w+\.)*(metric|perturbation)\b", re.MULTILINE)
+_REGISTERS = re.compile(r"^@(\w+\.)*(metric|perturbation|world)\b", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
     for name in names:
         if not any(map(_offers, _parts_of(_absolute(name, name), Path.cwd()))):
             print(
-                f"{name}: registers nothing: it has no class, and no function with @metric or "
-                "@perturbation",
+                f"{name}: registers nothing: it has no class, and no function with @metric, "
+                "@perturbation or @world",
                 file=sys.stderr,
             )
     return [one for one in arguments if one not in typed]

@@ -1,13 +1,12 @@
-"""The worlds that a scenario can name: those of this project, and those of installed packages."""
+"""The worlds that a scenario can name: those of drivezoo, of the user's parts, and of packages."""
 
 from collections.abc import Callable
 
 from zoo.base.errors import InputError
 from zoo.cli.nearest import hint
+from zoo.cli.registry import Registry
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
-
-GROUP = "drivezoo.worlds"  # of the entry points
 
 
 def _embedded(scenario: Scenario, renderer: str) -> World:
@@ -29,11 +28,28 @@ def _gymnasium(scenario: Scenario, renderer: str) -> World:
     return make_environment(scenario)
 
 
-OPENERS: dict[str, Callable[[Scenario, str], World]] = {
-    "embedded": _embedded,
-    "replay": _replay,
-    "gymnasium": _gymnasium,
-}
+Opener = Callable[[Scenario, str], World]
+WORLDS: Registry[Opener] = Registry("world")
+WORLDS.add("embedded", _embedded, __name__)
+WORLDS.add("replay", _replay, __name__)
+WORLDS.add("gymnasium", _gymnasium, __name__)
+
+
+def world(name: str) -> Callable[[Opener], Opener]:
+    """Register the decorated class, or function that returns a world, under a name.
+
+    Args:
+        name: what `Scenario.world` names.
+
+    Raises:
+        ValueError: another module has registered a world of that name.
+    """
+
+    def register(opener: Opener) -> Opener:
+        WORLDS.add(name, opener, opener.__module__)
+        return opener
+
+    return register
 
 
 def open_world(scenario: Scenario, renderer: str = "auto") -> World:
@@ -46,12 +62,6 @@ def open_world(scenario: Scenario, renderer: str = "auto") -> World:
     Raises:
         InputError: there is no such world, or it cannot be opened.
     """
-    if scenario.world in OPENERS:
-        return OPENERS[scenario.world](scenario, renderer)
-    from importlib.metadata import entry_points  # slow import
-
-    installed = {point.name: point for point in entry_points(group=GROUP)}
-    if scenario.world not in installed:
-        known = [*OPENERS, *installed]
-        raise InputError(f"world={scenario.world}: no such world; {hint(scenario.world, known)}")
-    return installed[scenario.world].load()(scenario, renderer)
+    if scenario.world not in WORLDS:
+        raise InputError(f"world={scenario.world}: no such world; {hint(scenario.world, WORLDS)}")
+    return WORLDS[scenario.world](scenario, renderer)

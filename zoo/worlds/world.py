@@ -51,8 +51,8 @@ class State:
 class World(ABC):
     """A place in which a policy drives.
 
-    An entry point `drivezoo.worlds` names a class or function that takes a scenario and a renderer
-    (auto, software or none) and returns the world. `Scenario.world` then names the entry point.
+    The decorator `zoo.worlds.open_world.world` registers a class that is constructed with a scenario
+    and a renderer: auto, software or none.
     """
 
     @abstractmethod

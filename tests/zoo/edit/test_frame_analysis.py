@@ -6,25 +6,26 @@ import numpy as np
 
 from datamodules.recording import Recording, read_recordings
 from tests.recordings import Written
+from zoo.checkpoints.command import Command, Policy, as_policy
 from zoo.edit.frame_analysis import CHUNK, FrameAnalysis
 
 
-class Counting:
+class Counting(Policy):
     """A policy with a memory: it steers by the number of frames since its last reset."""
 
     def __init__(self) -> None:
         self.frames = 0
 
-    def __call__(self, frame: np.ndarray, speed_mph: float) -> tuple[float, None]:
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
         self.frames += 1
-        return self.frames / 1000, None
+        return Command(self.frames / 1000)
 
     def reset(self) -> None:
         self.frames = 0
 
 
 def analysed(recording: Recording, row: int, policy=None) -> FrameAnalysis:
-    analysis = FrameAnalysis(recording, policy or (lambda frame, speed: (0.5, None)))
+    analysis = FrameAnalysis(recording, policy or as_policy(lambda *_: (0.5, None)))
     analysis.look_at(row)
     analysis.start()
     ends = time.monotonic() + 60

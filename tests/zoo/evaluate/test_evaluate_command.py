@@ -117,12 +117,12 @@ def test_folders_of_drives_have_names_that_every_system_allows(
         found.extend(arguments[2])
         raise InputError("nothing is driven here")
 
-    monkeypatch.setattr(track_scores, "drive_all", drive_none)
+    monkeypatch.setattr(track_scores, "all_drives", drive_none)
     keys = [f"track=alpine:17,lake,{family}:3,{family}:4"]
     options = read_options("evaluate", EvaluateOptions, keys)
     with pytest.raises(InputError, match="nothing is driven"):
-        track_scores.score_on_tracks("", options, tmp_path / "drives", console)
-    names = [folder.name for folder in found]
+        track_scores.score_on_tracks("", options.scenarios, tmp_path / "drives", console, 1)
+    names = [keep.folder.name for keep in found]
     assert names == ["alpine-17-0", "lake-0", "own-3-0", "own-4-0"]
 
 
