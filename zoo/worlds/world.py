@@ -51,8 +51,8 @@ class State:
 class World(ABC):
     """A place in which a policy drives.
 
-    The decorator `zoo.worlds.open_world.world` registers a class that is constructed with a scenario
-    and a renderer: auto, software or none.
+    The decorator `zoo.worlds.open_world.world` registers a class, which is constructed with a
+    scenario and a renderer: auto, software or none.
     """
 
     @abstractmethod
