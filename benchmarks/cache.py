@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
+from benchmarks.timing import Row, compared, medians, run_part, take_turns
 from datamodules.image import MOST_IMAGE_BYTES, decode_image
 from datamodules.view import View
 from datamodules.view_store import CHUNK, load_views
@@ -59,24 +59,11 @@ def measure(short: bool) -> list[Row]:
             rounds,
         )
     shutil.rmtree(cache, ignore_errors=True)
-    rates, one, many = found.values()
     what = "building the view cache, written and synced"
+    one, many = "one thread that decodes", f"{cores} processes that decode"
     return [
-        Row(
-            what,
-            "one thread that decodes and resizes",
-            median_ratio(rates, one),
-            0.8 * cores,
-            True,
-            medians(found),
-        ),
-        Row(
-            what,
-            f"{cores} processes that decode and resize",
-            median_ratio(rates, many),
-            0.95,
-            figures=medians({"ours/s": rates, "processes/s": many}),
-        ),
+        compared(found, what, f"{one} and resizes", ("ours/s", "one thread/s"), 0.8 * cores),
+        compared(found, what, f"{many} and resize", ("ours/s", "processes/s"), 0.95),
     ]
 
 

@@ -8,13 +8,11 @@ import albumentations
 import cv2
 import numpy as np
 import torch
-from rich.console import Console
 from torch.utils.data import DataLoader, Dataset
 
-from benchmarks.material import AUGMENT, config_for, linked_recording
-from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
+from benchmarks.material import AUGMENT, config_for, linked_recording, loaded_data
+from benchmarks.timing import Row, compared, run_part, take_turns
 from datamodules.driving import DrivingData
-from zoo.training.build import build_data
 from zoo.training.host_settings import keep_freed_memory
 
 BATCH = 64
@@ -24,9 +22,11 @@ FRAMES = 8  # in a window
 def measure(short: bool) -> list[Row]:
     """Measure batches of nvidia's view with flips, brightness, shadow and shift."""
     rows, batches, rounds = (120, 1, 1) if short else (2_000, 8, 5)
-    data = loaded_data(rows)
+    folder, words = linked_recording(rows), (AUGMENT, f"data.batch_size={BATCH}")
+    data = loaded_data(config_for(folder, *words))
     # The blocks of a short recording hold no window: all rows are for training.
-    windows = loaded_data(rows, f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
+    own = (f"data.sequence={FRAMES}", "data.val_share=0", "data.test_share=0")
+    windows = loaded_data(config_for(folder, *words, *own))
     loader = DataLoader(SampleBySample(data), batch_size=BATCH, shuffle=True)
     keep_freed_memory()  # as a run does
     measures = {
@@ -36,24 +36,13 @@ def measure(short: bool) -> list[Row]:
     }
     take_turns(measures, 1)  # warms up memory pages and thread pools
     found = take_turns(measures, rounds)
-    ours, theirs, framed = found.values()
-    single, one_by_one, framed_s = ({name: one} for name, one in medians(found).items())
+    ours, theirs, framed = measures
     what = "feeding, 66 x 200, flip, brightness, shift, shadow"
+    one_by_one = "decoded, resized, augmented one by one"
+    windowed = f"the same, each frame in windows of {FRAMES}"
     return [
-        Row(
-            what,
-            "decoded, resized, augmented one by one",
-            median_ratio(ours, theirs),
-            10.0,
-            figures=single | one_by_one,
-        ),
-        Row(
-            f"the same, each frame in windows of {FRAMES}",
-            "single frames",
-            median_ratio(framed, ours),
-            1 / 3,
-            figures=framed_s | single,
-        ),
+        compared(found, what, one_by_one, (ours, theirs), 10.0),
+        compared(found, windowed, "single frames", (framed, ours), 1 / 3),
     ]
 
 
@@ -82,14 +71,6 @@ class SampleBySample(Dataset):
             "images": torch.from_numpy(changed["image"]).permute(2, 0, 1).contiguous(),
             "targets": torch.tensor([changed["steering"]], dtype=torch.float32),
         }
-
-
-def loaded_data(rows: int, *overrides: str) -> DrivingData:
-    """Return the loaded data of a recording of a number of rows."""
-    config = config_for(linked_recording(rows), AUGMENT, f"data.batch_size={BATCH}", *overrides)
-    data = build_data(config)
-    data.load(Console(quiet=True))
-    return data
 
 
 def batch_sizes(data: DrivingData) -> Iterator[int]:

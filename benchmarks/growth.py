@@ -20,7 +20,7 @@ from pathlib import Path
 from rich.console import Console
 
 from benchmarks.marked_page import markdown_table, write_between
-from benchmarks.material import OUT, config_for, linked_recording
+from benchmarks.material import OUT, config_for, linked_recording, ready_to_fit
 from benchmarks.measuring import print_table
 from benchmarks.timing import Row, contestants, median_ratio, medians, run_part
 from zoo.base.cores import usable_cores
@@ -91,16 +91,8 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     """Train lenet for one epoch and time the stages; views and run go to `place`."""
     from datamodules.recording import read_recordings
     from datamodules.recording_report import report_lines
-    from zoo.training.build import (
-        build_data,
-        build_feed,
-        build_module,
-        build_network,
-        build_trainer,
-    )
-    from zoo.training.host_settings import set_up_process
+    from zoo.training.build import build_data
     from zoo.training.open_loop import predict_steering
-    from zoo.training.plan import make_plan
 
     pipe.send(None)
     pipe.recv()
@@ -131,13 +123,7 @@ def run_stages(pipe: Connection, folder: str, place: str) -> None:
     seconds["building views"] -= seconds["reading the log"] + seconds["its report"]
     with timed("train/validation similarity"):
         data.leaks()
-    console = Console(quiet=True)
-    network = build_network(config, data.view, console)
-    trainer = build_trainer(config, Path(place), has_validation=True)
-    plan = make_plan(config, data, network, trainer, console)
-    module = build_module(config, network, plan, {}, console)
-    set_up_process(plan.threads)
-    data = build_feed(data, plan, console)
+    trainer, module, data = ready_to_fit(config, data, Path(place))
     with timed(EPOCH):
         trainer.fit(module, datamodule=data)
     with timed("validation"):

@@ -4,7 +4,9 @@ import datetime
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
 
+from datamodules.driving import DrivingData
 from zoo.cli.compose import compose_config
 
 OUT = Path("outputs/bench")
@@ -51,6 +53,31 @@ def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "r
         lines.append(",".join([*names, f"{steering:.2f}", "0.5", "0", "20.0"]))
     log.write_text("\n".join(lines) + "\n")
     return folder
+
+
+def ready_to_fit(config: DictConfig, data: DrivingData, folder: Path) -> tuple:
+    """Return trainer, module and feed of `drivezoo train`, in a process that is set up for them."""
+    from zoo.training.build import build_feed, build_module, build_network, build_trainer
+    from zoo.training.host_settings import set_up_process
+    from zoo.training.plan import make_plan
+
+    folder.mkdir(parents=True, exist_ok=True)
+    console = Console(quiet=True)
+    network = build_network(config, data.view, console)
+    trainer = build_trainer(config, folder, has_validation=True)
+    plan = make_plan(config, data, network, trainer, console)
+    module = build_module(config, network, plan, {}, console)
+    set_up_process(plan.threads)
+    return trainer, module, build_feed(data, plan, console)
+
+
+def loaded_data(config: DictConfig) -> DrivingData:
+    """Return the data of a config, with its views."""
+    from zoo.training.build import build_data
+
+    data = build_data(config)
+    data.load(Console(quiet=True))
+    return data
 
 
 def config_for(folder: Path, *overrides: str) -> DictConfig:

@@ -15,10 +15,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from rich.console import Console
 
 from benchmarks.marked_page import markdown_table
-from benchmarks.material import CACHE, config_for, linked_recording, pictures
+from benchmarks.material import CACHE, config_for, linked_recording, loaded_data, pictures
 from benchmarks.measuring import print_table, run_named
 from datamodules.image import decode_image, read_image
 from datamodules.recording import Recording, read_recordings
@@ -196,10 +195,7 @@ def train(rows: int, limit_mb: int | None) -> list[str]:
 
 def build_views(folder: Path) -> float:
     """Decode images that are not in the cache, drop it from memory, and return its megabytes."""
-    from zoo.training.build import build_data
-
-    data = build_data(config_for(folder, *LARGE_VIEWS))
-    data.load(Console(quiet=True))
+    data = loaded_data(config_for(folder, *LARGE_VIEWS))
     for file in Path(CACHE).glob("*.npy"):  # so that the next reader is charged for it
         descriptor = os.open(file, os.O_RDONLY)
         os.fsync(descriptor)

@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 
 from benchmarks.driver import random_checkpoint, random_policy
-from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
+from benchmarks.timing import Row, compared, median_ratio, medians, run_part, take_turns
 from simulator.world import Start
 from zoo.base.cores import usable_cores
 from zoo.drives.drive_record import Drive
@@ -94,9 +94,8 @@ def _many(short: bool) -> Row:
             return time.perf_counter() - began
 
         turns = take_turns({"four s": many, "one s": one}, rounds)
-    ours, theirs = turns.values()
     what = f"four drives of {laps:g} laps on four cores"
-    return Row(what, "one on one core", median_ratio(ours, theirs), 1.3, False, medians(turns))
+    return compared(turns, what, "one on one core", ("four s", "one s"), 1.3, False)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import sys
 import time
 
 from benchmarks.material import CACHE, linked_recording
-from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
+from benchmarks.timing import Row, compared, run_part, take_turns
 
 RUN = "outputs/bench/start"
 IMPORTS = "import torch, lightning"
@@ -30,14 +30,10 @@ def measure(short: bool) -> list[Row]:
         1 if short else 2,
     )
     rows = []
-    for index, (what, unit) in enumerate(
-        (
-            ("drivezoo train to its first step, views cached", "s"),
-            ("the same, processor time", "processor s"),
-        )
-    ):
-        times = {f"{name} {unit}": [one[index] for one in runs] for name, runs in found.items()}
-        rows.append(Row(what, IMPORTS, median_ratio(*times.values()), AIM, False, medians(times)))
+    first = "drivezoo train to its first step, views cached"
+    for at, (what, unit) in enumerate(((first, "s"), ("the same, processor time", "processor s"))):
+        times = {f"{name} {unit}": [run[at] for run in runs] for name, runs in found.items()}
+        rows.append(compared(times, what, IMPORTS, tuple(times), AIM, False))
     return rows
 
 

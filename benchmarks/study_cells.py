@@ -31,18 +31,8 @@ def floats(rows: Rows, key: str) -> list[float]:
     return [float(row[key]) for row in rows if row[key] != ""]
 
 
-def clean_of(counts: Iterable[str]) -> tuple[int, int]:
-    """Return how many drives had no intervention, and how many drives there are."""
-    clean = [count != "" and not float(count) for count in counts]
-    return sum(clean), len(clean)
-
-
 def text(rows: Rows, key: str) -> str:
     return rows[0][key] or "-"
-
-
-def integer(rows: Rows, key: str) -> str:
-    return f"{int(float(rows[0][key])):,}"
 
 
 def means(rows: Rows, form: str, *keys: str) -> str:
@@ -66,9 +56,10 @@ def duration(rows: Rows, key: str) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def clean_laps(rows: Rows, key: str) -> str:
-    """Return how many laps had no intervention, with Wilson's interval."""
-    return count_with_interval(*clean_of(row[key] for row in rows)).replace("95 %: ", "")
+def clean_laps(rows: Rows, key: str, label: str = "") -> str:
+    """Return how many laps had no intervention, with Wilson's interval and its label."""
+    clean = sum(row[key] != "" and not float(row[key]) for row in rows)
+    return count_with_interval(clean, len(rows)).replace("95 %: ", label)
 
 
 def mean_with_interval(rows: Rows, key: str) -> str:
@@ -101,7 +92,7 @@ def of_group(rows: Rows, group: str, figure: str) -> list[str]:
 
 def trained(rows: Rows, key: str) -> str:
     """Return a whole number; `-` for a baseline, which is not trained."""
-    return integer(rows, key) if rows[0]["training"] else "-"
+    return f"{int(rows[0][key]):,}" if rows[0]["training"] else "-"
 
 
 def share(rows: Rows, group: str, figure: str) -> str:
@@ -406,14 +397,10 @@ CELLS: dict[str, Callable[..., str]] = {
     "claim_data": lambda rows: DATA[rows[0]["data"]],
     "claim_recipe": claim_recipe,
     "clean_drives": clean_drives,
-    "clean_drives_of_track": lambda rows: count_with_interval(
-        *clean_of(row["interventions"] for row in rows)
-    ),
     "clean_laps": clean_laps,
     "code": lambda rows, key: f"`{rows[0][key]}`",
     "count": lambda rows: str(len(rows)),
     "duration": duration,
-    "integer": integer,
     "mean_and_largest": mean_and_largest,
     "mean_and_worst": mean_and_worst,
     "mean_with_interval": mean_with_interval,

@@ -125,6 +125,19 @@ def medians(found: dict[str, list[float]]) -> dict[str, float]:
     return {name: statistics.median(values) for name, values in found.items()}
 
 
+def compared(
+    found: dict[str, list[float]],
+    what: str,
+    reference: str,
+    names: tuple[str, str],
+    aim: float | None = None,
+    at_least: bool = True,
+) -> Row:
+    """Return the row that compares two measures of `take_turns`, by their names."""
+    both = {name: found[name] for name in names}
+    return Row(what, reference, median_ratio(*both.values()), aim, at_least, medians(both))
+
+
 @contextmanager
 def contestants(
     targets: dict[str, tuple], asleep: bool = False

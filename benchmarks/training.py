@@ -20,11 +20,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import torch
-from rich.console import Console
 from torch.utils.flop_counter import FlopCounterMode
 
-from benchmarks.material import AUGMENT, OUT, config_for, linked_recording
-from benchmarks.timing import Row, contestants, median_ratio, medians, run_part, take_turns
+from benchmarks.material import AUGMENT, OUT, config_for, linked_recording, loaded_data
+from benchmarks.timing import Row, compared, contestants, median_ratio, run_part, take_turns
 from zoo.cli.compose import compose_config
 from zoo.training.host_settings import multiplies_bf16
 
@@ -61,23 +60,17 @@ def measure(short: bool) -> list[Row]:
     memory = "a bare loop on tensors in memory"
     bare = "that bare loop: memory kept, channels last, fused Adam, our dropout"
     defaults = "eager, torch's defaults"
+    busy = "the same, beside a program that takes one core"
+    bare_turns = ("zoo/s", "bare loop/s")
     rows = [
-        _row(found, what, loader, "zoo/s", "sample by sample/s", aim=3.6),
-        _row(found, whole, f"{memory}, same settings", "zoo/s", "bare loop/s", aim=0.95),
-        _row(
-            beside,
-            "the same, beside a program that takes one core",
-            f"{memory}, beside it, too",
-            "zoo/s",
-            "bare loop/s",
-            aim=0.8,
-        ),
-        _row(found, bare, defaults, "bare loop/s", "bare by default/s", aim=1.75),
+        compared(found, what, loader, ("zoo/s", "sample by sample/s"), 3.6),
+        compared(found, whole, f"{memory}, same settings", bare_turns, 0.95),
+        compared(beside, busy, f"{memory}, beside it, too", bare_turns, 0.8),
+        compared(found, bare, defaults, ("bare loop/s", "bare by default/s"), 1.75),
         _limit_row(found, "operations per second of that bare loop"),
     ]
     if HALF in found:
-        half = _row(found, f"{what}, bf16", loader, HALF, "sample by sample/s", aim=3.6)
-        rows.insert(1, half)
+        rows.insert(1, compared(found, f"{what}, bf16", loader, (HALF, "sample by sample/s"), 3.6))
     return rows
 
 
@@ -98,12 +91,6 @@ def busy_core() -> Iterator[None]:
     finally:
         busy.kill()
         busy.wait()
-
-
-def _row(found: dict[str, list[float]], what: str, reference: str, *names: str, aim: float) -> Row:
-    """Return the row that compares two targets."""
-    both = {name: found[name] for name in names}
-    return Row(what, reference, median_ratio(*both.values()), aim, figures=medians(both))
 
 
 def _limit_row(found: dict[str, list[float]], what: str) -> Row:
@@ -161,11 +148,8 @@ def run_samples(pipe: Connection, seconds: float) -> None:
     from torch.utils.data import DataLoader
 
     from benchmarks.feed import SampleBySample, endless
-    from zoo.training.build import build_data
 
-    config = config_for(linked_recording(ROWS), AUGMENT, "model=nvidia")
-    data = build_data(config)
-    data.load(Console(quiet=True))
+    data = loaded_data(config_for(linked_recording(ROWS), AUGMENT, "model=nvidia"))
     # Without it the workers would be started as this process was, and import everything again.
     usual = multiprocessing.get_all_start_methods()[0]
     loader = DataLoader(
