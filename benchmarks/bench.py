@@ -122,32 +122,21 @@ def main(arguments: list[str]) -> int:
         rows += of_part
     seconds = time.perf_counter() - began
     print_rows(rows)
-    load = known["load_before"][0]
-    console.print(
-        f"{known['processor']}, {known['cores']} cores, load {load:.1f} before the start; "
-        f"torch {known['versions']['torch']}; {seconds:.0f} s; {OUT}",
-        highlight=False,
+    facts = (
+        f"{known['processor']}, {known['cores']} cores, load {known['load_before'][0]:.1f} before "
+        f"the start; torch {known['versions']['torch']}; {seconds:.0f} s"
     )
+    console.print(f"{facts}; {OUT}", highlight=False)
     console.print(", ".join(f"{name} {taken:.0f} s" for name, taken in took.items()))
-    kept = [asdict(row) | {"met": row.met} for row in rows]
     contents = known | {"short": "short" in arguments, "seconds": seconds, "parts_s": took}
-    contents["rows"] = kept
+    contents["rows"] = [asdict(row) | {"met": row.met} for row in rows]
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(contents, indent=1) + "\n")
     if PAGE_WORDS & set(arguments):
-        write_page(contents, rows)
+        lines = [[row.what, *row.cells()] for row in rows]
+        table = markdown_table(["what", *COLUMNS], lines, left=2)
+        write_between(PAGE, "bench", f"{table}\n\n{facts}.")
     return 1 if failed else 0
-
-
-def write_page(contents: dict, rows: list[Row]) -> None:
-    """Write the table of a run into its page."""
-    load, torch = contents["load_before"][0], contents["versions"]["torch"]
-    machine = (
-        f"{contents['processor']}, {contents['cores']} cores, load {load:.1f} before the start; "
-        f"torch {torch}; {contents['seconds']:.0f} s."
-    )
-    table = markdown_table(["what", *COLUMNS], [[one.what, *one.cells()] for one in rows], left=2)
-    write_between(PAGE, "bench", f"{table}\n\n{machine}")
 
 
 if __name__ == "__main__":

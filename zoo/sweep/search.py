@@ -11,7 +11,6 @@ from hydra.core.override_parser.types import IntervalSweep, Override, RangeSweep
 from hydra.plugins.launcher import Launcher
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.drives.driving_score import driving_score
@@ -72,9 +71,6 @@ def sweep_search(
     Raises:
         InputError: invalid settings, a study with other values, or a launcher that cannot start.
     """
-    import optuna
-
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
     folder = Path(config.hydra.sweep.dir)
     parser = OverridesParser.create(config_loader=context.config_loader)
     # If a key is given twice, the last value counts, as everywhere in Hydra.
@@ -90,31 +86,127 @@ def sweep_search(
             "no key to search over; give a key several values, or KEY=interval(1e-4,1e-2)"
         )
     _check_monitor(settings.monitor, fixed, config, context)
-    study = _open_study(settings)
-    _check_space(study, space, settings)
-    _check_same_monitor(study, settings)
+    search = Search(settings, fixed, space, folder)
     add_to_record(folder, search=True, data=recordings_of([fixed], config, context))
     console = sweep_console(folder)
-    ours = [one for one in study.get_trials() if one.user_attrs.get("folder") == str(folder)]
-    left = [one.number for one in ours if one.state == optuna.trial.TrialState.RUNNING]
-    numbers = left or _ask(study, space, settings, folder)
+    numbers = search.own_trials(running=True) or search.ask()
     while numbers:
-        jobs = [_job(study, number, fixed, settings, folder) for number in numbers]
+        jobs = [search.job(number) for number in numbers]
         for job in jobs:
-            recordings_of([job.overrides], config, context, _pruning(job.number, settings))
+            recordings_of([job.overrides], config, context, search.pruning(job.number))
         run_jobs(jobs, config, launcher, console)
         for job in jobs:
-            _report_result(study, job, settings.monitor)
-        _print_state(study, settings, console)
-        numbers = _ask(study, space, settings, folder)
-    own = [one for one in study.get_trials() if one.user_attrs.get("folder") == str(folder)]
-    add_to_record(
-        folder,
-        jobs=[list(_job(study, one.number, fixed, settings, folder).overrides) for one in own],
-    )
+            search.report(job)
+        console.print(search.state(), highlight=False, markup=False)
+        numbers = search.ask()
+    add_to_record(folder, jobs=[list(search.job(one).overrides) for one in search.own_trials()])
 
 
-def _open_study(settings: SearchSettings) -> "optuna.Study":
+class Search:
+    """The trials that one sweep adds to an Optuna study.
+
+    Args:
+        settings: settings of the sweeper.
+        fixed: overrides of every trial.
+        space: distribution of each key that is searched.
+        folder: folder of the sweep.
+
+    Raises:
+        InputError: invalid settings, or a study with other values or another figure.
+    """
+
+    def __init__(
+        self, settings: SearchSettings, fixed: Sequence[str], space: dict, folder: Path
+    ) -> None:
+        self.settings, self.fixed, self.space, self.folder = settings, fixed, space, folder
+        self.study = _open_study(settings)
+        self._check_space()
+        earlier = self.study.user_attrs.get("monitor", settings.monitor)
+        if earlier != settings.monitor:
+            raise InputError(
+                f"{settings.storage}: the study {settings.study} optimizes {earlier}, not "
+                f"{settings.monitor}; set hydra.sweeper.monitor={earlier}, or name another study "
+                "with hydra.sweeper.study=NAME"
+            )
+        self.study.set_user_attr("monitor", settings.monitor)
+
+    def _check_space(self) -> None:
+        """Refuse values that differ from the study's, before a trial is created."""
+        from optuna.distributions import check_distribution_compatibility
+
+        for trial in self.study.get_trials(deepcopy=False):
+            for key in trial.distributions.keys() & self.space.keys():
+                try:
+                    check_distribution_compatibility(trial.distributions[key], self.space[key])
+                except ValueError:
+                    raise InputError(
+                        f"{self.settings.storage}: the study {self.settings.study} has other "
+                        f"values for {key} than this command; name another with "
+                        "hydra.sweeper.study=NAME"
+                    ) from None
+
+    def own_trials(self, running: bool = False) -> list[int]:
+        """Return the numbers of this sweep's trials, of all or of those that have not ended."""
+        return [
+            trial.number
+            for trial in self.study.get_trials(deepcopy=False)
+            if trial.user_attrs.get("folder") == str(self.folder)
+            and not (running and trial.state.is_finished())
+        ]
+
+    def ask(self) -> list[int]:
+        """Create up to `at_once` of the remaining trials, and return their numbers."""
+        left = self.settings.n_trials - len(self.study.get_trials(deepcopy=False))
+        numbers = []
+        for _ in range(min(left, self.settings.at_once)):
+            trial = self.study.ask(self.space)
+            trial.set_user_attr("folder", str(self.folder))
+            numbers.append(trial.number)
+        return numbers
+
+    def job(self, number: int) -> Job:
+        """Return a trial as a job: its values and its pruning callback as overrides."""
+        values = self.study.get_trials()[number].params
+        own = (f"{key}={value}" for key, value in values.items())
+        overrides = (*self.fixed, *own, *self.pruning(number))
+        return Job(number, overrides, self.folder / str(number))
+
+    def pruning(self, number: int) -> list[str]:
+        """Return the overrides that add the pruning callback to a trial."""
+        settings = self.settings
+        pruning = {
+            "_target_": "zoo.sweep.pruning.Pruning",
+            "storage": f"'{settings.storage}'",
+            "study": f"'{settings.study}'",
+            "trial": number,
+            "watched": settings.monitor,
+            "pruner": settings.pruner,
+            "startup_trials": settings.startup_trials,
+            "warmup_epochs": settings.warmup_epochs,
+        }
+        return [f"+{PRUNING}.{key}={value}" for key, value in pruning.items()]
+
+    def report(self, job: Job) -> None:
+        """Pass a job's figure to the study, or that it was pruned or failed."""
+        from optuna.trial import TrialState
+
+        status = read_status(job.folder).get("status")
+        value = _value(job.folder, self.settings.monitor) if status == "finished" else None
+        ended = TrialState.PRUNED if status == "pruned" else TrialState.FAIL
+        self.study.tell(job.number, value, None if value is not None else ended)
+
+    def state(self) -> str:
+        """Return how many trials ended in each way, and the best values."""
+        states = [trial.state.name for trial in self.study.get_trials(deepcopy=False)]
+        counted = ", ".join(f"{states.count(one)} {one.lower()}" for one in dict.fromkeys(states))
+        best = ""
+        if "COMPLETE" in states:
+            values = " ".join(f"{key}={value}" for key, value in self.study.best_params.items())
+            best = f"; best {self.settings.monitor} {self.study.best_value:.4g} with {values}"
+        return f"study: {len(states)} of {self.settings.n_trials} trials, {counted}{best}"
+
+
+def _open_study(settings: SearchSettings, attempts: int = ATTEMPTS) -> "optuna.Study":
     import optuna
 
     from zoo.sweep.pruning import make_pruner
@@ -131,98 +223,22 @@ def _open_study(settings: SearchSettings) -> "optuna.Study":
     make_pruner(settings.pruner, settings.startup_trials, settings.warmup_epochs)
     if settings.n_trials < 1 or settings.at_once < 1:
         raise InputError("hydra.sweeper: n_trials and at_once must be 1 or more")
-    attempts = ATTEMPTS
-    while True:
-        attempts -= 1
-        try:
-            return optuna.create_study(
-                storage=settings.storage,
-                study_name=settings.study,
-                direction="maximize" if _is_better_high(settings.monitor) else "minimize",
-                sampler=samplers[settings.sampler](seed=settings.seed),
-                load_if_exists=True,
-            )
-        except Exception as error:  # of SQLAlchemy or the database's driver
-            # Two processes that create the same SQLite file at once disturb each other: try again.
-            if not attempts or "(sqlite3." not in str(error):
-                reason = str(error).strip().splitlines()[0]
-                raise InputError(f"hydra.sweeper.storage={settings.storage}: {reason}") from None
-            time.sleep(1)
-
-
-def _check_space(study: "optuna.Study", space: dict, settings: SearchSettings) -> None:
-    """Refuse values that differ from the study's, before a trial is created."""
-    from optuna.distributions import check_distribution_compatibility
-
-    for trial in study.get_trials(deepcopy=False):
-        for key in trial.distributions.keys() & space.keys():
-            try:
-                check_distribution_compatibility(trial.distributions[key], space[key])
-            except ValueError:
-                raise InputError(
-                    f"{settings.storage}: the study {settings.study} has other values for {key} "
-                    "than this command; name another with hydra.sweeper.study=NAME"
-                ) from None
-
-
-def _check_same_monitor(study: "optuna.Study", settings: SearchSettings) -> None:
-    """Refuse to continue a study that optimizes another figure."""
-    earlier = study.user_attrs.get("monitor", settings.monitor)
-    if earlier != settings.monitor:
-        raise InputError(
-            f"{settings.storage}: the study {settings.study} optimizes {earlier}, not "
-            f"{settings.monitor}; set hydra.sweeper.monitor={earlier}, or name another study with "
-            "hydra.sweeper.study=NAME"
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        return optuna.create_study(
+            storage=settings.storage,
+            study_name=settings.study,
+            direction="maximize" if _is_better_high(settings.monitor) else "minimize",
+            sampler=samplers[settings.sampler](seed=settings.seed),
+            load_if_exists=True,
         )
-    study.set_user_attr("monitor", settings.monitor)
-
-
-def _ask(study: "optuna.Study", space: dict, settings: SearchSettings, folder: Path) -> list[int]:
-    """Create up to `at_once` of the remaining trials, and return their numbers."""
-    left = settings.n_trials - len(study.get_trials(deepcopy=False))
-    numbers = []
-    for _ in range(min(left, settings.at_once)):
-        trial = study.ask(space)
-        trial.set_user_attr("folder", str(folder))
-        numbers.append(trial.number)
-    return numbers
-
-
-def _job(
-    study: "optuna.Study", number: int, fixed: Sequence[str], settings: SearchSettings, folder: Path
-) -> Job:
-    """Return a trial as a job: its values and its pruning callback as overrides."""
-    values = study.get_trials()[number].params
-    own = (f"{key}={value}" for key, value in values.items())
-    overrides = (*fixed, *own, *_pruning(number, settings))
-    return Job(number, overrides, folder / str(number))
-
-
-def _pruning(number: int, settings: SearchSettings) -> list[str]:
-    """Return the overrides that add the pruning callback to a trial."""
-    pruning = {
-        "_target_": "zoo.sweep.pruning.Pruning",
-        "storage": f"'{settings.storage}'",
-        "study": f"'{settings.study}'",
-        "trial": number,
-        "watched": settings.monitor,
-        "pruner": settings.pruner,
-        "startup_trials": settings.startup_trials,
-        "warmup_epochs": settings.warmup_epochs,
-    }
-    return [f"+{PRUNING}.{key}={value}" for key, value in pruning.items()]
-
-
-def _report_result(study: "optuna.Study", job: Job, monitor: str) -> None:
-    """Pass a job's figure to the study, or that it was pruned or failed."""
-    from optuna.trial import TrialState
-
-    status = read_status(job.folder).get("status")
-    value = _value(job.folder, monitor) if status == "finished" else None
-    if value is not None:
-        study.tell(job.number, value)
-    else:
-        study.tell(job.number, state=TrialState.PRUNED if status == "pruned" else TrialState.FAIL)
+    except Exception as error:  # of SQLAlchemy or the database's driver
+        if attempts == 1 or "(sqlite3." not in str(error):
+            reason = str(error).strip().splitlines()[0]
+            raise InputError(f"hydra.sweeper.storage={settings.storage}: {reason}") from None
+    # Two processes that create the same SQLite file at once disturb each other: try again.
+    time.sleep(1)
+    return _open_study(settings, attempts - 1)
 
 
 def _value(folder: Path, monitor: str) -> float | None:
@@ -248,20 +264,6 @@ def _score(run: Run) -> float | None:
         return None
     scores = [driving_score(*(one[key] for key in keys)) for one in run.tracks.values()]
     return sum(scores) / len(scores)
-
-
-def _print_state(study: "optuna.Study", settings: SearchSettings, console: Console) -> None:
-    states = [one.state.name for one in study.get_trials(deepcopy=False)]
-    counted = ", ".join(f"{states.count(one)} {one.lower()}" for one in dict.fromkeys(states))
-    best = ""
-    if "COMPLETE" in states:
-        values = " ".join(f"{key}={value}" for key, value in study.best_params.items())
-        best = f"; best {settings.monitor} {study.best_value:.4g} with {values}"
-    console.print(
-        f"study: {len(states)} of {settings.n_trials} trials, {counted}{best}",
-        highlight=False,
-        markup=False,
-    )
 
 
 def _distribution(override: Override) -> "optuna.distributions.BaseDistribution":

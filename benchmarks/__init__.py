@@ -1,0 +1,1 @@
+"""Timings of `make bench`, measurements that the manual quotes, and studies."""
