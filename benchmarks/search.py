@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measuring import make_console, print_table
-from zoo.cli.command_config import read_options
+from zoo.base.command_keys import read_options
 from zoo.search.failure_archive import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import BATCH, make_sampler
@@ -51,7 +51,7 @@ def failed_cells_by_rule(options: SearchOptions, edge: float) -> int:
 def by_rule(sampler: str, keys: list[str]) -> list[str]:
     """Return the failing cells of a sampler for each edge of the rule, over three seeds."""
     searches = [
-        read_options("search", SearchOptions, [*keys, f"sampler={sampler}", f"seed={seed}"])
+        read_options(SearchOptions, [*keys, f"sampler={sampler}", f"seed={seed}"])
         for seed in range(3)
     ]
     counts = [[failed_cells_by_rule(options, edge) for options in searches] for edge in EDGES]
@@ -63,7 +63,7 @@ def by_driving(checkpoint: str, sampler: str, keys: list[str], folder: Path) -> 
     from zoo.search.search_report import RESULT, search_and_report
 
     own = [*keys, f"sampler={sampler}", f"out={folder}"]
-    options, written = read_options("search", SearchOptions, own), folder / RESULT
+    options, written = read_options(SearchOptions, own), folder / RESULT
     result = json.loads(written.read_text()) if written.is_file() else {"drives": []}
     if len(result["drives"]) < options.budget:
         written.unlink(missing_ok=True)

@@ -14,8 +14,8 @@ from typing import Any
 
 import yaml
 
-from simulator.command_line import read_options
 from zoo.base.bounded_files import read_json
+from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
 from zoo.benchmark.baselines import BASELINES

@@ -1,9 +1,5 @@
-"""`drivezoo check FOLDER [FOLDER...]`: check recordings before training.
+"""`drivezoo check`: check recordings before training."""
 
-Reads each image's header and end marker but decodes no pixels: thousands of images take seconds.
-"""
-
-import argparse
 import io
 import os
 import re
@@ -12,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Literal
 
 from rich.console import Console
 from rich.progress import Progress
@@ -30,29 +27,43 @@ from datamodules.image import (
 )
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import report_lines
-from zoo.base.early_interrupt import raise_again
-from zoo.base.errors import InputError
+from zoo.base.command import command, is_help
+from zoo.base.command_keys import read_texts
 from zoo.base.regular_file import read_regular
-from zoo.base.standard_output import forgiving_output
-from zoo.base.terminal import command_line, error_line, printable
+from zoo.base.run_command import run_command
+from zoo.base.terminal import command_line, printable
 
 FIRST_TRY = "experiment=first_try"  # docs/recipes.md, "A first try that drives"
 # A training's keys that check takes, too.
-KEYS = {
-    "data.root": "",
-    "data.images": "--images=",
-    "data.on_bad_row": "--on-bad-row=",
-    "on_bad_row": "--on-bad-row=",
-}
+KEYS = {"data.root": "", "data.images": "images=", "data.on_bad_row": "on_bad_row="}
 SHOWN = 20  # bad rows and images that are listed; the others are counted
 
 
-def check(roots: list[str], images: str | None, console: Console, on_bad_row: str = "fail") -> bool:
-    """Print the recordings' figures, bad images and oddities; return whether all images are whole.
+@command(parts=False)
+def check(
+    folder: str,
+    *folders: str,
+    images: str | None = None,
+    on_bad_row: Literal["fail", "skip"] = "fail",
+) -> bool:
+    """Check recordings before training: rows, images, and what is unusual.
+
+    Reads each image's header and end marker but decodes no pixels: thousands of images take
+    seconds. Exits with 1 if an image is bad.
+
+    Args:
+        folder: folder of a driving_log.csv; several are checked as one recording.
+        *folders: further folders.
+        images: folder of the images, if not IMG.
+        on_bad_row: skip leaves bad rows out; fail does not.
+
+    Returns:
+        Whether all images are whole.
 
     Raises:
         InputError: a folder, a log or a row cannot be read, or there is no image.
     """
+    roots, console = [folder, *folders], Console(soft_wrap=True)
     recording = read_recordings(roots, images, on_bad_image="skip", on_bad_row=on_bad_row)
     for line in report_lines(replace(recording, bad_images=(), bad_rows=())):
         _print(console, line)
@@ -150,11 +161,27 @@ def _look_at_images(
         pool.shutdown(cancel_futures=True)  # on Ctrl-C, do not wait for the other images
 
 
+def main(arguments: list[str]) -> None:
+    """Check recordings; exit with 1 if an image is bad."""
+    given = [_as_option(argument) for argument in arguments]
+    for flag in ("--images", "--on-bad-row"):  # --images FOLDER
+        if flag in given[:-1]:
+            at = given.index(flag)
+            given[at : at + 2] = [f"{flag}={given[at + 1]}"]
+    given.sort(key=_is_option)  # folders first
+    if is_help(given):
+        check.main(given)
+        return
+    paths, options = check.split(given)
+    if not check(*paths, **read_texts(options)):
+        sys.exit(1)
+
+
 def _as_option(argument: str) -> str:
     """Return an argument in this command's form, if it has the form of a training's key.
 
     >>> _as_option("data.root=my_recording"), _as_option("data.images=IMG")
-    ('my_recording', '--images=IMG')
+    ('my_recording', 'images=IMG')
     """
     key, equals, value = argument.partition("=")
     if not equals or key not in KEYS or os.path.lexists(argument):
@@ -162,37 +189,9 @@ def _as_option(argument: str) -> str:
     return f"{KEYS[key]}{value}"
 
 
-def main(arguments: list[str]) -> int:
-    """Check recordings; return 0 if all images are whole, else 1, or 130 on Ctrl-C."""
-    parser = argparse.ArgumentParser(
-        prog="drivezoo check",
-        description="Check recordings before training: rows, images, and what is unusual.",
-    )
-    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="folder of a driving_log.csv")
-    parser.add_argument("--images", metavar="FOLDER", help="folder of the images, if not IMG")
-    parser.add_argument(
-        "--on-bad-row", choices=("fail", "skip"), default="fail", help="skip leaves bad rows out"
-    )
-    whole = True  # also where the reading program closed the pipe before the end
-    try:
-        with forgiving_output():
-            options = parser.parse_args([_as_option(one) for one in arguments])
-            raise_again()
-            console = Console(soft_wrap=True)
-            whole = check(options.folders, options.images, console, options.on_bad_row)
-        return 0 if whole else 1
-    except InputError as error:
-        print(error_line("check", error), file=sys.stderr)
-        return 1
-    except MemoryError:
-        print(
-            "check: not enough memory; end other programs, or name fewer folders", file=sys.stderr
-        )
-        return 1
-    except KeyboardInterrupt:
-        print("check: stopped", file=sys.stderr)
-        return 130
+def _is_option(argument: str) -> bool:
+    return "=" in argument and not os.path.lexists(argument)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_command("check", main, sys.argv[1:]))

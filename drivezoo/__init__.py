@@ -18,8 +18,7 @@ from drivezoo.functions import (
 from drivezoo.policies import load_policy, policy
 from drivezoo.saved_results import read_benchmark, read_run, write_table
 from zoo import __version__
-from zoo.base.errors import InputError, UsageError
-from zoo.cli.stop_errors import StoppedError
+from zoo.base.errors import InputError, StoppedError, UsageError
 
 __all__ = [
     "InputError",

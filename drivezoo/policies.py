@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivezoo.functions import Driver
-from drivezoo.keywords import checkpoint_of, options
 from drivezoo.one_line_errors import one_line_errors
 
 if TYPE_CHECKING:
@@ -26,14 +24,18 @@ def load_policy(path: str | Path | Training) -> Callable[..., Any]:
     Raises:
         InputError: the checkpoint cannot be loaded.
     """
+    from zoo.checkpoints.checkpoint_path import find_driver
     from zoo.checkpoints.policy import load_policy
 
-    return load_policy(checkpoint_of(path))
+    return load_policy(find_driver(path))
 
 
 @one_line_errors
 def policy(
-    driver: Driver, speed: float = 15.0, throttle: str = "hold", frame_rate: float = 15.0
+    driver: str | Path | Training | Callable[..., Any],
+    speed: float = 15.0,
+    throttle: str = "hold",
+    frame_rate: float = 15.0,
 ) -> EnvironmentPolicy:
     """Return a policy for the simulator's Gymnasium environments.
 
@@ -50,17 +52,18 @@ def policy(
         InputError: the checkpoint cannot be loaded, or predicts no throttle although it must.
         UsageError: a value is wrong.
     """
+    from zoo.base.command_keys import constructed
+    from zoo.checkpoints.checkpoint_path import find_driver
     from zoo.checkpoints.command import as_policy
     from zoo.checkpoints.policy import load_policy
-    from zoo.cli.command_config import read_options
     from zoo.evaluate.evaluate_options import EvaluateOptions
     from zoo.worlds.drive_loop import speed_controller
     from zoo.worlds.environment_policy import EnvironmentPolicy
     from zoo.worlds.run_drives import check_throttle
 
     keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}
-    settings = read_options("evaluate", EvaluateOptions, options("evaluate", keys))
-    named = checkpoint_of(driver)
+    settings = EvaluateOptions(**constructed(EvaluateOptions, keys))
+    named = find_driver(driver)
     steering = load_policy(named) if isinstance(named, str) else as_policy(named)
     check_throttle(steering, settings.throttle)
     return EnvironmentPolicy(steering, speed_controller(settings), settings.frame_rate)

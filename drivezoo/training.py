@@ -32,6 +32,10 @@ class Training(Result):
         """
         return cls(Path(folder), read_metrics_file(Path(folder)))
 
+    def __fspath__(self) -> str:
+        """Return the folder, so that commands take the training as a path."""
+        return str(self.folder)
+
     @property
     def checkpoint(self) -> Path | None:
         """Return the best checkpoint, or the last; None if the run kept none."""

@@ -1,54 +1,97 @@
 """`drivezoo simulator record|drive|client [key=value...]`: record, drive, or obey."""
 
-import difflib
-import importlib
 import sys
 from collections.abc import Sequence
-from dataclasses import is_dataclass
-from types import ModuleType
+from pathlib import Path
 
-from simulator.command_line import options_help, run_command
+from simulator.client_options import ClientOptions
+from simulator.drive_options import DriveOptions
+from simulator.record_options import RecordOptions
+from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
+from zoo.base.nearest import hint
+from zoo.base.run_command import run_command
 
-# Modules are imported only when needed: --help and typos answer without the slow imports.
+# Slow imports come late: --help and typos answer at once.
+
+
+@command(name="simulator record", parts=False)
+def record(*, options: RecordOptions) -> Path:
+    """Record laps of a simulated driver in the original simulator's format.
+
+    Args:
+        options: see `RecordOptions`.
+    """
+    from simulator.record import record_laps
+    from simulator.record_report import next_command, print_written
+    from simulator.recorder import LOG_NAME
+
+    folder = record_laps(options)
+    print_written(folder / LOG_NAME, next_command(options.out))
+    return folder
+
+
+@command(name="simulator drive", parts=False)
+def drive(*, options: DriveOptions) -> Path | None:
+    """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
+
+    Args:
+        options: see `DriveOptions`.
+
+    Returns:
+        The recording's folder; None if nothing was recorded.
+    """
+    from simulator import drive as driving
+    from simulator.record_report import next_command, print_written
+    from simulator.recorder import LOG_NAME
+
+    recorded = driving.drive(options)
+    if recorded is None:
+        return None
+    folder, off_road = recorded
+    here = Path.cwd()
+    root = folder.relative_to(here) if folder.is_relative_to(here) else folder
+    print_written(folder / LOG_NAME, next_command(root, off_road))
+    return folder
+
+
+@command(name="simulator client", parts=False)
+def client(*, options: ClientOptions) -> None:
+    """Connect to a driver as the original simulator's autonomous mode does.
+
+    The client sends the same bytes as the original client of 2016, with one difference: while no
+    driver accepts it, it tries to connect twice a second, not thousands of times.
+
+    Args:
+        options: see `ClientOptions`.
+    """
+    from rich.console import Console
+
+    from simulator.client import run_client
+
+    run_client(options, Console())
+
+
 COMMANDS = {
-    "record": "record laps that a simulated driver drives",
-    "drive": "drive in a window, with keyboard, mouse or gamepad",
-    "client": "connect to a driver as the original simulator does",
+    "record": (record, "record laps that a simulated driver drives"),
+    "drive": (drive, "drive in a window, with keyboard, mouse or gamepad"),
+    "client": (client, "connect to a driver as the original simulator does"),
 }
-HELP = ("-h", "--help", "help")
 
 
 def simulator(arguments: Sequence[str]) -> None:
-    """Run the command that the first argument names with the other arguments."""
+    """Record laps, drive in a window, or connect to a driver."""
     name, *rest = arguments or ["--help"]
-    if name in HELP:
+    if name in COMMANDS:
+        COMMANDS[name][0].main(rest)
+    elif is_help([name]) or name == "help":
         print("usage: drivezoo simulator COMMAND [key=value...]\n")
-        for command, meaning in COMMANDS.items():
-            print(f"  {command:<8}{meaning}")
+        for shown, (_, meaning) in COMMANDS.items():
+            print(f"  {shown:<8}{meaning}")
         print("\nhelp on a command: drivezoo simulator COMMAND --help")
-        return
-    if name not in COMMANDS:
-        near = difflib.get_close_matches(name, COMMANDS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(COMMANDS)}"
-        raise UsageError(f"{name}: no such command; {hint}")
-    if any(one in HELP for one in rest):
-        options = importlib.import_module(f"simulator.{name}_options")
-        print(f"usage: drivezoo simulator {name} [key=value...]\n\n{help_text(options)}")
     else:
-        importlib.import_module(f"simulator.{name}").main(rest)
-
-
-def help_text(module: ModuleType) -> str:
-    """Return the purpose and options of a command, from the `...Options` dataclass of a module."""
-    return options_help(
-        next(
-            one
-            for name, one in vars(module).items()
-            if name.endswith("Options") and is_dataclass(one)
-        )
-    )
+        raise UsageError(f"{name}: no such command; {hint(name, COMMANDS)}")
 
 
 if __name__ == "__main__":
-    sys.exit(run_command(simulator, sys.argv[1:]))
+    sys.exit(run_command("simulator", simulator, sys.argv[1:]))

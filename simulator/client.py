@@ -1,7 +1,7 @@
 """The command `drivezoo simulator client track=lake url=...`: a client for a driver."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 
 import numpy as np
@@ -10,7 +10,6 @@ from rich.console import Console
 from simulator.autonomous_mode import START, Client, Socket
 from simulator.bounded_socket import HandshakeSilentError
 from simulator.client_options import ClientOptions, check_options
-from simulator.command_line import read_options
 from simulator.film import Film
 from simulator.legacy_socket import HandshakeRefusedError, LegacySocket
 from simulator.weather import read_weather
@@ -105,8 +104,3 @@ def _print_summary(client: Client) -> None:
         f"taken over by hand {counts['taken over']} times; cross-track error {cte.mean():.2f} m "
         f"on average, {cte.max():.2f} m at most; left the road {counts['off road']} times{put_back}"
     )
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run the command with `key=value` arguments; see `ClientOptions`."""
-    run_client(read_options(ClientOptions, arguments), Console())

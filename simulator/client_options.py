@@ -1,6 +1,6 @@
 """Options of `drivezoo simulator client`."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from simulator.legacy_socket import websocket_address
@@ -10,10 +10,7 @@ from zoo.base.errors import InputError
 
 @dataclass(frozen=True)
 class ClientOptions(WorldSettings):
-    """Connect to a driver as the original simulator's autonomous mode does.
-
-    The client sends the same bytes as the original client of 2016, with one difference: while no
-    driver accepts it, it tries to connect twice a second, not thousands of times.
+    """Keys of a client.
 
     Args:
         url: address of the driver.
@@ -44,7 +41,7 @@ class ClientOptions(WorldSettings):
     seconds: float = 0.0
     film: str | None = None
     window: bool = False
-    manual: list[Any] = field(default_factory=list)
+    manual: tuple[Any, ...] = ()
     truth: bool = False
     put_back: bool = False
     decimal_comma: bool = False

@@ -2,19 +2,17 @@
 
 import datetime
 import time
-from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
-from simulator.command_line import read_options
 from simulator.drive_loop import Drive
 from simulator.drive_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
-from simulator.record_report import next_command, print_report, print_written
-from simulator.recorder import LOG_NAME, Recorder, check_free
+from simulator.record_report import print_report
+from simulator.recorder import Recorder, check_free
 from simulator.rig import PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
@@ -50,17 +48,6 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
     took = time.perf_counter() - began
     print_report(console, run.recorder, [run.driven], took, world.pictures.name)
     return run.recorder.folder, run.driven.off_road
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run the command with `key=value` arguments; see `DriveOptions`."""
-    recorded = drive(read_options(DriveOptions, arguments))
-    if recorded is None:
-        return
-    folder, off_road = recorded
-    here = Path.cwd()
-    root = folder.relative_to(here) if folder.is_relative_to(here) else folder
-    print_written(folder / LOG_NAME, next_command(root, off_road))
 
 
 def _open(options: DriveOptions) -> World:

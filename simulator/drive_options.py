@@ -7,7 +7,7 @@ from simulator.world_settings import WorldSettings
 
 @dataclass(frozen=True)
 class DriveOptions(WorldSettings):
-    """Drive in a window, with keyboard, mouse or gamepad; R starts and stops recording.
+    """Keys of a drive in a window.
 
     Args:
         out: folder of the recording; auto is recordings/ and the time of its start.

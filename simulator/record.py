@@ -10,13 +10,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from simulator.command_line import read_options
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests, Scene, renderer_name
 from simulator.record_options import RecordOptions
-from simulator.record_report import Driven, next_command, print_report, print_written
-from simulator.recorder import LOG_NAME, Recorder, split_pedals
+from simulator.record_report import Driven, print_report
+from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.track_file import read_track
 from simulator.weather import read_weather
@@ -132,13 +131,6 @@ def record_laps(
             world.pictures.close()
     print_report(console, recorder, all_driven, time.perf_counter() - began, world.pictures.name)
     return recorder.folder
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run the command with `key=value` arguments; see `RecordOptions`."""
-    options = read_options(RecordOptions, arguments)
-    folder = record_laps(options)
-    print_written(folder / LOG_NAME, next_command(options.out))
 
 
 def _directions(options: RecordOptions) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ from simulator.world_settings import WorldSettings
 
 @dataclass(frozen=True)
 class RecordOptions(WorldSettings):
-    """Record laps of a simulated driver in the original simulator's format.
+    """Keys of a recording.
 
     Args:
         out: folder to write; it must not contain a recording.

@@ -16,7 +16,7 @@ LEAST_FRAME_RATE = 0.1  # a lower one drives for hours of simulated time between
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """A world to open; `conf/world/embedded.yaml` has the same keys for the commands of zoo.
+    """A world to open; `conf/world/embedded.yaml` has the same keys for trainings.
 
     Args:
         track: name or YAML file of a track.

@@ -66,7 +66,7 @@ def test_the_help_lists_the_choices(run: Run) -> None:
 
 
 def test_the_zoo_lists_the_model_with_its_source(run: Run) -> None:
-    assert "strip: Steering from the mean brightness" in run("zoo.models")
+    assert "strip: Steering from the mean brightness" in run("zoo.list", "models")
 
 
 def train(run: Run, recorded: Written, model: str = "strip") -> None:

@@ -25,6 +25,7 @@ from tests.zoo import commands
 from tests.zoo.keras_networks import SCALED, write_steering_h5
 from tests.zoo.written_checkpoints import write_constant
 from zoo.cli.compose import choices, conf_folder
+from zoo.cli.console_script import LISTED
 from zoo.cli.console_script import commands as drivezoo_commands
 
 ROOT = commands.ROOT
@@ -93,7 +94,7 @@ def fault_of(words: list[str]) -> str | None:
         case ["python" | "python3", "-m", module, *rest]:
             return fault_of_module(module, rest)
         case ["drivezoo", name, *rest] if name.isalpha() and name.islower():
-            module = drivezoo_commands().get(name)
+            module = "zoo.list" if name in LISTED else drivezoo_commands().get(name)
             return fault_of_module(module, rest) if module else f"no command {name}"
         case ["python", script, *rest] if script.endswith(".py"):
             return fault_of_script(ROOT / script, rest)
@@ -114,7 +115,7 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
     subcommand = ()
     if module == "simulator":
         subcommand, arguments = tuple(arguments[:1]), arguments[1:]
-    known = help_of(module, *subcommand)
+    known = help_of(module, *subcommand, *(one for one in arguments if one.startswith("speed=")))
     for argument in arguments:
         key, equals, _ = argument.lstrip("-").partition("=")
         flag = argument.startswith("-") and argument not in ("-h", "--help")
@@ -127,12 +128,10 @@ def fault_of_module(module: str, arguments: list[str]) -> str | None:
 
 @functools.cache
 def help_of(module: str, *subcommand: str) -> str:
-    """Return what `--help` prints, and for the driver its choices' keys."""
+    """Return what `--help` prints."""
     status, printed = run_here(module, [*subcommand, "--help"])
     assert status == 0, printed
-    parts = conf_folder() / module.rpartition(".")[2]
-    files = sorted(parts.rglob("*.yaml")) if module != "simulator" and parts.is_dir() else []
-    return "\n".join([printed, *(file.read_text() for file in files)])
+    return printed
 
 
 def run_here(module: str, arguments: list[str]) -> tuple[int, str]:

@@ -13,7 +13,7 @@ from benchmarks.model_tables import (
     networks_table,
     pages_by_network,
 )
-from zoo.models.__main__ import zoo_table
+from zoo.list import zoo_table
 
 PAGES = Path(__file__).parents[1] / "docs" / "models"
 UPDATE = "run python benchmarks/model_tables.py"

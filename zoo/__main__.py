@@ -1,4 +1,4 @@
-"""`drivezoo train`: train, test and report one experiment, or with `-m` a sweep."""
+"""`drivezoo train`: train, test and report one experiment, resume it, or sweep."""
 
 import os
 import sys
@@ -7,12 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from zoo.base.errors import InputError, UsageError
+from zoo.base.command import is_help
+from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
-from zoo.cli.command import is_help
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-from zoo.cli.stop_errors import StoppedError
 from zoo.training.openmp_threads import choose_waiting
 
 if TYPE_CHECKING:
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
 # run_command catches Ctrl-C during them.
 
 
-def zoo(arguments: list[str]) -> None:
-    """Print the help, resume a run, run a sweep, or train once, as the arguments say."""
+def train_or_sweep(arguments: list[str]) -> None:
+    """Train, test and report one experiment, or with `-m` a sweep."""
     if is_help(arguments):
         from zoo.cli.config_help import config_help
 
@@ -132,4 +131,4 @@ def is_sweep(arguments: list[str]) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo", zoo, sys.argv[1:]))
+    sys.exit(run_command("zoo", train_or_sweep, sys.argv[1:]))

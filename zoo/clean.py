@@ -1,12 +1,5 @@
-"""`drivezoo clean [FOLDER] [key=value ...]`: list what drivezoo wrote in a folder, or remove it.
+"""`drivezoo clean`: list what drivezoo wrote in a folder, or remove it."""
 
-Prints each kind with its size: the cache of decoded images, runs, sweeps, drives, and so on. With
-remove=true it removes the chosen kinds. It knows its folders by the marks that commands leave, not
-by names. Files that drivezoo did not write stay, as does what a command is writing. A recording is
-removed only if it is named: what=outputs/recordings/lake.
-"""
-
-import math
 import os
 import re
 import sys
@@ -15,8 +8,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import Field
+
+from zoo.base.command import command
 from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
 from zoo.base.new_folder import RECORDINGS, hold_folder, is_held, is_locked, is_unfinished
 from zoo.base.terminal import command_line, printable
 from zoo.base.written_files import (
@@ -30,29 +28,14 @@ from zoo.base.written_files import (
     written_below,
 )
 from zoo.cli.closing_lines import print_next
-from zoo.cli.command import Command
-from zoo.cli.nearest import hint
 from zoo.cli.run_command import run_command
 
-COMMAND = Command(__doc__, {"[FOLDER]": "folder of runs; outputs without it"})
 CACHE, FILES, UNFINISHED = "cache", "files", "unfinished"
+OUTPUTS_FOLDER = "outputs"
 RECORDING_LOG = "driving_log.csv"
 DAY_S = 86_400
 SHOWN = 5  # names of a line
 _DATE = re.compile(r"\d{4}-\d\d-\d\d")
-
-
-@dataclass(frozen=True, kw_only=True)
-class CleanOptions:
-    """Options of the cleaning; `conf/clean.yaml` has their meanings and defaults."""
-
-    what: str
-    older_days: float
-    remove: bool
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.older_days < math.inf:
-            raise UsageError(f"older_days={self.older_days:g}: must be 0 or more")
 
 
 @dataclass(frozen=True)
@@ -84,23 +67,38 @@ class Item:
         return max((one.lstat().st_mtime for one in self.files if os.path.lexists(one)), default=0)
 
 
-def clean(arguments: list[str]) -> None:
-    """Print the kinds with their sizes; with `remove=true` remove the chosen ones.
+@command
+def clean(
+    folder: str = OUTPUTS_FOLDER,
+    *,
+    what: str = CACHE,
+    older_days: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0,
+    remove: bool = False,
+) -> None:
+    """List what drivezoo wrote in a folder, or remove it.
+
+    Prints each kind with its size: the cache of decoded images, runs, sweeps, drives, and so on.
+    With remove=true it removes the chosen kinds. It knows its folders by the marks that commands
+    leave, not by names. Files that drivezoo did not write stay, as does what a command is writing.
+    A recording is removed only if it is named: what=outputs/recordings/lake.
+
+    Args:
+        folder: folder of runs; outputs without it.
+        what: kinds that the table names or folders, separated by commas; all: but recordings.
+        older_days: only what nobody changed for this number of days.
+        remove: true: remove it; false: only list it.
 
     Raises:
         InputError: the folder does not exist, or a file cannot be removed.
         UsageError: `what` names a kind that is not there.
     """
-    paths, options = COMMAND.read(arguments, CleanOptions)
-    if len(paths) > 1:
-        raise UsageError(f"{paths[1]}: name one folder; usage: {COMMAND.usage}")
-    folder = Path(paths[0] if paths else "outputs").expanduser()
-    if not folder.is_dir():
-        kinds = f"; kinds are chosen with what={folder}" if str(folder) in (CACHE, "all") else ""
-        raise InputError(f"{folder}: no such folder; name the folder of the runs{kinds}")
-    items = sorted(find_items(folder), key=lambda one: (one.kind, one.path))
-    kinds = sorted({one.kind for one in items})
-    chosen = choose(items, kinds, options)
+    place = Path(folder).expanduser()
+    if not place.is_dir():
+        kinds = f"; kinds are chosen with what={place}" if str(place) in (CACHE, "all") else ""
+        raise InputError(f"{place}: no such folder; name the folder of the runs{kinds}")
+    items = sorted(find_items(place), key=lambda item: (item.kind, item.path))
+    kinds = sorted({item.kind for item in items})
+    chosen = choose(items, kinds, what, older_days)
     from rich.console import Console
     from rich.table import Table
 
@@ -112,26 +110,29 @@ def clean(arguments: list[str]) -> None:
         figures = (len(row), _megabytes(row), _megabytes(part), sum(one.in_use for one in row))
         table.add_row(kind, *map(str, figures))
     console.print(table)
-    for line in _lines(folder, items):
+    for line in _lines(place, items):
         console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
     total = f"{len(chosen)} of {len(items)} items, {_megabytes(chosen)} MB"
-    if options.remove:
+    if remove:
         removed = [one for one in chosen if remove_item(one)]
         print(f"removed {len(removed)} of {len(items)} items, {total.rpartition(', ')[2]}")
         return
     print(f"chosen: {total}; nothing was removed")
     if chosen:
-        again = command_line(["drivezoo", "clean", *arguments, "remove=true"])
-        print_next(again, "remove what is chosen")
+        keys = [f"what={what}"] * (what != CACHE) + [f"older_days={older_days:g}"] * bool(
+            older_days
+        )
+        words = ["drivezoo", "clean", *[folder] * (folder != OUTPUTS_FOLDER), *keys, "remove=true"]
+        print_next(command_line(words), "remove what is chosen")
 
 
-def choose(items: list[Item], kinds: list[str], options: CleanOptions) -> list[Item]:
+def choose(items: list[Item], kinds: list[str], what: str, older_days: float) -> list[Item]:
     """Return the items of the chosen kinds or paths that are old enough and not in use.
 
     Raises:
         UsageError: `what` names neither a kind nor an item, or all recordings at once.
     """
-    wanted = {one.strip() for one in options.what.split(",")}
+    wanted = {one.strip() for one in what.split(",")}
     if RECORDINGS in wanted:
         raise UsageError(
             f"what={RECORDINGS}: a recording is removed only by its name: what=FOLDER; the list "
@@ -141,7 +142,7 @@ def choose(items: list[Item], kinds: list[str], options: CleanOptions) -> list[I
     for name in sorted(wanted - {CACHE, UNFINISHED, "all", *kinds}):
         if not any(_is_named(one, name) for one in paths):
             raise UsageError(f"what={name}: {hint(name, [*kinds, 'all'], 'the table names all')}")
-    before = time.time() - options.older_days * DAY_S
+    before = time.time() - older_days * DAY_S
     return [
         one
         for one in items
@@ -270,4 +271,4 @@ def _megabytes(items: list[Item]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.clean", clean, sys.argv[1:]))
+    sys.exit(run_command("zoo.clean", clean.main, sys.argv[1:]))

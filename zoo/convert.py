@@ -1,11 +1,4 @@
-"""`drivezoo convert SOURCE [key=value ...]`: exchange recordings with LeRobot and Donkeycar.
-
-Finds out what SOURCE is: a recording, a LeRobotDataset v3 or a Donkeycar tub. Writes a recording as
-a dataset or a tub, and a dataset or a tub as a recording that every command takes.
-
-  drivezoo convert FOLDER to=lerobot out=NEW
-  drivezoo convert TUB out=NEW
-"""
+"""`drivezoo convert`: exchange recordings with LeRobot and Donkeycar."""
 
 import sys
 from dataclasses import dataclass, replace
@@ -14,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
+from zoo.base.command import command
 from zoo.base.errors import UsageError
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
@@ -25,52 +18,80 @@ if TYPE_CHECKING:
 
     from datamodules.formats.recording_writer import Converted
 
-COMMAND = Command(__doc__, {"SOURCE": "folder of a recording, a LeRobot dataset or a tub"})
-
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertOptions:
-    """Options of the command; `conf/convert.yaml` has their meanings and defaults."""
+    """Keys of the formats.
 
-    to: Literal["udacity", "lerobot", "donkeycar"] | None
-    out: Path | None
-    images: str | None
-    fps: Annotated[int, Field(ge=1, le=1000)] | None
-    crf: Annotated[int, Field(ge=1, le=51)]
-    task: str
-    steering: str | None
-    camera: str | None
-    speed_unit: Literal["mph", "mps", "kmh"]
-    fit: Literal["keep", "pad"]
-    on_bad_row: Literal["fail", "skip"]
-    quality: Annotated[int, Field(ge=1, le=100)]
+    Args:
+        images: folder of a recording's images, if not IMG/.
+        fps: LeRobot: frames per second to write; null: the recording's mean.
+        crf: LeRobot: quality of the videos, of which 1 is the best and the largest.
+        task: LeRobot: the task in words.
+        steering: LeRobot: number that steers, as action:0; null: found by its name.
+        camera: LeRobot: key of the camera that looks ahead; null: found by its name.
+        speed_unit: LeRobot: unit of a speed whose name has none.
+        fit: keep: images of other sizes as they are, which all commands stretch to 320 x 160; pad:
+            with black bars, in their shape.
+        on_bad_row: skip: leave out rows that cannot be read; each is counted.
+        quality: quality of JPEGs written from videos or padded.
+    """
+
+    images: str | None = None
+    fps: Annotated[int, Field(ge=1, le=1000)] | None = None
+    crf: Annotated[int, Field(ge=1, le=51)] = 18
+    task: str = "follow the road"
+    steering: str | None = None
+    camera: str | None = None
+    speed_unit: Literal["mph", "mps", "kmh"] = "mps"
+    fit: Literal["keep", "pad"] = "keep"
+    on_bad_row: Literal["fail", "skip"] = "fail"
+    quality: Annotated[int, Field(ge=1, le=100)] = 95
 
 
-def convert(arguments: list[str]) -> None:
-    """Convert a folder, and print what was written and what was lost.
+@command
+def convert(
+    source: str,
+    *,
+    to: Literal["udacity", "lerobot", "donkeycar"] | None = None,
+    out: Path | None = None,
+    options: ConvertOptions,
+) -> Path:
+    """Exchange recordings with LeRobot and Donkeycar.
+
+    Finds out what SOURCE is: a recording, a LeRobotDataset v3 or a Donkeycar tub. Writes a
+    recording as a dataset or a tub, and a dataset or a tub as a recording that every command takes.
+
+      drivezoo convert FOLDER to=lerobot out=NEW
+      drivezoo convert TUB out=NEW
+
+    Args:
+        source: folder of a recording, a LeRobot dataset or a tub.
+        to: new format; null: udacity (driving_log.csv), for a folder of another format.
+        out: new folder to write; null: SOURCE's name with the format, with a number if that exists.
+        options: see `ConvertOptions`.
 
     Raises:
         InputError: the source cannot be read, or the new folder cannot be written.
         UsageError: the formats do not fit, or a value is wrong.
     """
-    (named,), options = COMMAND.read(arguments, ConvertOptions)
     from rich.console import Console
 
     from datamodules.recording import find_format, formats
     from zoo.base.new_folder import free_folder, print_unfinished, refuse_existing
     from zoo.cli.console_progress import progress_bar
 
-    source = Path(named).expanduser()
-    found, _ = find_format(source)
-    to = target_format(named, found, options.to)
-    folder = source.parent if source.is_file() else source
+    place = Path(source).expanduser()
+    found, _ = find_format(place)
+    to = target_format(source, found, to)
+    folder = place.parent if place.is_file() else place
     # Without SOURCE's own name, `.` has none to add the format to.
     whole = folder.absolute()
-    out = options.out or free_folder(whole.with_name(f"{whole.name}_{to}"))
+    out = out or free_folder(whole.with_name(f"{whole.name}_{to}"))
     refuse_existing(out.expanduser())
     print_unfinished(out)
     with progress_bar("converting", Console(stderr=True)) as report:
-        result = run_conversion(source, out, to, options, report)
+        result = run_conversion(place, out, to, options, report)
     drives = f"{result.drives:,} continuous drive{'' if result.drives == 1 else 's'}"
     titles = {name: known.title for name, known in formats()}
     print(f"{titles[found]} -> {titles[to]}: {result.rows:,} rows, {drives}")
@@ -78,6 +99,7 @@ def convert(arguments: list[str]) -> None:
         print(printable(f"- {note}"))
     print_written([result.folder])
     print_following(result, to)
+    return result.folder
 
 
 def target_format(named: str, found: str, to: str | None) -> str:
@@ -151,4 +173,4 @@ def print_following(result: "Converted", to: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.convert", convert, sys.argv[1:]))
+    sys.exit(run_command("zoo.convert", convert.main, sys.argv[1:]))

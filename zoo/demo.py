@@ -1,8 +1,4 @@
-"""`drivezoo demo`: run the whole chain: record, train, score, report, drive, film.
-
-Records laps of the embedded lake, trains PilotNet on them and scores it by driving. Then serves it
-on the socket, drives a lap and films it. Prints each command before it runs.
-"""
+"""`drivezoo demo`: run the whole chain: record, train, score, report, drive, film."""
 
 import datetime
 import subprocess
@@ -14,25 +10,27 @@ from rich.console import Console
 from rich.table import Table
 
 from zoo.base.child_process import child_environment
+from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.module_start import module_command
 from zoo.base.terminal import command_line
 from zoo.cli.closing_lines import print_written
-from zoo.cli.command import Command
 from zoo.cli.console_script import commands
 from zoo.cli.run_command import run_command
 
 SPEED_MPH = 20
-COMMAND = Command(__doc__)
 
 
-def demo(arguments: list[str]) -> None:
-    """Run every stage in one run's folder; print the time of each and the files written.
+@command
+def demo() -> None:
+    """Run the whole chain: record, train, score, report, drive, film.
+
+    Records laps of the embedded lake, trains PilotNet on them and scores it by driving. Then serves
+    it on the socket, drives a lap and films it. Prints each command before it runs.
 
     Raises:
         InputError: a stage failed and printed its error.
     """
-    COMMAND.split(arguments)
     console = Console(soft_wrap=True)
     run = Path("outputs") / f"{datetime.datetime.now():%Y-%m-%d/%H-%M-%S}-demo"
     best = str(run / "checkpoints" / "best.ckpt")
@@ -61,8 +59,8 @@ def demo(arguments: list[str]) -> None:
         typed = command_line(["drivezoo", *words])
         console.print(f"\n> {typed}", highlight=False, markup=False)
         began = time.perf_counter()
-        command = module_command(modules[words[0]], *words[1:])
-        if subprocess.run(command, env=child_environment(), check=False).returncode:
+        process = module_command(modules[words[0]], *words[1:])
+        if subprocess.run(process, env=child_environment(), check=False).returncode:
             raise InputError(f"could not {stage}; see the error above")
         table.add_row(stage, f"{time.perf_counter() - began:.0f}")
     console.print(table)
@@ -80,4 +78,4 @@ def demo(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.demo", demo, sys.argv[1:]))
+    sys.exit(run_command("zoo.demo", demo.main, sys.argv[1:]))

@@ -1,25 +1,23 @@
-"""`drivezoo film FOLDER [key=value ...]`: film a drive, a recording or a folder of images.
-
-Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed; frames
-of a drive (a folder with drive.csv) also show autonomy and the distance from the centreline.
-"""
+"""`drivezoo film`: film a drive, a recording or a folder of images."""
 
 import math
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from rich.console import Console
 from rich.progress import Progress
 
 from datamodules.formats.udacity import times_from_names
 from datamodules.image import read_image
 from datamodules.recording import LOG_NAME, read_recordings
+from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS
@@ -30,7 +28,6 @@ from zoo.drives.tally import LONGEST_STEP_S, autonomy
 USUAL_FPS = 15.0  # the simulator's recorder; used if the images have no times
 MOST_FPS = 60.0
 SUFFIXES = (".jpg", ".jpeg", ".png")
-COMMAND = Command(__doc__, {"FOLDER": "folder of a drive, a recording or images"})
 
 
 @dataclass(frozen=True)
@@ -48,14 +45,6 @@ class Shot:
     spread: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class FilmOptions:
-    """Options of a film; `conf/film.yaml` has their meanings and defaults."""
-
-    out: str | None
-    fps: float | None
-
-
 def read_shots(folder: Path) -> list[Shot]:
     """Return the frames of a drive, a recording or a folder of images, in the order of time.
 
@@ -65,7 +54,7 @@ def read_shots(folder: Path) -> list[Shot]:
     if folder.exists() and folder.name in (LOG_NAME, drive_log.LOG_NAME):
         folder = folder.parent
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; usage: {COMMAND.usage}")
+        raise InputError(f"{folder}: no such folder; usage: {film.usage}")
     # A log that is not a regular file, such as a pipe, is reported when it is opened.
     if (folder / drive_log.LOG_NAME).exists():
         shots = _shots_of_drive(folder)
@@ -94,7 +83,7 @@ def real_fps(shots: list[Shot]) -> float:
 def make_film(
     folder: str | Path, out: str | Path | None, fps: float | None, console: Console
 ) -> Path:
-    """Write the film of a folder and return its path; `out` and `fps` are as in `FilmOptions`.
+    """Write the film of a folder and return its path; `out` and `fps` are as in `film`.
 
     Images that cannot be read are left out and counted.
 
@@ -108,8 +97,6 @@ def make_film(
     out = Path(out).expanduser() if out else Path(f"{folder.absolute()}.mp4")
     shots = read_shots(folder)
     rate = real_fps(shots) if fps is None else fps
-    if not (math.isfinite(rate) and 0 < rate <= 1000):
-        raise InputError(f"fps={rate:g}: must be above 0, up to 1000")
     faults: list[str] = []
     try:
         with Film(out, rate) as film:
@@ -210,13 +197,29 @@ def _shots_of_images(folder: Path) -> list[Shot]:
     return [Shot(path, float(time)) for path, time in zip(paths, times, strict=True)]
 
 
-def film(arguments: list[str]) -> None:
-    """Read the arguments and write the film."""
-    (folder,), options = COMMAND.read(arguments, FilmOptions)
+@command
+def film(
+    folder: str,
+    *,
+    out: str | None = None,
+    fps: Annotated[float, Field(gt=0, le=1000)] | None = None,
+) -> Path:
+    """Film a drive, a recording or a folder of images.
+
+    Writes an H.264 .mp4 that plays in a browser. Each frame shows steering, throttle and speed;
+    frames of a drive (a folder with drive.csv) also show autonomy and the distance from the
+    centreline.
+
+    Args:
+        folder: folder of a drive, a recording or images.
+        out: .mp4 file to write; null: FOLDER.mp4, next to the folder.
+        fps: frames per second; null plays as fast as it was driven.
+    """
     console = Console(soft_wrap=True)
-    path = make_film(folder, options.out, options.fps, console)
+    path = make_film(folder, out, fps, console)
     print_written([path], console=console)
+    return path
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.film", film, sys.argv[1:]))
+    sys.exit(run_command("zoo.film", film.main, sys.argv[1:]))

@@ -1,7 +1,4 @@
-"""`drivezoo list [KIND]`: list networks, tracks, augmentations, losses, recipes and suites.
-
-Prints each choice with a description. `parts=my_net.py` adds your own.
-"""
+"""`drivezoo list`: list networks, tracks, augmentations, losses, recipes and suites."""
 
 import ast
 import importlib.util
@@ -9,20 +6,23 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from zoo.base.errors import UsageError
+from zoo.base.command import command
+from zoo.base.command_keys import help_row
 from zoo.base.terminal import printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 from zoo.cli.closing_lines import print_next
-from zoo.cli.command import Command, help_row
-from zoo.cli.conf_files import choice_files
-from zoo.cli.nearest import hint
+from zoo.cli.conf_files import choice_files, choices
+from zoo.cli.console_progress import loading
 from zoo.cli.parts import part_of
 from zoo.cli.run_command import run_command
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
 # By kind: its group in `conf`, and how a user types a choice.
-KINDS = {
+GROUPS = {
     "models": ("model", "model=NAME"),
     "augmentations": ("augment", "augment=[NAME,NAME]"),
     "losses": ("loss", "loss=NAME"),
@@ -35,32 +35,83 @@ KINDS = {
     "suites": ("suite", "suite=NAME"),
 }
 CHECKPOINTS = "checkpoints"  # networks that come trained
-COMMAND = Command(__doc__, {"[KIND]": ", ".join([*KINDS, CHECKPOINTS])})
+METRICS, MODELS = "metrics", "models"
+Kind = Literal[(*GROUPS, CHECKPOINTS, METRICS)]
 OWN = ("zoo", "datamodules")
 _USAGE = re.compile(r"(@package|python -m|drivezoo|pip install) ")
 _TARGET = re.compile(r"^\s*_target_: *(\S+)", re.MULTILINE)
 
 
-def print_choices(arguments: list[str]) -> None:
-    """Print the choices of a kind, or of every kind.
+@command(name="list")
+def list_parts(*kind: Kind) -> None:
+    """List networks, tracks, augmentations, losses, recipes and suites.
 
-    Raises:
-        UsageError: there is no such kind.
+    Prints each choice with a description; `models` alone prints each network's input, parameters,
+    multiply-adds and paper. `parts=my_net.py` adds your own.
+
+    Args:
+        *kind: models, augmentations, losses, optimizers, schedules, callbacks, recipes, tracks,
+            roads, suites, checkpoints or metrics; all but metrics without it.
     """
-    asked, _ = COMMAND.split(arguments)
-    known = [*KINDS, CHECKPOINTS]
-    for kind in asked or known:
-        if kind not in known:
-            raise UsageError(f"{kind}: no such kind; {hint(kind, known)}")
-        if kind == CHECKPOINTS:
+    for name in kind or (*GROUPS, CHECKPOINTS):
+        if name == METRICS:
+            from zoo.drives.metrics_page import metrics_page
+
+            print(metrics_page(), end="")
+        elif name == CHECKPOINTS:
             print_checkpoints()
-            continue
-        group, typed = KINDS[kind]
-        print(f"{kind}, {typed}")
-        for name, path in sorted(choice_files(group).items()):
-            print(printable_lines(help_row(name, description(path))))
-        print()
-    print_next("drivezoo new model my_net", "write one of your own")
+        elif name == MODELS and kind:
+            print_models()
+        else:
+            group, typed = GROUPS[name]
+            print(f"{name}, {typed}")
+            for choice, path in sorted(choice_files(group).items()):
+                print(printable_lines(help_row(choice, description(path))))
+            print()
+    if not {METRICS, MODELS} & {*kind}:  # which end with a page, or a line of their own
+        print_next("drivezoo new model my_net", "write one of your own")
+
+
+def print_models() -> None:
+    """Print a table of the networks, and the source of each."""
+    from rich.console import Console
+
+    with loading("building the networks"):
+        table, sources = zoo_table()
+    console = Console(soft_wrap=True)
+    console.print(table)
+    for name, source in sources.items():
+        console.print(f"{name}: {source}", highlight=False)
+    print_next("drivezoo train model=NAME data.root=FOLDER", "train one", console)
+
+
+def zoo_table() -> "tuple[Table, dict[str, str]]":
+    """Return a table of the models in `conf/model`, and the source of each model."""
+    from rich.table import Table
+
+    from zoo.cli.compose import compose_config
+    from zoo.models.make_network import make_network, published_view
+    from zoo.models.network_facts import multiply_adds, paper
+
+    sources = {}
+    table = Table(title="the zoo", title_justify="left")
+    for column in ("model", "input (CxHxW)", "colour", "parameters", "multiply-adds"):
+        table.add_column(column, justify="right" if column[-1] == "s" else "left")
+    for name in choices("model"):
+        config = compose_config([f"model={name}"])
+        view = published_view(config)
+        network = make_network(config["model"], view)
+        height, width, channels = view.shape
+        parameters = sum(parameter.numel() for parameter in network.parameters())
+        table.add_row(
+            name,
+            f"{channels} x {height} x {width}",
+            view.colour,
+            f"{parameters:,}",
+            f"{multiply_adds(network, (channels, height, width)):,}",
+        )
+        sources[name] = paper(network)
+    return table, sources
 
 
 def print_checkpoints() -> None:
@@ -123,4 +174,4 @@ def _sentence(text: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.list", print_choices, sys.argv[1:]))
+    sys.exit(run_command("zoo.list", list_parts.main, sys.argv[1:]))

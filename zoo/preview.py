@@ -1,27 +1,30 @@
-"""`drivezoo preview [key=value ...]`: draw the images that training feeds to a network.
-
-Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
-outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys of
-training, such as data.root=FOLDER and augment=[brightness,shadow]: see drivezoo train --help.
-"""
+"""`drivezoo preview`: draw the images that training feeds to a network."""
 
 import sys
 from pathlib import Path
 
+from zoo.base.command import command
 from zoo.base.terminal import command_line
 from zoo.base.written_files import check_output, note_output
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
 COUNT = 32
 NAMES = ("fed_batch", "steering_histogram")
-COMMAND = Command(__doc__)
 
 
-def preview(arguments: list[str]) -> None:
-    """Write `outputs/preview/fed_batch.png` and `steering_histogram.png` for the overrides."""
-    COMMAND.print_help_if_asked(arguments)
+@command(config=True)
+def preview(*overrides: str) -> None:
+    """Draw the images that training feeds to a network.
+
+    Writes outputs/preview/fed_batch.png, the first images of an epoch with their labels, and
+    outputs/preview/steering_histogram.png, the steering before and after balancing. Takes the keys
+    of training, such as data.root=FOLDER and augment=[brightness,shadow]: see drivezoo train
+    --help.
+
+    Args:
+        *overrides: keys of a training.
+    """
     from omegaconf import OmegaConf
     from rich.console import Console
 
@@ -34,15 +37,15 @@ def preview(arguments: list[str]) -> None:
     written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]
     for path in written:
         check_output(path, key="")
-    config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(arguments))))
+    config = OmegaConf.create(escape_interpolation(compose_config(quote_paths(list(overrides)))))
     data = build_data(settle_config(config, console))
     data.load(console)
     figures = figure_of_fed_batch(data, COUNT), figure_of_steering(data)
     for path, figure in zip(written, figures, strict=True):
         note_output(plots.save_figure(figure, path))
     print_written(written, console=console)
-    print_next(command_line(["drivezoo", "train", *arguments]), console=console)
+    print_next(command_line(["drivezoo", "train", *overrides]), console=console)
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.preview", preview, sys.argv[1:]))
+    sys.exit(run_command("zoo.preview", preview.main, sys.argv[1:]))

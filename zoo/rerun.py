@@ -1,8 +1,4 @@
-"""`drivezoo rerun RUN [key=value ...]`: repeat a run and compare the figures.
-
-Trains a finished run again with the config in its folder, and compares every figure of
-metrics.json to the digit.
-"""
+"""`drivezoo rerun`: repeat a run and compare the figures."""
 
 import shutil
 import subprocess
@@ -14,20 +10,18 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.child_process import child_environment
-from zoo.base.errors import InputError
+from zoo.base.command import command
+from zoo.base.errors import InputError, StoppedError
 from zoo.base.module_start import module_command
 from zoo.base.new_folder import command_folder, dated_folder
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
-from zoo.cli.command import Command
 from zoo.cli.compose import escape_interpolation
 from zoo.cli.parts import typed_parts
 from zoo.cli.run_command import run_command
-from zoo.cli.stop_errors import StoppedError
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
 
-COMMAND = Command(__doc__, {"RUN": "run's folder, or latest: the newest below outputs"})
 # Keys of metrics.json that are compared; times differ by machine.
 COMPARED = (
     "model",
@@ -47,14 +41,6 @@ FOLDERS = ("data.root", "data.images", "data.cache", "data.record.out", "model.w
 FILES = ("data.split", "score.track", "callbacks.closed_loop.track")  # files, or built-in names
 
 
-@dataclass(frozen=True, kw_only=True)
-class RerunOptions:
-    """Options of a rerun; `conf/rerun.yaml` has their meanings and defaults."""
-
-    out: str | None
-    trust: str
-
-
 @dataclass(frozen=True)
 class Difference:
     """A figure that differs: its key in `metrics.json`, and its values then and now."""
@@ -64,30 +50,40 @@ class Difference:
     now: object
 
 
-def rerun(arguments: list[str]) -> None:
-    """Train again with the config, seed and threads of a run, and compare the figures.
+@command
+def rerun(run: str, *, out: str | None = None, trust: str = "") -> None:
+    """Repeat a run and compare the figures.
+
+    Trains a finished run again with the config in its folder, and compares every figure of
+    metrics.json to the digit.
+
+    Args:
+        run: run's folder, or latest: the newest below outputs.
+        out: folder of the repeated run; null: named by date and time.
+        trust: further classes and keys that the run's config may name, separated by commas.
 
     Raises:
         InputError: the run is not finished, its config names a class that is not trusted, its
             recording changed, or `out` is not empty; or figures differ, after they are printed.
         StoppedError: the user pressed Ctrl-C; the training printed the command that resumes.
     """
-    (name,), options = COMMAND.read(arguments, RerunOptions)
-    run = find_run(name)
-    if not (run / "metrics.json").is_file() or not (run / ".hydra" / "config.yaml").is_file():
-        raise InputError(f"{run}: has no metrics.json or .hydra/config.yaml; name a finished run")
+    source = find_run(run)
+    if not (source / "metrics.json").is_file() or not (source / ".hydra/config.yaml").is_file():
+        raise InputError(
+            f"{source}: has no metrics.json or .hydra/config.yaml; name a finished run"
+        )
     from zoo.runs.metrics_file import read_metrics_file
 
-    refuse_links_out(run)
-    then = read_metrics_file(run)
-    _, trusted = split_trust([f"{TRUST}={options.trust}"])
-    config = absolute_places(_trained_config(run), place_of(run))
-    check_saved_config(config, run, trusted)
-    with command_folder(Path(options.out or dated_folder("reruns")).resolve(), "reruns") as out:
-        _prepare(run, config, out)
-        _train(out, trusted, then.get("threads"))
-        now = read_metrics_file(out)
-        _report(then, now, out)
+    refuse_links_out(source)
+    then = read_metrics_file(source)
+    _, trusted = split_trust([f"{TRUST}={trust}"])
+    config = absolute_places(_trained_config(source), place_of(source))
+    check_saved_config(config, source, trusted)
+    with command_folder(Path(out or dated_folder("reruns")).resolve(), "reruns") as folder:
+        _prepare(source, config, folder)
+        _train(folder, trusted, then.get("threads"))
+        now = read_metrics_file(folder)
+        _report(then, now, folder)
 
 
 def differences(then: object, now: object, name: str = "") -> tuple[list[Difference], int]:
@@ -220,4 +216,4 @@ def _code(code: dict) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.rerun", rerun, sys.argv[1:]))
+    sys.exit(run_command("zoo.rerun", rerun.main, sys.argv[1:]))

@@ -1,24 +1,20 @@
-"""`drivezoo results [RUN_FOLDER...] [key=value ...]`: print finished runs as a Markdown table.
-
-Each run has a row: parameters, samples per second, and test errors. In brackets are the errors of
-two baselines: steering always zero, and always the mean.
-"""
+"""`drivezoo results`: print finished runs as a Markdown table."""
 
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from zoo.base.command import command
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import printable
 from zoo.cli.closing_lines import print_written
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
+from zoo.runs.result_files import TableFiles
 from zoo.runs.table import Cell, Column, Table
-from zoo.runs.table_files import Result, check_table
+from zoo.runs.table_files import Result, check_table, write_asked
 
-COMMAND = Command(__doc__, {"[RUN_FOLDER...]": "folders of finished runs"})
 HEADINGS = {  # printed columns by name
     "experiment": "experiment",
     "split": "split",
@@ -38,15 +34,6 @@ PARTS = {f"test_{one}": (f"test_{one}_zero", f"test_{one}_mean") for one in ERRO
 PARTS["best_epoch"] = ("epochs",)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResultsOptions:
-    """Options of the table; `conf/results.yaml` has their meanings and defaults."""
-
-    metrics: bool
-    table: str | None
-    columns: str | None
-
-
 @dataclass(frozen=True, repr=False)
 class FinishedRuns(Result):
     """Finished runs.
@@ -55,14 +42,24 @@ class FinishedRuns(Result):
         folders: folder of each run.
         figures: figures of each run by name.
         cells: printed texts of each run.
+        written: paths of the files written.
     """
 
     folders: Sequence[Path]
     figures: Sequence[dict[str, Cell]]
     cells: Sequence[list[str]]
+    written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"FinishedRuns: {', '.join(map(str, self.folders))}"
+
+    def show(self) -> None:
+        """Print a row of Markdown for each run."""
+        print(f"| {' | '.join(HEADINGS)} |")
+        print("|---|---|" + "---:|" * (len(HEADINGS) - 2))
+        for row in self.cells:
+            print(printable(f"| {' | '.join(row)} |"))
+        print_written(self.written)
 
     def result_table(self) -> Table:
         """Return a row for each run."""
@@ -80,28 +77,34 @@ class FinishedRuns(Result):
         return Table(columns, "Errors of the steering; in brackets: always zero, the mean.")
 
 
-def print_results(arguments: list[str]) -> None:
-    """Print a row for each run's folder, or the page of metrics.
+@command
+def results(
+    *run_folder: str | Path, metrics: bool = False, tables: TableFiles
+) -> FinishedRuns | None:
+    """Print finished runs as a Markdown table.
+
+    Each run has a row: parameters, samples per second, and test errors. In brackets are the errors
+    of two baselines: steering always zero, and always the mean.
+
+    Args:
+        *run_folder: folders of finished runs.
+        metrics: true: print the definitions of a drive's metrics instead (docs/metrics.md).
+        tables: see `TableFiles`.
 
     Raises:
         InputError: a folder has no figures of a finished run.
     """
-    folders, options = COMMAND.read(arguments, ResultsOptions)
-    if options.metrics:
+    if metrics:
         from zoo.drives.metrics_page import metrics_page
 
         print(metrics_page(), end="")
-        return
-    if not folders:
-        raise UsageError(f"name the folders of finished runs; usage: {COMMAND.usage}")
-    check_table(options.table, options.columns)
-    runs = read_finished(folders)
-    print(f"| {' | '.join(HEADINGS)} |")
-    print("|---|---|" + "---:|" * (len(HEADINGS) - 2))
-    for row in runs.cells:
-        print(printable(f"| {' | '.join(row)} |"))
-    if options.table:
-        print_written([runs.write_table(options.table, options.columns)])
+        return None
+    if not run_folder:
+        raise UsageError(f"name the folders of finished runs; usage: {results.usage}")
+    check_table(tables.table, tables.columns)
+    runs = read_finished(run_folder)
+    runs.written.extend(write_asked(runs, tables.table, columns=tables.columns))
+    return runs
 
 
 def read_finished(folders: Sequence[str | Path]) -> FinishedRuns:
@@ -186,4 +189,4 @@ def _figure(value: float | None, form: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.results", print_results, sys.argv[1:]))
+    sys.exit(run_command("zoo.results", results.main, sys.argv[1:]))

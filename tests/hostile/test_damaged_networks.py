@@ -36,7 +36,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint, doubt_members, load_checkpoint, load_plain
 from zoo.checkpoints.doubt_file import build_doubt, doubt_contents
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
-from zoo.export.__main__ import onnx_bytes
+from zoo.export.onnx_file import onnx_bytes
 from zoo.hub.card import described_hash
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert

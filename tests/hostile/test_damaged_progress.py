@@ -10,7 +10,7 @@ from rich.console import Console
 
 from tests.hostile.test_damaged_files import data, field, folder, huge, pipe, text
 from tests.zoo.commands import only_line, run
-from zoo.cli.command_config import read_options
+from zoo.base.command_keys import read_options
 from zoo.cli.compose import compose_config
 from zoo.cli.run_command import run_command
 from zoo.correct.correct_options import CorrectOptions
@@ -70,7 +70,7 @@ def test_a_damaged_correction_is_named_and_not_changed(
 ) -> None:
     checkpoint = tmp_path / "x.ckpt"
     checkpoint.write_bytes(b"weights")
-    out, options = tmp_path / "out", read_options("correct", CorrectOptions)
+    out, options = tmp_path / "out", read_options(CorrectOptions)
 
     def again(_: list[str]) -> None:
         open_progress(out, str(checkpoint), options, [])

@@ -8,18 +8,18 @@ import pytest
 import torch
 
 from tests.zoo.sweeps import write_run
-from zoo.__main__ import zoo
+from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, remove_parts, write_whole
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.cli.run_command import run_command
 from zoo.drives.drive_log import write_summary
-from zoo.leaderboard.__main__ import show_leaderboard
+from zoo.leaderboard.__main__ import leaderboard
 from zoo.report.__main__ import report
 from zoo.rerun import rerun
 from zoo.runs.plots import save_figure
 from zoo.runs.status import write_status
-from zoo.sweep.__main__ import resume_sweep
+from zoo.sweep.__main__ import sweep
 from zoo.sweep.sweep_record import new_record, write_record
 from zoo.training.candidates import take
 
@@ -80,9 +80,9 @@ def test_the_choice_of_the_best_follows_no_link(mine: Path, tmp_path: Path) -> N
 
 
 COMMANDS = {
-    "zoo.report": (report, ["run"]),
+    "zoo.report": (report.main, ["run"]),
     "zoo": (zoo, ["resume=run"]),
-    "zoo.rerun": (rerun, ["run", "out=again"]),
+    "zoo.rerun": (rerun.main, ["run", "out=again"]),
 }
 
 
@@ -119,7 +119,7 @@ def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
     (tmp_path / "sweep" / "0").mkdir(parents=True)
     write_record(tmp_path / "sweep", new_record(["seed=1,2"]))
     (tmp_path / "sweep" / "0" / "log.txt").symlink_to(mine)
-    assert run_command("zoo.sweep", resume_sweep, ["resume=sweep"]) == 1
+    assert run_command("zoo.sweep", sweep.main, ["resume=sweep"]) == 1
     assert "sweep/0/log.txt: " in capsys.readouterr().err
 
 
@@ -143,7 +143,7 @@ def test_the_leaderboard_refuses_a_link(
     write_run(tmp_path / "outputs" / "run", autonomy=1.0)
     page = tmp_path / "outputs" / "leaderboard.html"
     page.symlink_to(mine)
-    assert run_command("zoo.leaderboard", show_leaderboard, ["outputs"]) == 1
+    assert run_command("zoo.leaderboard", leaderboard.main, ["outputs"]) == 1
     assert "outputs/leaderboard.html: exists" in capsys.readouterr().err
     assert mine.read_text() == "mine"
 

@@ -120,7 +120,7 @@ def test_a_terminal_that_lacks_characters_gets_others(
     setting: dict[str, str], tmp_path: Path
 ) -> None:
     write_run(tmp_path / "läufe→", 0.9, overrides=("x=ü→",), start_seeds=3)
-    for module, arguments in {"zoo.leaderboard": ["."], "zoo.models": []}.items():
+    for module, arguments in {"zoo.leaderboard": ["."], "zoo.list": ["models"]}.items():
         result = subprocess.run(
             command(module, *arguments),
             cwd=tmp_path,

@@ -83,7 +83,7 @@ def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_pa
 
 @posix
 def test_a_standard_output_that_is_closed(tmp_path: Path) -> None:
-    shell = ["sh", "-c", '"$@" >&-', "sh", *command("zoo.models", "--help")]
+    shell = ["sh", "-c", '"$@" >&-', "sh", *command("zoo.list", "--help")]
     result = subprocess.run(shell, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
     assert (result.returncode, result.stderr) == (0, b"")
 

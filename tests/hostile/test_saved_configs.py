@@ -21,17 +21,17 @@ from tests.zoo.commands import command, environment, only_line, run, train_in_fo
 from tests.zoo.compositions import composed
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
-from zoo.__main__ import zoo
+from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.cli.compose import choices, compose_config, config_groups
 from zoo.cli.run_command import run_command
-from zoo.correct.__main__ import command as correct
+from zoo.correct.__main__ import correct
 from zoo.models.make_network import make_network
 from zoo.rerun import absolute_places, rerun
-from zoo.results import print_results
+from zoo.results import results
 from zoo.runs.config_files import load_config
 from zoo.runs.saved_config import check_saved_config, find_refusals
-from zoo.sweep.__main__ import resume_sweep
+from zoo.sweep.__main__ import sweep
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +79,8 @@ def listed(folder: Path) -> set[str]:
 
 COMMANDS: dict[str, tuple[Callable[[list[str]], None], list[str]]] = {
     "zoo": (zoo, ["resume=run", "trainer.max_epochs=2"]),
-    "zoo.rerun": (rerun, ["run", "out=again"]),
-    "zoo.correct": (correct, ["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"]),
+    "zoo.rerun": (rerun.main, ["run", "out=again"]),
+    "zoo.correct": (correct.main, ["run/checkpoints/last.ckpt", "out=corrected", "rounds=1"]),
 }
 
 
@@ -245,11 +245,11 @@ def test_a_users_own_track_may_be_anywhere() -> None:
 @pytest.mark.parametrize(
     ("file", "command", "arguments"),
     [
-        ("metrics.json", rerun, ["run", "out=again"]),
-        ("metrics.json", print_results, ["run"]),
-        (".hydra/config.yaml", print_results, ["run"]),
-        (".hydra/hydra.yaml", print_results, ["run"]),
-        ("sweep.json", resume_sweep, ["resume=run"]),
+        ("metrics.json", rerun.main, ["run", "out=again"]),
+        ("metrics.json", results.main, ["run"]),
+        (".hydra/config.yaml", results.main, ["run"]),
+        (".hydra/hydra.yaml", results.main, ["run"]),
+        ("sweep.json", sweep.main, ["resume=run"]),
     ],
 )
 @pytest.mark.parametrize("text", ["", "[1", '{"format": 1, "arguments": [1]}', "\0"])
@@ -437,7 +437,7 @@ def test_a_strangers_sweep_is_not_resumed(
     monkeypatch.chdir(tmp_path)
     own = [*SMALL, f"data.root={recorded.folder}", "seed=1,2", argument]
     folder = write_sweep(tmp_path / "sweep", own)
-    assert run_command("zoo.sweep", resume_sweep, ["resume=sweep"]) == 1
+    assert run_command("zoo.sweep", sweep.main, ["resume=sweep"]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "sweep.json" in line
     assert f"trust={trust}" in line

@@ -20,10 +20,10 @@ from simulator import autonomous_mode
 from simulator.autonomous_mode import Client
 from simulator.client import RETRY_S, run_client
 from simulator.client_options import ClientOptions
-from simulator.command_line import read_options
 from simulator.legacy_socket import LegacySocket
 from simulator.world import Start, World, open_world
 from tests.simulator.drivers import ModernDriver, RawDriver, RefusingDriver, steering_driver
+from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
 
 STEER = {"steering_angle": "0.0000", "throttle": "1.0000"}
@@ -347,7 +347,7 @@ def test_its_film_has_every_frame_of_the_world(tmp_path: Path) -> None:
 
 def test_spans_of_seconds_may_be_whole_numbers_on_the_command_line() -> None:
     options = read_options(ClientOptions, ["manual=[[5,7],[20,21.5]]"])
-    assert options.manual == [[5, 7], [20, 21.5]]
+    assert options.manual == ([5, 7], [20, 21.5])
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ import pytest
 
 from datamodules.recording import read_recordings
 from simulator.__main__ import simulator
-from simulator.command_line import run_command
 from simulator.recorder import LOG_NAME
 from simulator.window import PIPES, open_viewer
 from tests.simulator.desktop import Desktop, open_desktop
 from tests.zoo.commands import command, environment, only_line
+from zoo.base.run_command import run_command
 
 TITLE = "drivezoo simulator drive"
 OPTIONS = ("width=640", "seconds=60")
@@ -216,5 +216,5 @@ def test_a_mistake_is_one_line_before_a_window_opens(
     (tmp_path / "held" / LOG_NAME).touch()
     # A window would fail here, with another words.
     monkeypatch.setitem(os.environ, "DISPLAY", "")
-    assert run_command(simulator, ["drive", argument]) in (1, 2)
+    assert run_command("simulator", simulator, ["drive", argument]) in (1, 2)
     assert words in capsys.readouterr().err

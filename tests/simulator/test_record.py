@@ -9,7 +9,6 @@ from rich.progress import Progress
 
 from datamodules.recording import read_recordings
 from simulator.__main__ import COMMANDS, simulator
-from simulator.command_line import run_command
 from simulator.expert import Expert, ExpertSettings
 from simulator.parallel_record import ParallelRecorder, Requests, Scene
 from simulator.record import RecordOptions, record, record_laps
@@ -19,6 +18,7 @@ from simulator.world import Start, World
 from tests.simulator.tracks import loop
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
+from zoo.base.run_command import run_command
 
 
 class GreyRenderer:
@@ -228,7 +228,7 @@ def test_the_command_records_and_prints_the_next_command(tmp_path):
     ids=lambda one: " ".join(one) if isinstance(one, list) else "",
 )
 def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message, capsys):
-    assert run_command(simulator, arguments) in (1, 2)
+    assert run_command("simulator", simulator, arguments) in (1, 2)
     line = capsys.readouterr().err.strip()
     assert line.startswith("simulator: ")
     assert message in line

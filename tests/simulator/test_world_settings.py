@@ -3,9 +3,9 @@
 import pytest
 
 from simulator.client_options import ClientOptions
-from simulator.command_line import options_help, read_options
 from simulator.drive import DriveOptions
 from simulator.record import RecordOptions
+from zoo.base.command_keys import keys_of, read_options
 from zoo.base.errors import InputError
 
 
@@ -17,7 +17,7 @@ def test_a_direction_has_a_name_and_a_number(kind: type, typed: str, direction: 
     options = read_options(kind, ["out=x"] * (kind is not ClientOptions) + [f"direction={typed}"])
     options.check()
     assert options.direction == direction
-    assert "direction=forward" in options_help(kind)
+    assert "forward" in [key.typed for key in keys_of(kind) if key.name == "direction"]
 
 
 def test_another_direction_is_refused() -> None:

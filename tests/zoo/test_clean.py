@@ -54,7 +54,7 @@ def left(folder: Path) -> set[str]:
 
 def test_it_only_lists_if_not_asked_to_remove(outputs: Path, capsys: pytest.CaptureFixture) -> None:
     before = left(outputs)
-    clean([str(outputs), "what=all"])
+    clean.main([str(outputs), "what=all"])
     assert left(outputs) == before
     out = capsys.readouterr().out
     assert "nothing was removed" in out
@@ -65,12 +65,12 @@ def test_it_only_lists_if_not_asked_to_remove(outputs: Path, capsys: pytest.Capt
 
 def test_it_removes_the_cache_alone_if_nothing_is_named(outputs: Path) -> None:
     before = left(outputs)
-    clean([str(outputs), "remove=true"])
+    clean.main([str(outputs), "remove=true"])
     assert before - left(outputs) == {"cache/0123.npy", "cache/0123.json"}
 
 
 def test_all_is_everything_but_recordings(outputs: Path) -> None:
-    clean([str(outputs), "what=all", "remove=true"])
+    clean.main([str(outputs), "what=all", "remove=true"])
     assert left(outputs) == {"recordings/lake/driving_log.csv", "recordings/lake/IMG/center.jpg"}
     assert not (outputs / "evaluations" / "2026-01-03").exists()
 
@@ -78,9 +78,9 @@ def test_all_is_everything_but_recordings(outputs: Path) -> None:
 def test_a_recording_is_removed_only_by_its_name(outputs: Path) -> None:
     lake = outputs / "recordings" / "lake"
     with pytest.raises(UsageError, match="what=recordings"):
-        clean([str(outputs), "what=recordings", "remove=true"])
+        clean.main([str(outputs), "what=recordings", "remove=true"])
     assert lake.exists()
-    clean([str(outputs), f"what={lake}", "remove=true"])
+    clean.main([str(outputs), f"what={lake}", "remove=true"])
     assert not lake.exists()
     assert (outputs / "table.csv").exists()
 
@@ -102,7 +102,7 @@ def test_a_name_like_one_of_drivezoo_is_no_mark(
     path = tmp_path / name
     path.parent.mkdir(parents=True)
     path.write_text("mine")
-    clean([str(tmp_path), "what=all", "remove=true"])
+    clean.main([str(tmp_path), "what=all", "remove=true"])
     assert path.read_text() == "mine"
     assert str(tmp_path / name.partition("/")[0]) in capsys.readouterr().out
 
@@ -115,7 +115,7 @@ def test_the_users_files_in_marked_folders_stay_and_are_listed(
     for one in mine:
         one.write_text("mine")
     (run / "link").symlink_to(outputs / "recordings")
-    clean([str(outputs), "what=all", "remove=true"])
+    clean.main([str(outputs), "what=all", "remove=true"])
     assert all(one.read_text() == "mine" for one in mine)
     assert (run / "link").is_symlink()
     assert not (run / "checkpoints" / "best.ckpt").exists()
@@ -124,7 +124,7 @@ def test_the_users_files_in_marked_folders_stay_and_are_listed(
 
 def test_a_file_that_the_user_changed_stays(outputs: Path) -> None:
     (outputs / "table.csv").write_text("mine")
-    clean([str(outputs), "what=all", "remove=true"])
+    clean.main([str(outputs), "what=all", "remove=true"])
     assert (outputs / "table.csv").read_text() == "mine"
 
 
@@ -137,7 +137,7 @@ def test_a_register_names_no_file_outside_its_folder(outputs: Path, tmp_path: Pa
     with (run / MARK).open("a") as file:
         for name in ("../../../mine.txt", str(tmp_path / "mine.txt"), "in/mine.txt"):
             file.write(f'\n{{"file": "{name}"}}')
-    clean([str(outputs), "what=all", "remove=true"])
+    clean.main([str(outputs), "what=all", "remove=true"])
     assert (tmp_path / "mine.txt").exists()
     assert (tmp_path / "more" / "mine.txt").exists()
 
@@ -145,7 +145,7 @@ def test_a_register_names_no_file_outside_its_folder(outputs: Path, tmp_path: Pa
 def test_a_recording_in_another_folder_stays(outputs: Path) -> None:
     with command_folder(outputs / "corrections", "corrections") as folder:
         write(folder / "correct.json", folder / "round-1" / "recording" / "driving_log.csv")
-    clean([str(outputs), "what=all", "remove=true"])
+    clean.main([str(outputs), "what=all", "remove=true"])
     assert (outputs / "corrections" / "round-1" / "recording" / "driving_log.csv").exists()
     assert not (outputs / "corrections" / "correct.json").exists()
 
@@ -160,9 +160,9 @@ def test_a_run_that_trains_and_what_is_new_stay(outputs: Path) -> None:
     old = time.time() - 10 * 86_400
     for one in [*outputs.rglob("*"), outputs]:
         os.utime(one, (old, old))
-    clean([str(outputs), "what=runs", "older_days=11", "remove=true"])
+    clean.main([str(outputs), "what=runs", "older_days=11", "remove=true"])
     assert second.exists()
-    clean([str(outputs), "what=runs", "older_days=9", "remove=true"])
+    clean.main([str(outputs), "what=runs", "older_days=9", "remove=true"])
     assert first.exists()
     assert not second.exists()
 
@@ -187,12 +187,12 @@ def test_what_a_command_writes_stays_until_it_is_killed(
     command = [sys.executable, "-c", HOLD, make, str(tmp_path / "one")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "ready\n"
-    clean([str(tmp_path), "what=all", "remove=true"])
+    clean.main([str(tmp_path), "what=all", "remove=true"])
     assert left(tmp_path), "it is in use"
     assert f"in use, stays: {tmp_path}" in capsys.readouterr().out
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    clean([str(tmp_path), "what=all", "remove=true"])
+    clean.main([str(tmp_path), "what=all", "remove=true"])
     assert not list(tmp_path.iterdir()), "a dead process's lock is no lock"
 
 
@@ -201,14 +201,14 @@ def test_a_view_that_is_being_decoded_stays(outputs: Path) -> None:
 
     note_files(outputs / "cache" / "0123.lock")
     with FileLock(outputs / "cache" / "0123.lock"):
-        clean([str(outputs), "remove=true"])
+        clean.main([str(outputs), "remove=true"])
     assert (outputs / "cache" / "0123.npy").exists()
 
 
 def test_a_folder_that_is_taken_meanwhile_stays(outputs: Path) -> None:
     folder = outputs / "evaluations" / "2026-01-03" / "10-11-12"
     with hold_folder(folder):
-        clean([str(outputs), "what=evaluations", "remove=true"])
+        clean.main([str(outputs), "what=evaluations", "remove=true"])
     assert (folder / "metrics.json").exists()
 
 
@@ -219,7 +219,7 @@ def test_a_folder_that_is_taken_meanwhile_stays(outputs: Path) -> None:
         (["all"], InputError, "what=all"),
         (["{}", "what=run"], UsageError, "did you mean runs"),
         (["{}", "older_days=-1"], UsageError, "older_days=-1"),
-        (["{}", "{}"], UsageError, "name one folder"),
+        (["{}", "{}"], UsageError, "no further arguments"),
     ],
 )
 def test_bad_input_gets_one_line(
@@ -227,5 +227,5 @@ def test_bad_input_gets_one_line(
 ) -> None:
     before = left(outputs)
     with pytest.raises(kind, match=words):
-        clean([one.format(outputs) for one in arguments])
+        clean.main([one.format(outputs) for one in arguments])
     assert left(outputs) == before

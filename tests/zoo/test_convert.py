@@ -43,16 +43,16 @@ def test_an_existing_folder_is_never_written_to(to: str, recorded: Written, tmp_
 def test_wrong_uses_name_the_right_one(recorded: Written, tmp_path: Path) -> None:
     source = str(recorded.folder)
     with pytest.raises(UsageError, match="to=lerobot or to=donkeycar"):
-        convert([source])
+        convert.main([source])
     with pytest.raises(UsageError, match=r"to=udacity: .* is a recording already"):
-        convert([source, "to=udacity"])
+        convert.main([source, "to=udacity"])
     with pytest.raises(InputError, match="no such folder"):
-        convert([str(tmp_path / "nowhere"), "to=lerobot"])
+        convert.main([str(tmp_path / "nowhere"), "to=lerobot"])
     with pytest.raises(InputError, match=r"info.json .*manifest.json"):
-        convert([str(tmp_path), "to=lerobot"])
+        convert.main([str(tmp_path), "to=lerobot"])
     (tmp_path / "manifest.json").touch()
     with pytest.raises(UsageError, match="becomes a recording first"):
-        convert([str(tmp_path), "to=lerobot"])
+        convert.main([str(tmp_path), "to=lerobot"])
 
 
 def test_a_missing_pyarrow_is_one_line(
@@ -62,5 +62,5 @@ def test_a_missing_pyarrow_is_one_line(
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     out = tmp_path / "lr"
     with pytest.raises(InputError, match=r"pip install 'drivezoo\[parquet\]'"):
-        convert([str(recorded.folder), "to=lerobot", f"out={out}"])
+        convert.main([str(recorded.folder), "to=lerobot", f"out={out}"])
     assert list(tmp_path.iterdir()) == []

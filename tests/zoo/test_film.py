@@ -108,7 +108,7 @@ def test_a_name_with_rich_markup_is_printed_unchanged(
     shutil.copy(recorded.image(0), folder)
     (folder / recorded.image(1).name).write_bytes(b"")
 
-    film_command([str(folder)])
+    film_command.main([str(folder)])
 
     out = capsys.readouterr().out
     assert out.splitlines()[-1] == f"wrote: {folder}.mp4"
@@ -154,7 +154,7 @@ def test_wrong_arguments_are_named_with_a_remedy(
     (tmp_path / "empty").mkdir()
     (tmp_path / "lake").symlink_to(recorded.folder)
     with pytest.raises(InputError, match=re.escape(text)):
-        film_command(arguments)
+        film_command.main(arguments)
 
 
 @pytest.mark.parametrize("small_disk", ["4k"], indirect=True)

@@ -93,7 +93,7 @@ def test_a_checkpoint_and_its_policy_drive_alike(tmp_path: Path, monkeypatch) ->
         (lambda: drivezoo.train(trainer={"devices": 2}), drivezoo.UsageError, "devices=1"),
         (lambda: drivezoo.evaluate("no.ckpt"), drivezoo.InputError, "no.ckpt: no such checkpoint"),
         (lambda: drivezoo.evaluate(None), drivezoo.UsageError, "None: is no driver"),
-        (lambda: drivezoo.benchmark(), drivezoo.UsageError, "name checkpoints"),
+        (lambda: drivezoo.benchmark(), drivezoo.UsageError, "not given: CKPT"),
         (lambda: drivezoo.train(resume="no"), drivezoo.InputError, "no: is no run"),
         (lambda: drivezoo.evaluate("no.ckpt", trakc="x"), drivezoo.UsageError, "mean track"),
         (lambda: drivezoo.evaluate("no.ckpt", laps="x"), drivezoo.UsageError, "laps=x: must be"),
@@ -238,10 +238,10 @@ def test_a_function_takes_the_users_own_parts(
     monkeypatch.setenv("DRIVEZOO_PARTS", "")
     with pytest.raises(drivezoo.InputError, match=r"nowhere\.py: no such file"):
         drivezoo.evaluate("latest", parts="nowhere.py")
-    (tmp_path / "my_net.py").touch()
+    (tmp_path / "own_part.py").touch()
     with pytest.raises(drivezoo.InputError, match=r"none\.ckpt: no such checkpoint"):
-        drivezoo.evaluate("none.ckpt", parts=[tmp_path / "my_net.py"])
-    assert os.environ["DRIVEZOO_PARTS"] == str(tmp_path / "my_net.py")
+        drivezoo.evaluate("none.ckpt", parts=[tmp_path / "own_part.py"])
+    assert os.environ["DRIVEZOO_PARTS"] == str(tmp_path / "own_part.py")
 
 
 def test_the_quickstart_trains_and_drives(

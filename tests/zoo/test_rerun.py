@@ -12,7 +12,7 @@ from tests.recordings import Written
 from tests.zoo.commands import train_in_fork
 from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
-from zoo.__main__ import zoo
+from zoo.__main__ import train_or_sweep as zoo
 from zoo.cli.run_command import run_command
 from zoo.rerun import _report, absolute_places, differences, rerun
 
@@ -44,7 +44,7 @@ def test_a_run_is_repeated_to_the_digit(
     monkeypatch.setattr("zoo.rerun.subprocess", SimpleNamespace(run=train_in_fork))
     capsys.readouterr()
 
-    assert run_command("zoo.rerun", rerun, ["run", "out=again"]) == 0
+    assert run_command("zoo.rerun", rerun.main, ["run", "out=again"]) == 0
 
     out = capsys.readouterr().out
     assert "digit" in out
@@ -55,7 +55,7 @@ def test_a_run_is_repeated_to_the_digit(
     found, count = differences(metrics["open_loop"], again["open_loop"])
     assert (found, count) == ([], 12)
     # The folder exists now: the command must not train again.
-    assert run_command("zoo.rerun", rerun, ["run", "out=again"]) == 1
+    assert run_command("zoo.rerun", rerun.main, ["run", "out=again"]) == 1
     assert "out=" in capsys.readouterr().err
 
 
@@ -114,6 +114,6 @@ def test_bad_input_gets_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "run")
-    assert run_command("zoo.rerun", rerun, arguments) in (1, 2)
+    assert run_command("zoo.rerun", rerun.main, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line

@@ -29,5 +29,13 @@ class UsageError(InputError):
     """
 
 
+class StoppedError(Exception):
+    """An interrupt by the user; the message names the command that resumes."""
+
+
+class PrunedError(Exception):
+    """A decision of a search to stop an unpromising training."""
+
+
 def _cut(value: re.Match) -> str:
     return f"{value[0][:10]}...({len(value[0])} characters)"

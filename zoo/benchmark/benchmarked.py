@@ -25,6 +25,7 @@ from zoo.benchmark.result import (
 )
 from zoo.benchmark.suite import LAPS, Suite
 from zoo.benchmark.summary import outside_metrics, summarize_drives
+from zoo.cli.closing_lines import print_written
 from zoo.drives.interval_plot import interval_plot
 from zoo.drives.metrics import DRIVES, METRICS
 from zoo.runs.code_fingerprint import code_fingerprint
@@ -86,13 +87,15 @@ class Benchmarked(Result):
         folder: folder with `result.json`.
         result: contents of `result.json`.
         reached: marks of the suite, and whether they are reached.
-        written: paths of the files written.
+        written: paths of the files written, `result.json` first.
+        suite: suite as the user named it.
     """
 
     folder: Path
     result: BenchmarkResult
     reached: Sequence[Reached]
     written: list[Path] = field(default_factory=list)
+    suite: str = ""
 
     @classmethod
     def read(cls, path: str | Path) -> "Benchmarked":
@@ -114,9 +117,24 @@ class Benchmarked(Result):
         """Return what makes the benchmark fail; empty if nothing does."""
         return nan_line(self.result) or missed_line(self.reached)
 
+    def __fspath__(self) -> str:
+        """Return the folder, so that commands take the result as a path."""
+        return str(self.folder)
+
     def __repr__(self) -> str:
         name = f"{self.result.entry}, suite {self.result.suite}"
         return f"Benchmarked in {self.folder}: {name}\n  {headline_line(self.result)}"
+
+    def show(self) -> None:
+        """Print the figures, the marks that are reached, and what was written."""
+        console = Console(emoji=False)
+        print_result(self.result, console)
+        if self.reached:
+            table = marks_table(self.result.model_dump(), self.reached)
+            console.print(table.printed(title="Marks", box=SIMPLE_HEAD), highlight=False)
+        # A suite of the user's is named to verify it.
+        named = [f"suite={self.suite}"] if self.suite.endswith((".yaml", ".yml")) else []
+        print_written(self.written, ["benchmark", "verify", self.written[0], *named], console)
 
     def result_table(self) -> Table:
         """Return a row for each group of roads."""
@@ -157,14 +175,6 @@ def groups_table(result: BenchmarkResult) -> Table:
     columns[last] = replace(columns[last], cells=counted)
     title = f"{result.entry} on the suite {result.suite}"
     return Table(columns, f"{title}. In brackets: {INTERVALS}")
-
-
-def print_benchmarked(found: Benchmarked, console: Console) -> None:
-    """Print the figures of an entry, and the marks that it reaches."""
-    print_result(found.result, console)
-    if found.reached:
-        table = marks_table(found.result.model_dump(), found.reached)
-        console.print(table.printed(title="Marks", box=SIMPLE_HEAD), highlight=False)
 
 
 def print_result(result: BenchmarkResult, console: Console) -> None:

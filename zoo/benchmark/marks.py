@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from zoo.base.errors import InputError
+from zoo.base.nearest import hint
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import json_text, write_whole
-from zoo.cli.nearest import hint
 from zoo.runs.page import Page
 from zoo.runs.table import Table
 

@@ -14,9 +14,9 @@ from simulator.weather import CLEAR, read_weather
 from zoo.base.bounded_files import read_yaml
 from zoo.base.errors import InputError, UsageError
 from zoo.base.limits import check_most
+from zoo.base.nearest import hint
 from zoo.benchmark.marks import Mark, read_marks
 from zoo.cli.conf_files import choices, conf_folder
-from zoo.cli.nearest import hint
 from zoo.runs.record_fields import Fields, Number, check_fields
 from zoo.worlds.open_world import open_world
 from zoo.worlds.scenario import Scenario, SpeedMph

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import error_line
 
 LATEST = "latest"
@@ -59,6 +59,23 @@ def find_checkpoint(named: str | Path) -> Path:
         f"{path}: no such checkpoint; name a run's folder or its checkpoints/best.ckpt: {hint}; or "
         f"a network that comes with drivezoo: {', '.join(packaged_names())}"
     )
+
+
+def find_driver(named: Any) -> Any:
+    """Return the path of a checkpoint that a user names, as text; a policy unchanged.
+
+    Raises:
+        UsageError: it is neither.
+        InputError: see `find_checkpoint`.
+    """
+    if isinstance(named, str | os.PathLike):
+        return str(find_checkpoint(os.fspath(named)))
+    if not callable(named):
+        raise UsageError(
+            f"{named}: is no driver; name a checkpoint's path, a run, or a function of a frame and "
+            "mph"
+        )
+    return named
 
 
 def find_run(named: str | Path) -> Path:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.terminal import command_line, printable
+from zoo.base.verbosity import is_quiet
 from zoo.cli.parts import typed_parts
-from zoo.cli.verbosity import is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console

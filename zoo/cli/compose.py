@@ -5,8 +5,8 @@ from pathlib import Path
 
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
 
+from zoo.base.nearest import hint
 from zoo.cli.conf_files import choices, conf_folder
-from zoo.cli.nearest import hint
 
 # Keys whose values are paths; in a path, Hydra's grammar has no meaning except `${...}`.
 PATH_KEYS = (

@@ -1,4 +1,4 @@
-"""YAML files of `conf`: their folder, the choices of each group, and each command's keys."""
+"""YAML files of `conf`: their folder, the choices of each group, and the keys in a file."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from zoo.base.errors import InputError
 from zoo.cli.parts import named_parts
 
 _LINE = re.compile(r"(?P<indent> *)(?P<key>\w+):(?P<value>[^#]*)(?:#\s*(?P<comment>.*))?$")
-_INCLUDED = re.compile(r" *- (?P<group>[\w/]+)(?:@\w+|: (?P<choice>\w+))")
 
 
 @dataclass(frozen=True)
 class Key:
-    """An option of a command, from its YAML file.
+    """A key in a YAML file.
 
     Attributes:
         name: dotted key that a user types before `=`.
@@ -72,29 +71,6 @@ def choice_files(group: str) -> dict[str, Path]:
     """Return the YAML file of each choice of a group, the user's parts included."""
     folders = [*part_folders(), conf_folder()]
     return {path.stem: path for one in folders for path in sorted((one / group).glob("*.yaml"))}
-
-
-def command_keys(command: str) -> list[Key]:
-    """Return the keys of `conf/COMMAND.yaml` and of the files in its defaults list.
-
-    The files are read as text: the help shows their comments, and importing a YAML library would
-    make --help slower.
-    """
-    path = conf_folder() / f"{command}.yaml"
-    if not path.is_file():
-        return []
-    text = path.read_text(encoding="utf-8")
-    head, _, own = text.partition(f"\n{command}:\n")
-    keys, chosen = [], []
-    for one in map(_INCLUDED.match, head.splitlines()):
-        if one and one["choice"]:
-            name = one["group"].rpartition("/")[2]
-            chosen.append(Key(name, one["choice"], f"one of {', '.join(choices(one['group']))}"))
-            file = conf_folder() / one["group"] / f"{one['choice']}.yaml"
-            chosen += keys_of(file.read_text(encoding="utf-8"), f"{name}.")
-        elif one:
-            keys += keys_of((conf_folder() / f"{one['group']}.yaml").read_text(encoding="utf-8"))
-    return [*keys, *keys_of(own), *chosen]
 
 
 def keys_of(text: str, prefix: str = "") -> list[Key]:

@@ -6,7 +6,7 @@ Hydra's own help would also list groups of the driver and the simulator, which s
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
-from zoo.cli.command import help_row
+from zoo.base.command_keys import help_row, typed
 from zoo.cli.compose import choices, compose_with_choices, config_groups, quote_paths
 from zoo.cli.conf_files import choice_files, conf_folder, keys_of
 
@@ -73,14 +73,4 @@ def typed_keys(node: dict, prefix: str = "") -> Iterator[tuple[str, str]]:
         if isinstance(value, dict):
             yield from typed_keys(value, f"{prefix}{key}.")
         else:
-            yield f"{prefix}{key}", _typed(value)
-
-
-def _typed(value: object) -> str:
-    if isinstance(value, list):
-        return f"[{','.join(map(_typed, value))}]"
-    if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_typed(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "null" if value is None else str(value)
+            yield f"{prefix}{key}", typed(value)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING
 
+from zoo.base.verbosity import is_quiet
 from zoo.cli.paused_collection import collection_paused
 from zoo.cli.process_ranks import is_first_process
-from zoo.cli.verbosity import is_quiet
 
 if TYPE_CHECKING:
     from rich.console import Console

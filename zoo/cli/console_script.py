@@ -1,26 +1,83 @@
 """Console script `drivezoo COMMAND [argument] [key=value ...]`."""
 
 import ast
+import importlib
+import importlib.util
 import shlex
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from zoo.base.errors import InputError
 from zoo.base.module_start import run_module
+from zoo.base.nearest import hint
 from zoo.base.standard_output import forgiving_output
-from zoo.base.terminal import error_line
-from zoo.cli.nearest import hint
+from zoo.base.terminal import error_line, printable
 from zoo.cli.version import FLAGS, version_line
 
-PACKAGE = Path(__file__).parents[1]
-# Commands whose name is not that of a file in zoo.
-OTHERS = {"train": "zoo", "check": "datamodules.check", "simulator": "simulator"}
-# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks; drivezoo models is a command.
+if TYPE_CHECKING:
+    from zoo.base.command import Command
+
+OWN = ("zoo", "datamodules", "simulator")
+ROOT = Path(__file__).parents[2]
+# Module and function of each command, by what a user is doing.
+GROUPS = {
+    "recordings": {
+        "check": "datamodules.check:check",
+        "edit": "zoo.edit:edit",
+        "convert": "zoo.convert:convert",
+        "preview": "zoo.preview:preview",
+    },
+    "training": {
+        "train": "zoo:train_or_sweep",
+        "correct": "zoo.correct:correct",
+        "import": "zoo.import:import_file",
+    },
+    "driving": {
+        "drive": "zoo.drive:drive",
+        "simulator": "simulator:simulator",
+        "film": "zoo.film:film",
+    },
+    "judging": {
+        "evaluate": "zoo.evaluate:evaluate",
+        "benchmark": "zoo.benchmark:benchmark",
+        "compare": "zoo.compare:compare",
+        "search": "zoo.search:search",
+        "guard": "zoo.guard:guard",
+        "leaderboard": "zoo.leaderboard:leaderboard",
+        "report": "zoo.report:report",
+        "saliency": "zoo.saliency:saliency",
+    },
+    "sharing": {
+        "export": "zoo.export:export",
+        "hub": "zoo.hub:hub",
+    },
+    "drivezoo itself": {
+        "demo": "zoo.demo:demo",
+        "list": "zoo.list:list_parts",
+        "new": "zoo.new:new",
+        "doctor": "zoo.doctor:doctor",
+        "clean": "zoo.clean:clean",
+        "completion": "zoo.completion:completion",
+    },
+}
+# Further names, which belong to a command above.
+ALIASES = {
+    "doubt": "zoo.doubt:doubt",  # guard doubt
+    "replay": "zoo.replay:replay",  # evaluate replay=RECORDING
+    "rerun": "zoo.rerun:rerun",  # train rerun=RUN
+    "results": "zoo.results:results",  # leaderboard markdown=true
+    "sweep": "zoo.sweep:sweep",  # train resume=SWEEP
+}
+ENTRY_POINTS = "drivezoo.commands"
+# Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks.
 LISTED = (
     "augmentations",
     "callbacks",
     "checkpoints",
     "losses",
+    "metrics",
+    "models",
     "optimizers",
     "recipes",
     "roads",
@@ -41,19 +98,23 @@ def main() -> int:
     name, *rest = sys.argv[1:] or ["--help"]
     modules = commands()
     if name in HELP:
-        return _print(help_text(modules))
+        return _print(help_text())
     if name in FLAGS:
         return _print(version_line())
     if name in LISTED:
         name, rest = "list", [name, *rest]
-    if name not in modules:
-        near = hint(name, modules, "drivezoo --help lists all")
-        if "=" in name:  # keys of a training without its name
-            near = f"did you mean drivezoo train {shlex.join([name, *rest])}?"
-        print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
-        return WRONG_USE
-    run_module(modules[name], rest)
-    return 0
+    if name in modules:
+        run_module(modules[name], rest)
+        return 0
+    if outside := outside_commands().get(name):
+        from zoo.cli.run_command import run_command
+
+        return run_command(f"drivezoo {name}", lambda given: load(outside).main(given), rest)
+    near = hint(name, [*modules, *outside_commands()], "drivezoo --help lists all")
+    if "=" in name:  # keys of a training without its name
+        near = f"did you mean drivezoo train {shlex.join([name, *rest])}?"
+    print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
+    return WRONG_USE
 
 
 def _print(text: str) -> int:
@@ -69,25 +130,78 @@ def _print(text: str) -> int:
 
 def commands() -> dict[str, str]:
     """Return the module that `python -m` runs for each command, by the command's name."""
-    files = [
-        path for path in PACKAGE.glob("*.py") if "__main__" in path.read_text(encoding="utf-8")
+    places = {name: place for group in GROUPS.values() for name, place in group.items()}
+    return {name: place.partition(":")[0] for name, place in (places | ALIASES).items()}
+
+
+def outside_commands() -> dict[str, str]:
+    """Return the place of each command of other installed packages, by the command's name."""
+    from importlib.metadata import entry_points  # slow import
+
+    # Python also reads the packages' files in the current folder, which may be a downloaded one.
+    here, known = Path.cwd(), {*commands(), *LISTED}
+    points = [point for point in entry_points(group=ENTRY_POINTS) if point.dist]
+    return {
+        point.name: point.value
+        for point in points
+        if point.name not in known and Path(str(point.dist.locate_file(""))).resolve() != here
+    }
+
+
+def load(place: str) -> "Command[Any]":
+    """Return the command at `module:function`.
+
+    Raises:
+        InputError: it cannot be imported, or is no command.
+    """
+    from zoo.base.command import Command
+
+    module, _, name = place.partition(":")
+    try:
+        spec = importlib.util.find_spec(module)
+        package = spec is not None and spec.submodule_search_locations is not None
+        ours = module.partition(".")[0] in OWN
+        found = getattr(
+            importlib.import_module(f"{module}.__main__" * (package and ours) or module), name
+        )
+    except Exception as error:
+        raise InputError(f"{place}: {type(error).__name__}: {error}; correct the package") from None
+    if not isinstance(found, Command):
+        raise InputError(f"{place}: is no command; decorate the function with zoo.base.command")
+    return found
+
+
+def help_text() -> str:
+    """Return the usage, and each command's purpose from its docstring, by group."""
+    lines = ["usage: drivezoo COMMAND [argument] [key=value ...]"]
+    for title, group in GROUPS.items():
+        rows = [f"  {name:<12}{_purpose(place)}" for name, place in group.items()]
+        lines += ["", title, *rows]
+    if outside := outside_commands():
+        lines += ["", "installed packages"]
+        lines += [f"  {name:<12}{_outside_purpose(place)}" for name, place in outside.items()]
+    return "\n".join([*lines, "", *CLOSING])
+
+
+def _purpose(place: str) -> str:
+    """Return the first line of a function's docstring, without importing its module."""
+    module, _, name = place.partition(":")
+    path = ROOT.joinpath(*module.split("."))
+    path = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+    nodes = ast.parse(path.read_text(encoding="utf-8")).body
+    (function,) = [
+        node for node in nodes if isinstance(node, ast.FunctionDef) and node.name == name
     ]
-    names = [path.stem for path in files if not path.stem.startswith("__")]
-    names += [path.parent.name for path in PACKAGE.glob("*/__main__.py")]
-    return OTHERS | {name: f"zoo.{name}" for name in sorted(names)}
+    first = (ast.get_docstring(function) or "").partition("\n\n")[0]
+    return _shortened(" ".join(first.split()))
 
 
-def help_text(modules: dict[str, str]) -> str:
-    """Return the usage, and each command's purpose from the first line of its docstring."""
-    lines = [f"  {name:<12}{_purpose(module)}" for name, module in modules.items()]
-    usage = "usage: drivezoo COMMAND [argument] [key=value ...]"
-    return "\n".join([usage, "", *lines, "", *CLOSING])
+def _outside_purpose(place: str) -> str:
+    try:
+        return printable(_shortened(load(place).purpose))
+    except InputError as error:
+        return printable(str(error))
 
 
-def _purpose(module: str) -> str:
-    place = PACKAGE.parent.joinpath(*module.split("."))
-    path = place / "__main__.py" if place.is_dir() else place.with_suffix(".py")
-    first = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition(
-        "\n\n"
-    )[0]
-    return " ".join(first.split()).rpartition("`: ")[2].rstrip(".")
+def _shortened(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:].rstrip(".")

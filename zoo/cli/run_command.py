@@ -1,118 +1,38 @@
-"""Run of a command: one-line errors and exit statuses."""
+"""Run of a command of zoo: parts of the user's own, and Hydra's errors in one line."""
 
 import os
-import re
-import sys
-import traceback
 from collections.abc import Callable
 
-from zoo.base.early_interrupt import raise_again
-from zoo.base.errors import InputError, UsageError
-from zoo.base.standard_output import forgiving_output
-from zoo.base.terminal import error_line, guard_rich
+from zoo.base import run_command as base
+from zoo.base.errors import UsageError
+from zoo.base.terminal import guard_rich
 from zoo.cli.parts import part_failure, take_parts
-from zoo.cli.stop_errors import StoppedError
-from zoo.cli.verbosity import is_verbose, take_verbosity
 from zoo.cli.version import FLAGS, version_line
-
-# Hydra is imported late: its import takes a third of a second, in which Ctrl-C would print a
-# traceback.
-
-FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 is success
-
-# Limits on an argument; beyond them parsers take minutes or raise errors of their own.
-MOST_PATH = 4096  # characters without a comma or a bracket: Linux' limit of a path
-MOST_DIGITS = 4300  # digits of a number: Python's limit
-MOST_LEVELS = 64  # levels of nested brackets
-
-# Messages of libraries' own error classes when the system has no more memory.
-_MEMORY = re.compile(
-    "can.t allocate memory|Insufficient memory|failed to map segment|can.t start new thread"
-)
 
 
 def run_command(name: str, command: Callable[[list[str]], None], arguments: list[str]) -> int:
-    """Call `command(arguments)`, print an error as one line, and return the exit status.
+    """Run a command as `zoo.base.run_command` does, with `parts=` and `--version`."""
 
-    A failure of standard output does not end the command; it is reported at the end.
-    """
-    os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
-    failure: Exception | None = None
-    try:
-        with forgiving_output():
-            raise_again()
-            check_arguments(arguments)
-            guard_rich()
-            arguments = take_parts(take_verbosity(arguments))
-            if set(arguments).isdisjoint(FLAGS):
-                command(arguments)
-            else:
-                print(version_line())
-    except KeyboardInterrupt:
-        failure = StoppedError("stopped")
-    except BaseException as error:  # a part may raise any
-        failure = expected_failure(error, arguments)
-        if failure is None and not isinstance(error, Exception):
-            raise
-        if failure is None:
-            traceback.print_exc()
-            print(
-                f"{name}: this is a bug in drivezoo; please report it with the command and the "
-                "lines above",
-                file=sys.stderr,
-            )
-            return FAILED
-    if failure is None:
-        return 0
-    if is_verbose():
-        traceback.print_exception(failure)
-    print(error_line(name, failure), file=sys.stderr)
-    if isinstance(failure, StoppedError):
-        return STOPPED
-    return WRONG_USE if isinstance(failure, UsageError) else FAILED
+    def run(given: list[str]) -> None:
+        os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+        guard_rich()
+        given = take_parts(given)
+        if set(given).isdisjoint(FLAGS):
+            command(given)
+        else:
+            print(version_line())
+
+    return base.run_command(name, run, arguments, expected_failure)
 
 
 def expected_failure(error: BaseException, arguments: list[str]) -> Exception | None:
     """Return an error of one line for input that the user can fix, or a stop; else None."""
-    if isinstance(error, InputError | StoppedError):
-        return error
-    if was_stopped(error):
-        return StoppedError("stopped")
-    return part_failure(error) or explain_failure(error, arguments)
-
-
-def was_stopped(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C caused an error that a library raised in place of it.
-
-    >>> was_stopped(ImportError("numpy")), was_stopped(KeyboardInterrupt())
-    (False, True)
-    """
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
-
-
-def check_arguments(arguments: list[str]) -> None:
-    """Raise UsageError for an argument that is too long or too deeply nested to parse."""
-    for argument in arguments:
-        begin = ascii(argument[:40])
-        if "\0" in argument:
-            raise UsageError(f"{begin}: contains a NUL character; remove it")
-        if any("/" in part for part in re.findall(rf"[^,\[\]]{{{MOST_PATH + 1},}}", argument)):
-            raise UsageError(f"{begin}...: a path has {MOST_PATH:,} characters at most; shorten it")
-        if re.search(rf"\d{{{MOST_DIGITS + 1}}}", argument):
-            raise UsageError(f"{begin}...: a number has {MOST_DIGITS:,} digits at most; shorten it")
-        depth = 0
-        for bracket in re.findall(r"[\[({})\]]", argument):
-            depth += 1 if bracket in "[({" else -1
-            if depth > MOST_LEVELS:
-                raise UsageError(
-                    f"{begin}...: brackets are nested {MOST_LEVELS} deep at most; use fewer"
-                )
-
-
-def explain_failure(error: BaseException, arguments: list[str]) -> InputError | None:
-    """Return an error that the user can fix: config, disk or memory; None for other errors."""
+    failure = part_failure(error) if not base.was_stopped(error) else None
+    failure = failure or base.expected_failure(error, arguments)
+    if failure is not None:
+        return failure
+    # Hydra is imported late: its import takes a third of a second, in which Ctrl-C would print a
+    # traceback.
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
@@ -120,16 +40,7 @@ def explain_failure(error: BaseException, arguments: list[str]) -> InputError | 
 
     if isinstance(error, HydraException | OmegaConfBaseException):
         return UsageError(explain(error, arguments))
-    if isinstance(error, MemoryError) or _MEMORY.search(str(error)):
-        return InputError(
-            "not enough memory; close other programs, or set a smaller data.batch_size, "
-            "data.workers=0 or a smaller model"
-        )
-    if isinstance(error, RecursionError):
-        return InputError("an argument or a file is nested too deeply; use fewer levels")
     if isinstance(error, ValueError) and str(error).startswith("Config group override"):
         nulls = " ".join(one for one in arguments if one.endswith("=null"))  # as callbacks=null
         return UsageError(f"{nulls}: name a choice; drivezoo train --help lists all")
-    if isinstance(error, OSError) and error.strerror is not None:
-        return InputError(f"{error.filename or 'a file'}: {error.strerror}")
     return None

@@ -1,7 +1,7 @@
 """The result of `drivezoo compare`: its table, its plot, and how it is printed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -10,6 +10,7 @@ from rich.console import Console
 
 from zoo.base.terminal import printable
 from zoo.base.whole_file import json_text, write_output
+from zoo.cli.closing_lines import print_written
 from zoo.compare.differences import (
     A_BETTER,
     CANNOT_TELL,
@@ -59,11 +60,13 @@ class ComparedEntries(Result):
         a: the first result.
         b: the second result.
         groups: comparison of each group of roads, and of all of them.
+        written: paths of the files written.
     """
 
     a: Entry
     b: Entry
     groups: Mapping[str, Comparison]
+    written: list[Path] = field(default_factory=list)
 
     @classmethod
     def read(cls, first: str | Path, second: str | Path) -> "ComparedEntries":
@@ -86,6 +89,12 @@ class ComparedEntries(Result):
     @property
     def _names(self) -> str:
         return f"A: {self.a.result.entry}, B: {self.b.result.entry}"
+
+    def show(self) -> None:
+        """Print the comparison and what was written."""
+        console = Console(emoji=False)
+        print_comparison(self, console)
+        print_written(self.written, console=console)
 
     def result_table(self) -> Table:
         """Return a row for each group of roads; differences are A minus B."""

@@ -1,25 +1,25 @@
 """The words of each command: what stands first, its keys, and the values of keys."""
 
-import importlib
-import importlib.util
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
-from types import ModuleType
+from dataclasses import dataclass
+from typing import Any
 
 import simulator.__main__ as simulator_commands
-from simulator.track_names import ALIASES, track_names
+from simulator.track_names import ALIASES as TRACKS
+from simulator.track_names import track_names
+from zoo.base.command import Command
+from zoo.base.command_keys import choices_of
 from zoo.benchmark.baselines import BASELINES
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.cli.compose import compose_config, config_groups
-from zoo.cli.conf_files import choices, command_keys
+from zoo.cli.conf_files import choices
 from zoo.cli.config_help import typed_keys
-from zoo.cli.console_script import LISTED, commands
+from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, outside_commands
 from zoo.cli.parts import KEY
-from zoo.hub.hub_options import PULL, PUSH
-from zoo.list import KINDS as LIST_KINDS
 from zoo.new.part_files import KINDS as PART_KINDS
 
-SHELLS = ("bash", "zsh", "fish")
+# Words that can stand first, by the argument's name.
+FIRST = {"kind": tuple(PART_KINDS)}  # of drivezoo new
 LISTS = ("augment", "callbacks")  # groups of which a user names several
 
 
@@ -38,45 +38,30 @@ class Words:
 
 def command_words() -> dict[str, Words]:
     """Return the words of each command of `drivezoo`."""
-    found = {name: Words(_first(name, module), _keys(name)) for name, module in commands().items()}
-    training = _training_keys()
-    for name in ("train", "preview"):
-        found[name] = Words((), training)
-    for name in simulator_commands.COMMANDS:
-        found[f"simulator {name}"] = Words((), _simulator_keys(name))
+    places = {**{name: place for group in GROUPS.values() for name, place in group.items()}}
+    places |= ALIASES | outside_commands()
+    training = Words((), _training_keys())
+    simulators = simulator_commands.COMMANDS
+    found = {
+        name: words_of(load(place))
+        for name, place in places.items()
+        if name not in ("train", "simulator")
+    }
+    found |= {"train": training, "preview": training, "simulator": Words(tuple(simulators), {})}
+    found |= {f"simulator {name}": words_of(one) for name, (one, _) in simulators.items()}
     return found | {kind: Words((), {}) for kind in LISTED}
 
 
-def _first(name: str, module: str) -> tuple[str, ...]:
-    known = {
-        "benchmark": ("verify", *BASELINES),
-        "completion": SHELLS,
-        "hub": (PUSH, PULL),
-        "list": tuple(dict.fromkeys([*LIST_KINDS, *LISTED])),
-        "new": tuple(PART_KINDS),
-        "simulator": tuple(simulator_commands.COMMANDS),
-    }
-    return (*known.get(name, ()), *((LATEST, *packaged_names()) if _takes(name, module) else ()))
-
-
-def _takes(name: str, module: str) -> bool:
-    """Return whether a command's first argument is a checkpoint."""
-    if name in ("train", "check", "simulator"):
-        return False
-    place = importlib.util.find_spec(module)
-    package = place is not None and place.submodule_search_locations is not None
-    loaded = importlib.import_module(f"{module}.__main__" if package else module)
-    arguments = getattr(loaded, "COMMAND", None)
-    return any("CKPT" in one for one in arguments.arguments) if arguments else False
-
-
-def _keys(command: str) -> dict[str, tuple[str, ...]]:
-    keys = command_keys(command)
-    found = {}
-    for one in keys:
-        values = tuple(choices(f"{command}/{one.name}")) or values_of(one.name, one.default)
-        found[one.name] = values
-    return found | ({KEY: ()} if keys else {})
+def words_of(command: Command[Any]) -> Words:
+    """Return the words of a command."""
+    first: list[str] = []
+    for parameter in command.arguments.values():
+        first += choices_of(parameter.annotation) or FIRST.get(parameter.name, ())
+        if parameter.name.removesuffix("s") == "ckpt":
+            first += [LATEST, *packaged_names()]
+            first += ("verify", *BASELINES) if command.name == "benchmark" else ()
+    keys = {key.name: key.choices or values_of(key.name, key.typed) for key in command.keys}
+    return Words(tuple(dict.fromkeys(first)), keys | ({KEY: ()} if keys and command.parts else {}))
 
 
 def values_of(key: str, default: str) -> tuple[str, ...]:
@@ -91,7 +76,7 @@ def values_of(key: str, default: str) -> tuple[str, ...]:
     }
     last = key.rpartition(".")[2]
     return (
-        tuple(sorted([*ALIASES, *track_names()]))
+        tuple(sorted([*TRACKS, *track_names()]))
         if last in ("track", "sim")
         else names.get(last, ())
     )
@@ -102,11 +87,3 @@ def _training_keys() -> dict[str, tuple[str, ...]]:
     groups |= {name: tuple(f"[{one}]" for one in groups[name]) for name in LISTS if name in groups}
     keys = {key: values_of(key, text) for key, text in typed_keys(compose_config([]))}
     return {**groups, **keys, "resume": (), "trust": (), KEY: ()}
-
-
-def _simulator_keys(name: str) -> dict[str, tuple[str, ...]]:
-    module: ModuleType = importlib.import_module(f"simulator.{name}")
-    kind = next(
-        one for text, one in vars(module).items() if text.endswith("Options") and is_dataclass(one)
-    )
-    return {one.name: values_of(one.name, str(one.default).lower()) for one in fields(kind)}

@@ -1,9 +1,4 @@
-"""`drivezoo doctor [CKPT] [RECORDING] [key=value ...]`: find faults of this installation.
-
-Checks packages, device, renderer, port and disk, and prints each fault with its fix. With a
-checkpoint, also drives a round trip with the original simulator's protocol. Exits 0 without
-faults, even with warnings; 1 otherwise.
-"""
+"""`drivezoo doctor`: find faults of this installation."""
 
 from __future__ import annotations
 
@@ -15,28 +10,46 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from zoo.base.command import command, is_help
 from zoo.base.early_interrupt import raise_again
 from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
 from zoo.base.standard_output import forgiving_output
 from zoo.base.terminal import command_line, error_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
 from zoo.cli.closing_lines import print_next
-from zoo.cli.command import CHECKPOINT, Command, is_help
-from zoo.cli.nearest import hint
 from zoo.cli.parts import take_parts
 from zoo.doctor import inputs, installation, machine, renderer, round_trip
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 
-COMMAND = Command(
-    __doc__,
-    {
-        "[CKPT]": f"{CHECKPOINT}; checks that it loads and drives",
-        "[RECORDING]": "folder of a recording; checks its log and a sample of its images",
-    },
-)
+PORT = 4567
 COLOURS = {OK: "32", WARNING: "33", FAULT: "31"}
 NAME_WIDTH, STATE_WIDTH = 12, 9
 FILES = (".ckpt", ".csv", ".onnx")  # a name that ends so is a path, even with = in it
+
+
+@command
+def doctor(ckpt: str | None = None, recording: str | None = None, *, port: int = PORT) -> None:
+    """Find faults of this installation.
+
+    Checks packages, device, renderer, port and disk, and prints each fault with its fix. With a
+    checkpoint, also drives a round trip with the original simulator's protocol. Exits 0 without
+    faults, even with warnings; 1 otherwise.
+
+    Args:
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet; checks that it loads and drives.
+        recording: folder of a recording; checks its log and a sample of its images.
+        port: TCP port to try, 1..65535.
+    """
+    counts = {OK: 0, WARNING: 0, FAULT: 0}
+    for finding in diagnose(ckpt, recording, port):
+        counts[finding.state] += 1
+        print_finding(finding)
+    print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
+    if counts[FAULT]:
+        sys.exit(1)
+    print_next(*next_step(ckpt, recording))
 
 
 def diagnose(checkpoint: str | None, recording: str | None, port: int) -> Iterator[Finding]:
@@ -71,16 +84,15 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
         InputError: a run's folder has no checkpoint.
     """
     paths: dict[str, str] = {}
-    defaults = {one.name: one.default for one in COMMAND.options()}
-    port = int(defaults["port"])
+    port = PORT
     for argument in arguments:
         path = Path(argument).expanduser()
         key, equals, text = argument.partition("=")
         key = key.replace("doctor.", "", 1)
         is_option = (equals or argument.startswith("--")) and path.suffix not in FILES
         if is_option and not path.exists():
-            if key not in defaults:
-                raise UsageError(f"{key}: no such key; {hint(key, defaults)}")
+            if key != "port":
+                raise UsageError(f"{key}: no such key; {hint(key, ['port'])}")
             if not (text.isdecimal() and 0 < int(text) < 65536):
                 raise UsageError(f"{argument}: must be a whole number in 1..65535")
             port = int(text)
@@ -94,7 +106,7 @@ def sort_arguments(arguments: list[str]) -> tuple[str | None, str | None, int]:
             kind = "RECORDING" if is_recording or not (path.exists() or path.suffix) else "CKPT"
         if kind in paths:
             raise UsageError(
-                f"{argument}: {kind} is given twice, also {paths[kind]}; usage: {COMMAND.usage}"
+                f"{argument}: {kind} is given twice, also {paths[kind]}; usage: {doctor.usage}"
             )
         paths[kind] = argument
     return paths.get("CKPT"), paths.get("RECORDING"), port
@@ -123,26 +135,20 @@ def print_finding(finding: Finding) -> None:
 def main(arguments: list[str]) -> int:
     """Run the command and return its exit status."""
     raise_again()
-    counts = {OK: 0, WARNING: 0, FAULT: 0}
     try:
         with forgiving_output():
             if is_help(arguments):
-                print(COMMAND.help())
+                print(doctor.help())
                 return 0
             checkpoint, recording, port = sort_arguments(take_parts(arguments))
-            for finding in diagnose(checkpoint, recording, port):
-                counts[finding.state] += 1
-                print_finding(finding)
-            print(f"faults: {counts[FAULT]}, warnings: {counts[WARNING]}, ok: {counts[OK]}")
-            if not counts[FAULT]:
-                print_next(*next_step(checkpoint, recording))
+            doctor.function(checkpoint, recording, port=port)
     except (ValueError, InputError) as error:
         print(error_line("zoo.doctor", error), file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
     except KeyboardInterrupt:
         print("zoo.doctor: stopped", file=sys.stderr)
         return 130
-    return 1 if counts[FAULT] else 0
+    return 0
 
 
 def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:

@@ -1,25 +1,20 @@
-"""`drivezoo doubt CKPT... [key=value ...]`: write a policy that knows how much it doubts.
-
-One checkpoint becomes Monte-Carlo dropout: its network runs under several dropout masks. Several
-become an ensemble. The steering is the mean, the spread its standard deviation. Every command that
-drives takes the file.
-"""
+"""`drivezoo doubt`: write a policy that knows how much it doubts."""
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
+from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
-from zoo.cli.command import Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
+from zoo.runs.result_files import TableFiles
 from zoo.runs.table import Column, Table
 from zoo.runs.table_files import check_table, write_table
 
@@ -28,51 +23,58 @@ if TYPE_CHECKING:
     from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 
 TABLE_COLUMNS = ("checkpoint", "network", "parameters", "sees")
-COMMAND = Command(__doc__, {"CKPT...": "checkpoint: a .ckpt file, a run's folder, or latest"})
 
 # torch, a slow import, comes late: --help and typos answer at once.
 
 
-@dataclass(frozen=True, kw_only=True)
-class DoubtOptions:
-    """Options of the command; `conf/doubt.yaml` has their meanings and defaults."""
+@command
+def doubt(
+    ckpt: str,
+    *ckpts: str,
+    out: str = "doubt.ckpt",
+    samples: Annotated[int, Field(ge=2, le=100)] = 20,
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1,
+    tables: TableFiles,
+) -> Path:
+    """Write a policy that knows how much it doubts.
 
-    out: str
-    samples: Annotated[int, Field(ge=2, le=100)]
-    seed: Annotated[int, Field(ge=0, lt=2**63)]
-    table: str | None
-    columns: str | None
+    One checkpoint becomes Monte-Carlo dropout: its network runs under several dropout masks.
+    Several become an ensemble. The steering is the mean, the spread its standard deviation. Every
+    command that drives takes the file.
 
-
-def doubt(arguments: list[str]) -> None:
-    """Write one checkpoint with dropout samples, or several as an ensemble.
+    Args:
+        ckpt: checkpoint: a .ckpt file, a run's folder, or latest.
+        *ckpts: further checkpoints.
+        out: checkpoint to write; an existing one is replaced only if this command wrote it.
+        samples: number of dropout masks per frame; an ensemble does not use it.
+        seed: random seed of the masks; an ensemble does not use it.
+        tables: see `TableFiles`.
 
     Raises:
         InputError: a checkpoint cannot be used or is named twice, or a file cannot be written.
     """
-    names, options = COMMAND.read(arguments, DoubtOptions)
-    check_table(options.table, options.columns, TABLE_COLUMNS)
-    paths = [find_checkpoint(one) for one in names]
+    check_table(tables.table, tables.columns, TABLE_COLUMNS)
+    paths = [find_checkpoint(name) for name in (ckpt, *ckpts)]
     with loading():
         from zoo.checkpoints.doubt_file import doubt_contents
         from zoo.checkpoints.new_checkpoint import checked_out, write_checkpoint
         from zoo.checkpoints.policy import doubt_policy
 
-        out = checked_out(Path(options.out).expanduser(), paths)
-        contents = doubt_contents(paths, options.samples, options.seed)
+        written = [checked_out(Path(out).expanduser(), paths)]
+        contents = doubt_contents(paths, samples, seed)
         _check_distinct(paths)
-        policy = doubt_policy(contents, paths[0] if len(paths) == 1 else out)
-        write_checkpoint(out, contents)
+        policy = doubt_policy(contents, paths[0] if len(paths) == 1 else written[0])
+        write_checkpoint(written[0], contents)
     table = members_table(paths, policy)
     from rich.console import Console
     from rich.text import Text
 
     title = Text(f"{policy.name}: {policy.parameters:,} parameters")
     Console(emoji=False).print(table.printed(title=title, title_justify="left"))
-    written = [out]
-    if options.table is not None:
-        written.append(write_table(table, options.table, options.columns))
-    print_written(written, ["evaluate", out, "track=lake"])
+    if tables.table is not None:
+        written.append(write_table(table, tables.table, tables.columns))
+    print_written(written, ["evaluate", written[0], "track=lake"])
+    return written[0]
 
 
 def members_table(paths: Sequence[Path], policy: "DropoutPolicy | EnsemblePolicy") -> Table:
@@ -107,4 +109,4 @@ def _check_distinct(paths: Sequence[Path]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.doubt", doubt, sys.argv[1:]))
+    sys.exit(run_command("zoo.doubt", doubt.main, sys.argv[1:]))

@@ -1,11 +1,4 @@
-"""`drivezoo drive CKPT [key=value ...]`: serve a checkpoint to simulators.
-
-The checkpoint drives the original simulator (start it and choose autonomous mode) or the embedded
-one (sim=lake). Ctrl-C ends the drive.
-
-  drivezoo drive latest speed=15
-  drivezoo drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
-"""
+"""`drivezoo drive`: serve a checkpoint to simulators."""
 
 import errno
 import functools
@@ -16,33 +9,47 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
-from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
+from zoo.drive.drive_settings import DriveSettings, check_settings
 
 if TYPE_CHECKING:
     from eventlet.greenio import GreenSocket
 
     from zoo.checkpoints.command import Policy
-    from zoo.drive.drive_settings import DriveSettings
-
-COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
 
 
-def drive(arguments: list[str]) -> None:
-    """Read the arguments and serve the checkpoint."""
-    (checkpoint,), options = COMMAND.split(arguments)
-    from zoo.drive.drive_settings import read_settings
+@command
+def drive(ckpt: str, *, settings: DriveSettings) -> Path | None:
+    """Serve a checkpoint to simulators.
 
-    settings = read_settings(options)
-    serve(str(find_checkpoint(checkpoint)), settings)
+    The checkpoint drives the original simulator (start it and choose autonomous mode) or the
+    embedded one (sim=lake). Ctrl-C ends the drive.
+
+      drivezoo drive latest speed=15
+      drivezoo drive outputs/.../checkpoints/best.ckpt record=FOLDER sim=lake
+
+    Args:
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet.
+        settings: see `DriveSettings`.
+
+    Returns:
+        The drive's folder; None if no frame came.
+
+    Raises:
+        UsageError: other machines could connect although `expose` is false.
+        InputError: see `serve`; or there is no such track.
+    """
+    check_settings(settings)
+    return serve(str(find_checkpoint(ckpt)), settings)
 
 
-def serve(checkpoint: str, settings: "DriveSettings") -> Path | None:
+def serve(checkpoint: str, settings: DriveSettings) -> Path | None:
     """Serve until Ctrl-C or the end of the embedded simulator, then print the drive's figures.
 
     Returns:
@@ -174,6 +181,7 @@ def load_warm_policy(
     import numpy as np
     import torch
 
+    from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
     from zoo.checkpoints.policy import load_policy
     from zoo.monitor.guarded_policy import guarded
 
@@ -183,8 +191,8 @@ def load_warm_policy(
     policy = load_policy(path, threads)
     watched = policy if guard is None else guarded(policy, path, guard)
     for _ in range(3):
-        command = watched(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
-    if needs_spread and command.spread is None:
+        answer = watched(np.zeros((FRAME_HEIGHT, FRAME_WIDTH, 3), np.uint8), 0.0)
+    if needs_spread and answer.spread is None:
         raise InputError(
             f"speed=doubt: {path} predicts no spread of its steering; drive a checkpoint of "
             "model=nvidia_gaussian or of drivezoo doubt, or use speed=pi"
@@ -211,4 +219,4 @@ def local_name(host: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.drive", drive, sys.argv[1:]))
+    sys.exit(run_command("zoo.drive", drive.main, sys.argv[1:]))

@@ -1,80 +1,88 @@
-"""Options of `drivezoo drive`, from `conf/drive.yaml` and `conf/drive/speed`."""
+"""Keys of `drivezoo drive` and their checks."""
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-from hydra.errors import HydraException
-from hydra.utils import instantiate
 from pydantic import Field
 
-from simulator.track_file import read_track
+from zoo.base.command_keys import Choice, Section
 from zoo.base.errors import InputError, UsageError
-from zoo.cli.command_config import check_options, read_keys
 from zoo.drive.origin import is_loopback
-from zoo.drives.speed_controller import SpeedController
+from zoo.drives.speed_controller import PI, Constant, Doubt, Network, SpeedController
 from zoo.drives.steering_filter import SteeringFilter
 from zoo.worlds.scenario import Margin
 
-_SPEED = re.compile(r"(drive\.)?speed=(?P<mph>[-+]?[\d.].*)")
+_PI = partial(PI, kp=0.1, ki=0.002)  # of the Udacity course
+CONTROLLERS = {
+    "bends": partial(_PI, set_mph=15.0, bend_mph=5.0),
+    "constant": partial(Constant, throttle=0.2),
+    "doubt": partial(Doubt, set_mph=15.0, kp=0.1, ki=0.002, doubt_mph=5.0, sure=0.05, unsure=0.2),
+    "network": Network,
+    "pi": partial(_PI, set_mph=9.0),
+    "proportional": partial(PI, set_mph=9.0, kp=0.1),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings:
-    """Options of a drive; `conf/drive.yaml` has their meanings and defaults."""
+    """Keys of a drive on the socket.
 
-    host: str
-    port: Annotated[int, Field(ge=0, le=65535)]
-    expose: bool
-    sim: str | None
-    laps: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None
-    put_back: bool
-    margin: Margin | None
-    record: Path | None
-    guard: Path | None
-    threads: Annotated[int, Field(ge=1, le=64)]
-    steering: SteeringFilter
-    speed: SpeedController
+    Args:
+        host: name or address to listen on.
+        port: TCP port; 0: a free one.
+        expose: true: other machines may connect and watch, with host=0.0.0.0; the page's buttons
+            then need the token in the printed address.
+        sim: track on which the embedded simulator drives as the client, such as lake; null: wait
+            for another simulator.
+        laps: laps after which the embedded simulator ends; null: Ctrl-C ends it.
+        put_back: true: an intervention puts its car back on the road, as in zoo.evaluate.
+        margin: distance off the centreline that counts as an intervention, m; null: leaving the
+            lane.
+        record: folder for frames and driving_log.csv; null: write only drive.csv.
+        guard: guard file of drivezoo guard: slows the car down while it fires.
+        threads: threads of the network; 2 are faster, unless a simulator needs the same cores.
+        steering: filter of the network's steering.
+        speed: speed to hold in mph, or what controls the throttle.
+    """
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535)] = 4567
+    expose: bool = False
+    sim: str | None = None
+    laps: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    put_back: bool = True
+    margin: Margin | None = None
+    record: Path | None = None
+    guard: Path | None = None
+    threads: Annotated[int, Field(ge=1, le=64)] = 1
+    steering: Annotated[SteeringFilter, Section()]
+    speed: Annotated[SpeedController, Choice(CONTROLLERS, default="pi", number="set_mph")]
+
+    def __post_init__(self) -> None:
+        """Replace `~` in paths."""
+        for name in ("record", "guard"):
+            if (path := getattr(self, name)) is not None:
+                object.__setattr__(self, name, path.expanduser())
 
 
-def read_settings(arguments: Sequence[str]) -> DriveSettings:
-    """Return the settings with `port=4568`, `speed=bends` and other arguments applied.
-
-    A number is the speed to hold: `speed=15` means `speed.set_mph=15`.
+def check_settings(settings: DriveSettings) -> None:
+    """Check what can be checked before the port is opened.
 
     Raises:
-        UsageError: a key or choice is unknown, or a value has the wrong type or range.
+        UsageError: other machines could connect although `expose` is false.
         InputError: there is no such track, or its file cannot be read.
     """
-    held = [_SPEED.sub(r"speed.set_mph=\g<mph>", one) for one in arguments]
-    settings = read_keys("drive", held)
-    try:
-        controller = instantiate(settings["speed"], _convert_="all")
-    except HydraException as error:
-        raise _own_error(error) from None
-    constructed = {"steering": SteeringFilter(**settings["steering"]), "speed": controller}
-    if settings["record"] is not None:
-        constructed["record"] = Path(settings["record"]).expanduser()
-    if settings["guard"] is not None:
-        constructed["guard"] = Path(settings["guard"]).expanduser()
-    found = check_options(DriveSettings, settings | constructed)
-    if found.sim is not None:
+    if settings.sim is not None:
+        from simulator.track_file import read_track  # slow import: scipy
+
         try:
-            read_track(found.sim)  # before the port is opened
+            read_track(settings.sim)
         except InputError as error:
-            raise InputError(f"sim={found.sim}: {error}") from None
-    if not found.expose and not is_loopback(found.host):
+            raise InputError(f"sim={settings.sim}: {error}") from None
+    if not settings.expose and not is_loopback(settings.host):
         raise UsageError(
-            f"host={found.host}: other machines could connect and drive; to allow it, add "
+            f"host={settings.host}: other machines could connect and drive; to allow it, add "
             "expose=true"
         )
-    return found
-
-
-def _own_error(error: Exception) -> InputError:
-    cause = error
-    while cause.__cause__ is not None and not isinstance(cause, InputError):
-        cause = cause.__cause__
-    return UsageError(" ".join(str(cause).split()))

@@ -1,4 +1,4 @@
-"""Speed controllers, chosen by `drive.speed` (`conf/drive/speed`)."""
+"""Speed controllers, chosen by `speed=` of `drivezoo drive`."""
 
 import math
 from typing import Protocol

@@ -1,24 +1,20 @@
-"""`drivezoo edit FOLDER... [key=value ...]`: look at a recording and clean it on a page.
-
-Drop bad stretches, trim, split, merge and mirror, with undo, and write the result as a new
-recording. The recorded folder stays as it is. Several folders become one recording.
-
-  drivezoo edit FOLDER
-  drivezoo edit FOLDER drop=120-180,2600- out=cleaned page=false
-"""
+"""`drivezoo edit`: look at a recording and clean it on a page."""
 
 import contextlib
 import errno
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
+from pydantic import Field
+
+from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
-from zoo.edit.edit_options import EditOptions
 
 if TYPE_CHECKING:
     from datamodules.edited_recording import WrittenRecording
@@ -26,16 +22,53 @@ if TYPE_CHECKING:
     from zoo.edit.edit_page import PageServer
     from zoo.edit.edit_session import EditSession
 
-COMMAND = Command(__doc__, {"FOLDER...": "recording's folder; several become one recording"})
+
+@dataclass(frozen=True, kw_only=True)
+class EditOptions:
+    """Keys of `drivezoo edit`.
+
+    Args:
+        ckpt: checkpoint whose steering is drawn next to the recorded one.
+        images: folder of the images, if not IMG/.
+        drop: rows to leave out, from 1: 120-180,2600-.
+        keep: rows to keep; all others are dropped.
+        mirror: rows to mirror from left to right.
+        split: rows with which a further part begins: 1200,2000.
+        out: new folder to write; null: FOLDER_edited, with a number if that exists.
+        page: false: write at once, without a page.
+        port: TCP port of the page on this machine; 0: a free one.
+    """
+
+    ckpt: str | None = None
+    images: str | None = None
+    drop: str | None = None
+    keep: str | None = None
+    mirror: str | None = None
+    split: str | None = None
+    out: Path | None = None
+    page: bool = True
+    port: Annotated[int, Field(ge=0, le=65535)] = 4570
 
 
-def edit(arguments: list[str]) -> None:
-    """Read the arguments; serve the page until Ctrl-C, or write at once.
+@command
+def edit(folder: str, *folders: str, options: EditOptions) -> None:
+    """Look at a recording and clean it on a page.
+
+    Drop bad stretches, trim, split, merge and mirror, with undo, and write the result as a new
+    recording. The recorded folder stays as it is. Several folders become one recording.
+
+      drivezoo edit FOLDER
+      drivezoo edit FOLDER drop=120-180,2600- out=cleaned page=false
+
+    Args:
+        folder: recording's folder; several become one recording.
+        *folders: further folders.
+        options: see `EditOptions`.
 
     Raises:
         InputError: a recording, checkpoint, edit or output folder is wrong.
     """
-    folders, options = COMMAND.read(arguments, EditOptions)
+    all_folders = [folder, *folders]
     from rich.console import Console
 
     from datamodules.recording import read_recordings
@@ -47,7 +80,7 @@ def edit(arguments: list[str]) -> None:
 
     if options.out:
         refuse_existing(options.out.expanduser())
-    recording = read_recordings(folders, options.images, on_bad_image="skip")
+    recording = read_recordings(all_folders, options.images, on_bad_image="skip")
     texts = options.drop, options.keep, options.mirror, options.split
     edits = typed_edits(len(recording), *(text or "" for text in texts))
     for line in report_lines(recording):
@@ -61,7 +94,7 @@ def edit(arguments: list[str]) -> None:
     serve_page(session, options)
     if session.unsaved:
         print("the edits are not written; to resume with them:")
-        print_next(command_line(resume_words(folders, options, session)))
+        print_next(command_line(resume_words(all_folders, options, session)))
 
 
 def serve_page(session: "EditSession", options: EditOptions) -> None:
@@ -120,4 +153,4 @@ def resume_words(folders: list[str], options: EditOptions, session: "EditSession
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.edit", edit, sys.argv[1:]))
+    sys.exit(run_command("zoo.edit", edit.main, sys.argv[1:]))

@@ -1,150 +1,59 @@
-"""`drivezoo evaluate CKPT [key=value ...]`: score a checkpoint by driving.
-
-Drives it in the embedded world, with several drives in parallel and without a display, and writes
-figures, drives and plots.
-"""
+"""`drivezoo evaluate`: score a checkpoint by driving."""
 
 import sys
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from zoo.base.errors import InputError, UsageError
-from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.command import CHECKPOINT, Command
-from zoo.cli.console_progress import loading
+from zoo.base.command import command, is_help
+from zoo.base.errors import UsageError
 from zoo.cli.run_command import run_command
+from zoo.evaluate.evaluate_options import EvaluateOptions
+from zoo.evaluate.replay_command import replay
 
 if TYPE_CHECKING:
-    from zoo.checkpoints.command import Policy, PolicyFunction
-    from zoo.evaluate.evaluate_options import EvaluateOptions
     from zoo.evaluate.evaluation import Evaluation
 
-COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
-
-# Slow imports (torch, Panda3D) come late: --help and typos answer at once.
+REPLAY = ("replay=", "evaluate.replay=", "--replay=")
 
 
-def evaluate(
-    checkpoint: "str | Policy | PolicyFunction", options: "EvaluateOptions", console: Console
-) -> "Evaluation":
-    """Score a checkpoint or a policy by driving; write `metrics.json`, drives and plots.
+@command
+def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
+    """Score a checkpoint by driving.
+
+    Drives it in the embedded world, with several drives in parallel and without a display, and
+    writes figures, drives and plots.
 
     Args:
-        checkpoint: path as users name it, or a policy, which drives in this process.
-        options: options of the evaluation.
-        console: console for progress and warnings.
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet; in Python also a policy.
+        options: see `EvaluateOptions`.
 
     Raises:
-        InputError: the checkpoint or track does not exist, or an option is wrong.
+        UsageError: a key or value is wrong.
+        InputError: the checkpoint cannot be used; or the network steered NaN, after all files are
+            written.
     """
-    if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
-        checkpoint = str(find_checkpoint(checkpoint))
-    with loading():
-        from zoo.base.new_folder import command_folder
-        from zoo.checkpoints.command import as_policy
-        from zoo.checkpoints.policy import load_policy
-        from zoo.drives.metrics import METRICS
-        from zoo.evaluate.drives_table import COUNTS, nan_line
-        from zoo.evaluate.evaluate_options import check_world
-        from zoo.evaluate.evaluation import Evaluation, curves
-        from zoo.evaluate.guard_effect import guard_effect, unguarded
-        from zoo.evaluate.robustness import perturbations_named, sweeps
-        from zoo.evaluate.track_scores import score_on_tracks
-        from zoo.monitor.guarded_policy import guarded
-        from zoo.runs.metrics_file import write_metrics_file
-        from zoo.runs.plots import save_figure
-        from zoo.runs.table_files import check_plot, check_table
-        from zoo.verdict.evidence import Evidence, read_evidence
-        from zoo.verdict.judgement import judge
-        from zoo.worlds.run_drives import check_throttle
+    if options.replay is not None:
+        raise UsageError("replay: call drivezoo.replay(driver, recording)")
+    from rich.console import Console
 
-        # Report wrong input before processes start.
-        is_file = isinstance(checkpoint, str)
-        policy = load_policy(checkpoint) if is_file else as_policy(checkpoint)
-        check_world(options)
-        check_throttle(policy, options.throttle)
-        check_table(options.table, options.columns, ("track", *COUNTS, *METRICS))
-        check_plot(options.plot)
-        if options.guard and not is_file:
-            raise UsageError(f"guard={options.guard}: belongs to a checkpoint; name its path")
-        if options.guard:
-            guarded(policy, checkpoint, options.guard)
-    names = perturbations_named(options.perturb, options.throttle)
-    scenarios = options.scenarios
-    usual = scenarios[0]
-    swept = sweeps(names, usual)
-    with command_folder(options.out, "evaluations") as folder:
-        more = [one for by_value in swept.values() for one in by_value.values()]
-        more += unguarded(scenarios)
-        scores = score_on_tracks(
-            checkpoint if is_file else policy,
-            scenarios,
-            folder,
-            console,
-            options.workers,
-            options.played_at,
-            more,
-        )
-        name = checkpoint if is_file else policy.name
-        metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}
-        if options.guard:
-            without = [scores.by_scenario[one] for one in unguarded(scenarios)]
-            metrics["guard"] = guard_effect(options.guard, scores.drives, without)
-        results = {
-            name: {value: scores.by_scenario[one] for value, one in by_value.items()}
-            for name, by_value in swept.items()
-        }
-        if names:
-            metrics["perturbed"] = {
-                name: [{"value": value, **one} for value, one in by_value.items()]
-                for name, by_value in results.items()
-            }
-            save_figure(curves(results, usual), folder / "robustness.png")
-        evidence = Evidence(None, policy.config)
-        if is_file:
-            evidence = read_evidence(checkpoint, policy.config, policy.data)
-        verdict = judge(scores.drives, evidence, options.tracks)
-        metrics["verdict"] = verdict.plain()
-        write_metrics_file(folder, metrics)
-        nan = nan_line(list(scores.by_scenario.values()))
-        problem = f"{name}: {nan}" if nan else ""
-        return Evaluation(folder, metrics, verdict, usual, results, problem)
+    from zoo.evaluate.score_driver import score_driver
+
+    return score_driver(ckpt, options, Console(emoji=False))
 
 
-def command(arguments: list[str]) -> None:
-    """Read the arguments and evaluate, in the embedded world or on a recording.
-
-    Raises:
-        InputError: see `evaluate`; or the network steered NaN, after all files are written.
-    """
-    (checkpoint,), rest = COMMAND.split(arguments)
-    others = [one for one in rest if not one.startswith(("replay=", "evaluate.replay="))]
-    console = Console(emoji=False)
-    from zoo.cli.command_config import read_options
-
-    if len(others) == len(rest):
-        from zoo.evaluate.evaluate_options import EvaluateOptions
-
-        options = read_options(COMMAND.name, EvaluateOptions, rest)
-        result = evaluate(checkpoint, options, console)
-        from zoo.evaluate.evaluation import print_end, print_evaluation
-        from zoo.runs.table_files import write_asked
-
-        print_evaluation(result, console)
-        written = write_asked(result, options.table, options.plot, options.columns)
-        print_end(result, written, console)
-        if result.problem:
-            raise InputError(result.problem)
+def evaluate_or_replay(arguments: list[str]) -> None:
+    """Evaluate in the embedded world, or on the recording of `replay=`."""
+    given = [argument for argument in arguments if argument.startswith(REPLAY)]
+    if not given or is_help(arguments):
+        evaluate.main(arguments)
         return
-    from zoo.evaluate.replay_score import ReplayOptions, replay_and_print
-
-    recordings = [one.partition("=")[2] for one in rest if one not in others]
-    if len(recordings) > 1:
+    if len(given) > 1:
         raise UsageError("replay: given twice; give it once")
-    options = read_options("replay", ReplayOptions, others)
-    replay_and_print(checkpoint, recordings[0], options, console)
+    first, *others = [
+        argument.removeprefix("evaluate.") for argument in arguments if argument not in given
+    ]
+    replay.main([first, given[0].partition("=")[2], *others])
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.evaluate", command, sys.argv[1:]))
+    sys.exit(run_command("zoo.evaluate", evaluate_or_replay, sys.argv[1:]))

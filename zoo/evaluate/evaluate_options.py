@@ -1,4 +1,4 @@
-"""Options of `drivezoo evaluate` and their checks."""
+"""Keys of `drivezoo evaluate` and their checks."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -7,26 +7,38 @@ from pydantic import Field
 
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
-from zoo.worlds.scenario import Scenario
+from zoo.runs.result_files import ResultFiles, TableFiles
+from zoo.worlds.scenario import Scenario, SpeedMph
 
 Count = Annotated[int, Field(ge=1)]
 Workers = Annotated[int, Field(ge=0)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateOptions(Scenario):
-    """Options of an evaluation; `conf/evaluate.yaml` has their meanings and defaults."""
+class EvaluateOptions(ResultFiles, Scenario):
+    """Keys of an evaluation.
 
-    seeds: Count
-    film: bool
-    film_speed: Annotated[float, Field(ge=1, le=100)]
-    perturb: str | None
-    replay: str | None
-    out: str | None
-    table: str | None
-    columns: str | None
-    plot: str | None
-    workers: Workers
+    Args:
+        seeds: drives on each track, whose seeds begin with `seed`.
+        film: true: write film.mp4 in each drive's folder.
+        film_speed: playing speed of the film as a multiple of the driven speed.
+        perturb: perturbations to sweep on the first track: names separated by commas, or all.
+        replay: recording to score on instead, without a simulator; see drivezoo replay.
+        guard: guard file of drivezoo guard, which slows the car down; each drive is then repeated
+            without it, to count what it prevented.
+        out: output folder; null: named by date and time.
+        plot: file to draw the drives, or the perturbations, in: .pdf, .svg or .png.
+        workers: processes that drive; 0: one per core.
+    """
+
+    weather: str = "clear"
+    seeds: Count = 1
+    film: bool = False
+    film_speed: Annotated[float, Field(ge=1, le=100)] = 1.0
+    perturb: str | None = None
+    replay: str | None = None
+    out: str | None = None
+    workers: Workers = 0
 
     @property
     def tracks(self) -> list[str]:
@@ -46,6 +58,25 @@ class EvaluateOptions(Scenario):
             for track in self.tracks
             for number in range(self.seeds)
         ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(TableFiles):
+    """Keys of a replay.
+
+    Args:
+        margin: distance off the recorded path that counts as an intervention, m.
+        frame_rate: rows per second, for image names without a time; null: read from the names.
+        speed: mph in each row, for a recording without speed; null: as recorded.
+        frames: true: keep the frames that the network saw, for drivezoo film.
+        out: output folder; null: named by date and time.
+    """
+
+    margin: Annotated[float, Field(gt=0, le=2)] = 1.0
+    frame_rate: float | None = None
+    speed: SpeedMph | None = None
+    frames: bool = False
+    out: str | None = None
 
 
 def track_names(text: str) -> list[str]:

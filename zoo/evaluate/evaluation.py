@@ -32,6 +32,7 @@ class Evaluation(Result):
         usual: scenario of the first drive.
         swept: figures of the perturbed drives, by perturbation and value.
         problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
+        written: further files that the user asked for.
     """
 
     folder: Path
@@ -40,6 +41,7 @@ class Evaluation(Result):
     usual: Scenario
     swept: By = field(default_factory=dict)
     problem: str = ""
+    written: list[Path] = field(default_factory=list)
 
     @property
     def tracks(self) -> dict[str, dict]:
@@ -55,6 +57,20 @@ class Evaluation(Result):
         lines = [f"  {name}: {how_well(one)}" for name, one in self.tracks.items()]
         return "\n".join([f"Evaluation in {self.folder}: {self.verdict.headline}", *lines])
 
+    def show(self) -> None:
+        """Print the tables, the effect of a guard, what was written and the verdict."""
+        console = Console(emoji=False)
+        print_drives(self.tracks, console)
+        if "guard" in self.metrics:
+            line = guard_line(self.metrics["guard"])
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        if self.swept:
+            console.print(sweep_table(self.swept, self.usual))
+        films = sorted(self.folder.glob("*/film.mp4"))
+        print_written([self.folder, *films, *self.written], console=console)
+        if not self.problem:
+            print_verdict(self.verdict, console)
+
     def result_table(self) -> Table:
         """Return a row of figures for each track."""
         columns = [Column("track", "track", list(self.tracks)), *figure_columns(self.tracks)]
@@ -67,24 +83,6 @@ class Evaluation(Result):
         if self.swept:
             return curves(self.swept, self.usual)
         return figures_by_track(self.drives)
-
-
-def print_evaluation(result: Evaluation, console: Console) -> None:
-    """Print the tables of an evaluation and the effect of a guard."""
-    print_drives(result.tracks, console)
-    if "guard" in result.metrics:
-        line = guard_line(result.metrics["guard"])
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    if result.swept:
-        console.print(sweep_table(result.swept, result.usual))
-
-
-def print_end(result: Evaluation, written: list[Path], console: Console) -> None:
-    """Print what was written, films too, and the verdict unless the figures are invalid."""
-    films = sorted(result.folder.glob("*/film.mp4"))
-    print_written([result.folder, *films, *written], console=console)
-    if not result.problem:
-        print_verdict(result.verdict, console)
 
 
 def curves(swept: By, usual: Scenario) -> Figure:

@@ -11,37 +11,24 @@ from rich.console import Console
 from datamodules.formats.recording_writer import write_frame
 from datamodules.recording import Recording, read_recordings
 from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
-from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
-from zoo.checkpoints.checkpoint_path import find_checkpoint
+from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import METRICS, REPLAYS, measure
+from zoo.evaluate.evaluate_options import ReplayOptions
 from zoo.runs.table import Table
 from zoo.runs.table_files import Result, check_table, write_asked
 from zoo.worlds.run_drives import Keep
-from zoo.worlds.scenario import Scenario, SpeedMph
+from zoo.worlds.scenario import Scenario
 
 if TYPE_CHECKING:
     from zoo.checkpoints.command import Policy, PolicyFunction
     from zoo.worlds.world import World
 
 FRAMES = "frames"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayOptions:
-    """Options of a replay; `conf/replay.yaml` has their meanings and defaults."""
-
-    margin: float
-    frame_rate: float | None
-    speed: SpeedMph | None
-    frames: bool
-    out: str | None
-    table: str | None
-    columns: str | None
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,6 +39,7 @@ class Replay(Result):
         folder: folder with `metrics.json`, the drive and a plot.
         figures: figures of the drive by name.
         keyboard: a warning for each recording that was driven with a keyboard.
+        checkpoint: path of the checkpoint, or the policy's name.
         problem: what makes the figures invalid, such as steering NaN; empty if nothing does.
         written: further files that the user asked for.
     """
@@ -59,12 +47,25 @@ class Replay(Result):
     folder: Path
     figures: dict[str, float | None]
     keyboard: list[str]
-    problem: str
+    checkpoint: str
+    problem: str = ""
     written: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
         lost = f"{self.figures['interventions']:g} interventions"
         return f"Replay in {self.folder}: autonomy {self.figures['autonomy']:.1%}, {lost}"
+
+    def show(self) -> None:
+        """Print the figures, the warnings and what was written."""
+        from zoo.evaluate.drives_table import mean_and_spread, print_drives
+
+        console = Console(emoji=False)
+        print_drives({"replay": mean_and_spread([self.figures])}, console, REPLAYS)
+        for line in self.keyboard:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        has_frames = (self.folder / FRAMES).is_dir()
+        following = ["film", self.folder] if has_frames else ["evaluate", self.checkpoint]
+        print_written([self.folder, *self.written], following, console)
 
     def result_table(self) -> Table:
         """Return one row with all figures."""
@@ -100,8 +101,7 @@ def replay_recording(
             an option is wrong.
     """
     check_table(options.table, options.columns, METRICS)
-    if isinstance(checkpoint, str):  # reports a wrong path before torch is imported
-        checkpoint = str(find_checkpoint(checkpoint))
+    checkpoint = find_driver(checkpoint)  # reports a wrong path before torch is imported
     with loading():
         from zoo.checkpoints.command import as_policy
         from zoo.checkpoints.policy import load_policy
@@ -137,30 +137,9 @@ def replay_recording(
         replayed = {"track": "replay", "seed": drive.seed, "nan_frames": drive.nan_frames}
         nan = nan_line([replayed])
         problem = f"{name}: {nan}" if nan else ""
-        found = Replay(folder, figures, keyboard_lines(recording), problem)
+        found = Replay(folder, figures, keyboard_lines(recording), name, problem)
         found.written.extend(write_asked(found, options.table, columns=options.columns))
         return found
-
-
-def replay_and_print(
-    checkpoint: str, recording_folder: str, options: ReplayOptions, console: Console
-) -> None:
-    """Replay a recording and print its figures.
-
-    Raises:
-        InputError: see `replay_recording`; or the network steered NaN, after all files are written.
-    """
-    checkpoint = str(find_checkpoint(checkpoint))
-    found = replay_recording(checkpoint, recording_folder, options, console)
-    from zoo.evaluate.drives_table import mean_and_spread, print_drives
-
-    print_drives({"replay": mean_and_spread([found.figures])}, console, REPLAYS)
-    for line in found.keyboard:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-    following = ["film", found.folder] if options.frames else ["evaluate", checkpoint]
-    print_written([found.folder, *found.written], following, console)
-    if found.problem:
-        raise InputError(found.problem)
 
 
 def keyboard_lines(recording: Recording) -> list[str]:

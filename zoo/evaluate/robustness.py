@@ -9,7 +9,7 @@ from rich.table import Table
 from simulator.rig import CameraOffset
 from simulator.weather import Weather, random_weather
 from zoo.base.errors import InputError, UsageError
-from zoo.cli.nearest import hint
+from zoo.base.nearest import hint
 from zoo.cli.registry import Registry
 from zoo.worlds.scenario import Scenario
 

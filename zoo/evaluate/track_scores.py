@@ -15,12 +15,12 @@ from rich.console import Console
 from simulator.expert import Expert
 from simulator.track_names import file_name
 from simulator.weather import CLEAR
+from zoo.base.command_keys import constructed
 from zoo.base.errors import InputError
+from zoo.base.nearest import hint
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.command import Policy, as_policy
-from zoo.cli.command_config import check_options, compose_keys
 from zoo.cli.console_progress import working
-from zoo.cli.nearest import hint
 from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import summarize, write_drive
 from zoo.drives.drive_record import Drive, DriveRow
@@ -210,8 +210,7 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     if isinstance(settings.get("weather"), dict):
         settings["weather"] = str(settings["weather"])
     try:
-        # The score's YAML lacks some keys: they have the defaults of an evaluation.
-        options = check_options(RunScore, compose_keys("evaluate") | settings)
+        options = RunScore(**constructed(RunScore, settings))
         check_world(options)
     except InputError as error:
         raise InputError(f"score: {error}") from None

@@ -1,4 +1,4 @@
-"""Options of `drivezoo guard` and their checks."""
+"""Keys of `drivezoo guard` and their checks."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -8,38 +8,61 @@ from pydantic import Field
 from simulator.weather import read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import UsageError
-from zoo.cli.nearest import hint
+from zoo.base.nearest import hint
 from zoo.evaluate.evaluate_options import Count, Workers, check_world, track_names
-from zoo.monitor.scores import METHODS
-from zoo.monitor.signals import ENSEMBLE, MOST_SAMPLES
+from zoo.monitor import MOST_SAMPLES
+from zoo.runs.result_files import TableFiles
 from zoo.worlds.scenario import Laps, Margin, Scenario, SpeedMph
 
 
 @dataclass(frozen=True, kw_only=True)
-class GuardOptions(WorldSettings):
-    """Options of the guard; `conf/guard.yaml` has their meanings and defaults."""
+class GuardOptions(TableFiles, WorldSettings):
+    """Keys of the guard.
 
-    speed: SpeedMph
-    laps: Laps
-    nominal_laps: Laps
-    margin: Margin | None
-    nominal: Count
-    levels: Annotated[int, Field(ge=1, le=100)]
-    degraded: Annotated[int, Field(ge=0, le=100)]
-    false_alarms: Annotated[float, Field(gt=0, lt=1)]
-    epochs: Annotated[int, Field(ge=1, le=10_000)]
-    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
-    ensemble: str | None
-    method: str | None
-    slow: Annotated[float, Field(ge=4, le=30)]
-    paired: bool
-    out: str | None
-    table: str | None
-    columns: str | None
-    workers: Workers
+    Args:
+        speed: speed to hold, mph.
+        laps: laps of each drive through a condition.
+        nominal_laps: laps of each nominal drive; together they should pass every place.
+        margin: distance off the centreline that counts as a failure, m; null: leaving the lane.
+        nominal: nominal drives that train the scores; as many fit the thresholds, and as many count
+            false alarms.
+        levels: levels each of fog, rain and light.
+        degraded: networks with noise in their weights.
+        false_alarms: share of nominal windows that may raise an alarm.
+        epochs: epochs of the autoencoders.
+        samples: passes of Monte-Carlo dropout for each frame.
+        ensemble: further checkpoints, separated by commas, whose steering is compared.
+        method: score of the guard file; null: the best F3.
+        slow: speed to slow down to while the guard fires, mph.
+        paired: true: drive all conditions again, with the guard and at its mean speed.
+        out: output folder; null: named by date and time.
+        table: file to write the tables of warnings to: .csv, .tex or .parquet; an existing one is
+            replaced.
+        workers: processes that drive; 0: one per core.
+    """
+
+    speed: SpeedMph = 15.0
+    laps: Laps = 0.25
+    nominal_laps: Laps = 1.0
+    margin: Margin | None = None
+    nominal: Count = 3
+    levels: Annotated[int, Field(ge=1, le=100)] = 10
+    degraded: Annotated[int, Field(ge=0, le=100)] = 6
+    false_alarms: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    epochs: Annotated[int, Field(ge=1, le=10_000)] = 20
+    samples: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = 16
+    ensemble: str | None = None
+    method: str | None = None
+    slow: Annotated[float, Field(ge=4, le=30)] = 6.0
+    paired: bool = True
+    out: str | None = None
+    workers: Workers = 0
 
     def check(self) -> None:
         """Raise UsageError for a value that is not allowed."""
+        from zoo.monitor.scores import METHODS  # slow imports
+        from zoo.monitor.signals import ENSEMBLE
+
         super().check()
         if len(track_names(self.track)) != 1:
             raise UsageError(f"track={self.track}: name one track")

@@ -1,30 +1,17 @@
-"""`drivezoo hub push|pull NAME [key=value ...]`: send or fetch a checkpoint with its card.
-
-Push shows the card, and sends with send=true to a repository of the Hugging Face Hub, user/name, or
-writes to a folder, repo=./card. It needs `pip install 'drivezoo[hub]'`.
-
-  drivezoo hub push latest repo=./card
-  drivezoo hub push latest repo=user/name send=true
-  drivezoo hub pull user/name
-"""
+"""`drivezoo hub`: send or fetch a checkpoint with its card."""
 
 import sys
+from typing import Literal
 
 from rich.console import Console
 
-from zoo.base.errors import UsageError
+from zoo.base.command import command
 from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-from zoo.hub.hub_options import CARD, PULL, PUSH, HubOptions, check_keys, is_folder
-
-COMMAND = Command(
-    __doc__,
-    {"push|pull": "what to do", "NAME": f"push: {CHECKPOINT}; pull: repository, user/name"},
-)
+from zoo.hub.hub_options import CARD, PUSH, HubOptions, check_keys, is_folder
 
 
 def push(named: str, options: HubOptions) -> None:
@@ -41,8 +28,8 @@ def push(named: str, options: HubOptions) -> None:
 
     if is_folder(options.repo):
         print_written(write_files(shared_files(path, None, options.license), options.repo))
-        command = command_line(["drivezoo", "hub", PUSH, named, "repo=USER/NAME"])
-        print_next(command, "show it for a repository")
+        line = command_line(["drivezoo", "hub", PUSH, named, "repo=USER/NAME"])
+        print_next(line, "show it for a repository")
         return
     from zoo.hub.repository import send, writable_hub
 
@@ -71,22 +58,34 @@ def pull(repo: str, options: HubOptions) -> None:
 
     written = fetch(repo, options.file, options.out, Console(emoji=False))
     print_written(written)
-    command = command_line(["drivezoo", "evaluate", str(written[0]), "track=lake"])
-    print_next(command, "let it drive")
+    print_next(
+        command_line(["drivezoo", "evaluate", str(written[0]), "track=lake"]), "let it drive"
+    )
 
 
-def hub(arguments: list[str]) -> None:
-    """Read the arguments, then push or pull.
+@command
+def hub(action: Literal["push", "pull"], name: str, *, options: HubOptions) -> None:
+    """Send or fetch a checkpoint with its card.
+
+    Push shows the card, and sends with send=true to a repository of the Hugging Face Hub,
+    user/name, or writes to a folder, repo=./card. It needs `pip install 'drivezoo[hub]'`.
+
+      drivezoo hub push latest repo=./card
+      drivezoo hub push latest repo=user/name send=true
+      drivezoo hub pull user/name
+
+    Args:
+        action: what to do.
+        name: push: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that
+            comes with drivezoo, such as lenet; pull: repository, user/name.
+        options: see `HubOptions`.
 
     Raises:
-        UsageError: the action is neither, or an option belongs to the other one.
+        UsageError: an option belongs to the other action.
     """
-    (action, name), options = COMMAND.read(arguments, HubOptions)
-    if action not in (PUSH, PULL):
-        raise UsageError(f"{action}: must be {PUSH} or {PULL}; usage: {COMMAND.usage}")
     check_keys(action, name, options)
     (push if action == PUSH else pull)(name, options)
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.hub", hub, sys.argv[1:]))
+    sys.exit(run_command("zoo.hub", hub.main, sys.argv[1:]))

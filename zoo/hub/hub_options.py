@@ -17,14 +17,25 @@ _LICENSE = re.compile(r"[a-z0-9][a-z0-9.-]{0,40}")
 
 @dataclass(frozen=True, kw_only=True)
 class HubOptions:
-    """Options of a push or a pull; `conf/hub.yaml` has their meanings and defaults."""
+    """Keys of a push or a pull.
 
-    repo: str | None
-    send: bool
-    license: str | None
-    private: bool
-    file: str | None
-    out: str | None
+    Args:
+        repo: push: repository to send to, user/name; or a folder, such as ./card, to write the
+            files to instead.
+        send: push: true: send the files; false: only show what would be sent.
+        license: push: licence of the weights, as the Hub abbreviates it, such as mit; null: the
+            card names none.
+        private: push: true: a repository that the command creates is visible to you alone.
+        file: pull: name of the checkpoint in the repository; null: its only one.
+        out: pull: output folder; null: named by the repository, below outputs/hub.
+    """
+
+    repo: str | None = None
+    send: bool = False
+    license: str | None = None
+    private: bool = False
+    file: str | None = None
+    out: str | None = None
 
 
 def is_folder(repo: str) -> bool:

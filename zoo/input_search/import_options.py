@@ -15,19 +15,35 @@ Resize = Literal["area", "linear", "area_first", "linear_first"]
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """Options of an import; `conf/import.yaml` has their meanings and defaults."""
+    """Keys of `drivezoo import`.
 
-    recording: str | None
-    colour: Colour | None
-    crop: str | None
-    size: str | None
-    resize: Resize | None
-    scale: str | None
-    lambdas: str | None
-    outputs: str | None
-    weights: str | None
-    frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)]
-    out: str | None
+    Args:
+        recording: folder of a recording, best of the track it was trained on; finds out by trying
+            what is not known of the input; null: guess it.
+        colour: rgb, bgr, yuv, yuv_old (OpenCV before 3.2), hsv, gray or hsv_s; null: unknown.
+        crop: [60,25]: rows cut off at the top and the bottom of 160; null: unknown.
+        size: [66,200]: rows and columns of the network's input; null: read from the file.
+        resize: area, linear, area_first or linear_first (before the colour); null: unknown.
+        scale: [127.5,1]: the network computes pixel / 127.5 - 1; null: read from the file.
+        lambdas: [WORD,...]: what each unclear Lambda computes, in order.
+        outputs: [steering,ignored]: name of each output (steering, throttle, ignored), if there are
+            several.
+        weights: .h5 file with the weights of a .json; null: the one in its folder.
+        frames: number of frames to try each input on.
+        out: checkpoint to write; null: FILE's name with .ckpt, in the current folder.
+    """
+
+    recording: str | None = None
+    colour: Colour | None = None
+    crop: str | None = None
+    size: str | None = None
+    resize: Resize | None = None
+    scale: str | None = None
+    lambdas: str | None = None
+    outputs: str | None = None
+    weights: str | None = None
+    frames: Annotated[int, Field(ge=LEAST_ROWS, le=2000)] = 300
+    out: str | None = None
 
     def whole_pair(self, key: str) -> tuple[int, int] | None:
         """Return `crop` or `size` as two whole numbers.

@@ -3,13 +3,14 @@
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from zoo.base.terminal import printable
+from zoo.cli.closing_lines import print_written
 from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.metric_registry import LOWER, Metric
@@ -330,24 +331,36 @@ class Ranking(Result):
         unranked: runs without figures.
         different: how the runs were driven, where it is not the same for all.
         under: folder to which the runs' folders are shown relative.
+        title: title of the printed table.
+        written: paths of the files written, the page first.
     """
 
     entries: list[Entry]
     unranked: list[Unranked]
     different: list[str]
     under: Path
+    title: str = ""
+    written: list[Path] = field(default_factory=list)
 
     @classmethod
-    def read(cls, folders: Sequence[Path], under: Path, drives: Sequence[Path] = ()) -> "Ranking":
+    def read(
+        cls, folders: Sequence[Path], under: Path, drives: Sequence[Path] = (), title: str = ""
+    ) -> "Ranking":
         """Rank the runs of some folders, and drives together with them."""
         runs, unranked = read_runs(folders)
         driven, unread = read_drives(drives)
         runs = [*runs, *driven]
-        return cls(rank(runs), [*unranked, *unread], protocols(runs), under)
+        return cls(rank(runs), [*unranked, *unread], protocols(runs), under, title)
 
     def __repr__(self) -> str:
         best = f"; the best: {run_name(self.entries[0], self.under)}" if self.entries else ""
         return f"Ranking of {len(self.entries)} entries{best}"
+
+    def show(self) -> None:
+        """Print the ranking and what was written."""
+        console = wide_console()
+        print_ranking(self, self.title, console, self.written[0].name)
+        print_written(self.written, following(self.entries), console)
 
     def result_table(self) -> Table:
         """Return a row for each entry, the best first."""

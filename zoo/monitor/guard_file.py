@@ -11,8 +11,9 @@ from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.base.whole_file import write_whole
 from zoo.checkpoints.checkpoint import FORMAT, load_plain
+from zoo.monitor import MOST_SAMPLES
 from zoo.monitor.scores import METHODS, Score, make_score
-from zoo.monitor.signals import IMAGE, MOST_SAMPLES
+from zoo.monitor.signals import IMAGE
 
 KEY = "drivezoo_guard"
 REMEDY = "name a file of drivezoo guard"

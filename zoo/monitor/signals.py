@@ -17,7 +17,7 @@ from zoo.saliency.visual_backprop import Saliency
 
 IMAGE_SIZE, MAP_SIZE = (80, 40), (64, 16)  # width and height in pixels
 IMAGE, MAP, DROPOUT, SPREAD, ENSEMBLE = "image", "map", "dropout", "spread", "ensemble"
-SEED, MOST_SAMPLES = 0, 256  # of Monte-Carlo dropout
+SEED = 0  # of Monte-Carlo dropout
 
 # Function of a frame, mph and the policy's command that returns the signal.
 Source = Callable[[np.ndarray, float, Command], np.ndarray | float]

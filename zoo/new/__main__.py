@@ -1,40 +1,35 @@
-"""`drivezoo new KIND NAME`: write a part of your own (class, YAML file, test), or a notebook.
-
-Writes them from a template into the current folder, which needs no checkout of drivezoo, and prints
-what to type next.
-"""
+"""`drivezoo new`: write a part of your own (class, YAML file, test), or a notebook."""
 
 import sys
 from pathlib import Path
 
+from zoo.base.command import command
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 
-COMMAND = Command(
-    __doc__,
-    {
-        "KIND": "model, augmentation, loss, callback, metric, perturbation, track, "
-        "notebook (train a network and let it drive) or study (a notebook that compares networks)",
-        "NAME": "name in small letters, such as my_net",
-    },
-)
 
+@command
+def new(kind: str, name: str) -> None:
+    """Write a part of your own (class, YAML file, test), or a notebook.
 
-def new(arguments: list[str]) -> None:
-    """Write the files of a part, and print what to type next.
+    Writes them from a template into the current folder, which needs no checkout of drivezoo, and
+    prints what to type next.
+
+    Args:
+        kind: model, augmentation, loss, callback, metric, perturbation, track, notebook (train a
+            network and let it drive) or study (a notebook that compares networks).
+        name: name in small letters, such as my_net.
 
     Raises:
         InputError: see `zoo.new.part_files.write_part`.
     """
-    (kind, name), _ = COMMAND.split(arguments)
     from zoo.new.part_files import write_part
 
     written, following = write_part(kind, name, Path())
     print_written(written)
-    for command, purpose in following:
-        print_next(command, purpose)
+    for line, purpose in following:
+        print_next(line, purpose)
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.new", new, sys.argv[1:]))
+    sys.exit(run_command("zoo.new", new.main, sys.argv[1:]))

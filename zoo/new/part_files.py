@@ -10,9 +10,9 @@ from pathlib import Path
 from string import Template
 
 from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
 from zoo.base.whole_file import write_new
 from zoo.cli.conf_files import choices, is_conf_folder, shipped_folder
-from zoo.cli.nearest import hint
 
 TEMPLATES = Path(__file__).parent / "templates"
 IN_A_CHECKOUT = "my_parts/"  # whose folder `conf` is drivezoo's own

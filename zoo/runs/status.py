@@ -13,10 +13,9 @@ from pathlib import Path
 import psutil
 from filelock import FileLock
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, PrunedError
 from zoo.base.whole_file import remove_parts, write_whole
 from zoo.base.written_files import mark_folder, note_files
-from zoo.cli.stop_errors import PrunedError
 
 NAME = "status.json"
 # Files of a run that others write: Hydra, Lightning and this module's lock.

@@ -10,8 +10,8 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
 from zoo.base.errors import UsageError
+from zoo.base.nearest import hint
 from zoo.base.terminal import printable
-from zoo.cli.nearest import hint
 
 if TYPE_CHECKING:
     import rich.table

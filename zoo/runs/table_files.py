@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from zoo.base.command import Shown
 from zoo.base.errors import InputError, UsageError
 from zoo.base.whole_file import write_output
 from zoo.base.written_files import check_output
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 PLOTS = (".pdf", ".svg", ".png")
 
 
-class Result(ABC):
+class Result(Shown, ABC):
     """Base of the objects that hold the results of a command."""
 
     @abstractmethod

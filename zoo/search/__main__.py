@@ -1,35 +1,35 @@
-"""`drivezoo search CKPT [key=value ...]`: find roads and days on which a checkpoint fails.
-
-Drives roads of a family until their first intervention, draws a map of the failures over two
-features, and writes the mildest failing road as a track's file that replays the drive.
-"""
+"""`drivezoo search`: find roads and days on which a checkpoint fails."""
 
 import sys
 
+from zoo.base.command import command
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.cli.command import CHECKPOINT, Command
 from zoo.cli.console_progress import loading
 from zoo.cli.run_command import run_command
-
-COMMAND = Command(__doc__, {"CKPT": CHECKPOINT})
+from zoo.search.search_options import SearchOptions
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
 
 
-def command(arguments: list[str]) -> None:
-    """Read the arguments and search."""
-    (checkpoint,), rest = COMMAND.split(arguments)
+@command
+def search(ckpt: str, *, options: SearchOptions) -> dict:
+    """Find roads and days on which a checkpoint fails.
+
+    Drives roads of a family until their first intervention, draws a map of the failures over two
+    features, and writes the mildest failing road as a track's file that replays the drive.
+
+    Args:
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet.
+        options: see `SearchOptions`.
+    """
     from rich.console import Console
 
-    from zoo.cli.command_config import read_options
-    from zoo.search.search_options import SearchOptions
-
-    options = read_options(COMMAND.name, SearchOptions, rest)
-    checkpoint = str(find_checkpoint(checkpoint))
+    checkpoint = str(find_checkpoint(ckpt))
     with loading():
         from zoo.search.search_report import search_and_report
-    search_and_report(checkpoint, options, Console(emoji=False))
+    return search_and_report(checkpoint, options, Console(emoji=False))
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.search", command, sys.argv[1:]))
+    sys.exit(run_command("zoo.search", search.main, sys.argv[1:]))

@@ -1,51 +1,74 @@
-"""Options of `drivezoo search` and their checks."""
+"""Keys of `drivezoo search` and their checks."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from simulator.road_family import RANGES, find_family
 from simulator.weather import Weather, read_weather
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
-from zoo.cli.nearest import hint
+from zoo.base.nearest import hint
 from zoo.evaluate.evaluate_options import Count, Workers
-from zoo.search.failure_archive import Grid
-from zoo.search.search_space import SearchSpace
+from zoo.runs.result_files import TableFiles
 from zoo.worlds.scenario import SpeedMph
+
+if TYPE_CHECKING:
+    from zoo.search.failure_archive import Grid
+    from zoo.search.search_space import SearchSpace
 
 VARY = "vary"
 
 
 @dataclass(frozen=True, kw_only=True)
-class SearchOptions:
-    """Options of a search; `conf/search.yaml` has their meanings and defaults."""
+class SearchOptions(TableFiles):
+    """Keys of a search.
 
-    family: str
-    budget: Count
-    sampler: Literal["archive", "tpe", "random", "family"]
-    x: str
-    y: str
-    cells: Annotated[int, Field(ge=2, le=100)]
-    weather: str
-    length: Annotated[float, Field(ge=RANGES["length"][0], le=RANGES["length"][1])]
-    speed: SpeedMph
-    frame_rate: float
-    delay_s: float
-    quality: str
-    seed: Annotated[int, Field(ge=0)]
-    out: str | None
-    table: str | None
-    columns: str | None
-    workers: Workers
+    Args:
+        family: family of roads whose ranges are searched: name, or YAML file.
+        budget: number of drives.
+        sampler: archive: random, the family's or changed roads, in cells without a failure; tpe:
+            Optuna's TPE; random: uniform over the ranges; family: the family's own.
+        x: feature along the map: bend, width, grade; with weather=vary also sun, brightness, fog,
+            rain, wet, noise.
+        y: feature up the map.
+        cells: cells of the map along each feature.
+        weather: vary: search days, too; clear, or settings such as {fog: 0.4}: one day.
+        length: metres of each road.
+        speed: speed to hold, mph.
+        frame_rate: frames per second of simulated time, 0.1..50.
+        delay_s: seconds from a command to the wheels, 0..2.
+        quality: full, or simple images, which are faster.
+        seed: random seed of the search.
+        out: output folder; null: named by date and time.
+        workers: processes that drive, 8 at most; 0: one per core.
+    """
 
-    def space(self) -> SearchSpace:
+    family: str = "alpine"
+    budget: Count = 200
+    sampler: Literal["archive", "tpe", "random", "family"] = "archive"
+    x: str = "bend"
+    y: str = "width"
+    cells: Annotated[int, Field(ge=2, le=100)] = 10
+    weather: str = VARY
+    length: Annotated[float, Field(ge=60, le=20_000)] = 150.0  # as simulator.road_family.RANGES
+    speed: SpeedMph = 15.0
+    frame_rate: float = 15.0
+    delay_s: float = 0.0
+    quality: str = "full"
+    seed: Annotated[int, Field(ge=0)] = 0
+    out: str | None = None
+    workers: Workers = 0
+
+    def space(self) -> "SearchSpace":
         """Return the roads and days to search.
 
         Raises:
             UsageError: there is no such family, or a setting of the world is wrong.
         """
+        from simulator.road_family import find_family  # slow imports
+        from zoo.search.search_space import SearchSpace
+
         try:
             settings = WorldSettings(
                 frame_rate=self.frame_rate, delay_s=self.delay_s, quality=self.quality
@@ -55,12 +78,14 @@ class SearchOptions:
         except InputError as error:
             raise UsageError(str(error)) from None
 
-    def grid(self, space: SearchSpace) -> Grid:
+    def grid(self, space: "SearchSpace") -> "Grid":
         """Return the cells of the map.
 
         Raises:
             UsageError: there is no such feature, or both are the same.
         """
+        from zoo.search.failure_archive import Grid  # slow import
+
         for key, name in (("x", self.x), ("y", self.y)):
             if name not in space.features:
                 raise UsageError(f"{key}={name}: no such feature; {hint(name, space.features)}")

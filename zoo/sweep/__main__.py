@@ -1,53 +1,40 @@
-"""`drivezoo sweep [key=value ...]`: resume a sweep that was stopped, and rank its jobs.
-
-  drivezoo sweep resume=outputs/sweeps/DATE/TIME
-  drivezoo train -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   starts a new sweep
-
-Also takes Hydra's keys: hydra/launcher=NAME chooses another launcher (basic, joblib, slurm, ray),
-hydra.launcher.KEY=VALUE changes its settings (conf/hydra/launcher/NAME.yaml), and
-hydra.sweeper.n_trials=20 sets the number of trials of a search.
-"""
+"""`drivezoo sweep`: resume a sweep that was stopped, and rank its jobs."""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
+from zoo.base.command import command
 from zoo.base.errors import UsageError
-from zoo.cli.command import Command
 from zoo.cli.run_command import run_command
 from zoo.runs.saved_config import TRUST
 
-COMMAND = Command(__doc__)
 
+@command(config=True)
+def sweep(*overrides: str, resume: str | None = None, trust: str = "") -> None:
+    """Resume a sweep that was stopped, and rank its jobs.
 
-@dataclass(frozen=True, kw_only=True)
-class SweepOptions:
-    """Options of a resumed sweep; `conf/sweep.yaml` has their meanings and defaults."""
+      drivezoo sweep resume=outputs/sweeps/DATE/TIME
+      drivezoo train -m model=lenet,tiny seed=1,2,3 data.root=FOLDER   starts a new sweep
 
-    resume: str | None
-    trust: str
+    Skips finished jobs, runs failed jobs again, and resumes a stopped job from its last checkpoint.
+    Also takes Hydra's keys: hydra/launcher=NAME chooses another launcher (basic, joblib, slurm,
+    ray), hydra.launcher.KEY=VALUE changes its settings (conf/hydra/launcher/NAME.yaml), and
+    hydra.sweeper.n_trials=20 sets the number of trials of a search.
 
-
-def resume_sweep(arguments: list[str]) -> None:
-    """Resume the sweep in a folder.
-
-    Skip finished jobs, run failed jobs again, and resume a stopped job from its last checkpoint.
+    Args:
+        *overrides: keys of the launcher and the sweeper.
+        resume: folder of the sweep.
+        trust: further classes and keys that its jobs may name, separated by commas.
 
     Raises:
         UsageError: see `zoo.sweep.start_sweep.go_on`.
     """
-    _, given = COMMAND.split(arguments)
-    own, more = COMMAND.without_config_keys(given)
-    from zoo.cli.command_config import read_options
-
-    options = read_options(COMMAND.name, SweepOptions, own)
-    if options.resume is None:
+    if resume is None:
         raise UsageError("resume: not given; name the sweep's folder with resume=FOLDER")
     from zoo.sweep.start_sweep import go_on
 
-    trust = [f"{TRUST}={options.trust}"] if options.trust else []
-    go_on(Path(options.resume), [*more, *trust])
+    go_on(Path(resume), [*overrides, *[f"{TRUST}={trust}"] * bool(trust)])
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.sweep", resume_sweep, sys.argv[1:]))
+    sys.exit(run_command("zoo.sweep", sweep.main, sys.argv[1:]))

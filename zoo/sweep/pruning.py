@@ -5,8 +5,7 @@ import warnings
 import lightning
 import optuna
 
-from zoo.base.errors import InputError
-from zoo.cli.stop_errors import PrunedError
+from zoo.base.errors import InputError, PrunedError
 
 
 class Pruning(lightning.Callback):

@@ -10,7 +10,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
 from rich.console import Console
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
@@ -18,7 +18,6 @@ from zoo.base.written_files import note_files
 from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import conf_folder, quote, quote_paths
 from zoo.cli.parts import typed_parts
-from zoo.cli.stop_errors import StoppedError
 from zoo.leaderboard.ranking_page import write_page
 from zoo.leaderboard.ranking_table import Ranking, following, print_ranking, wide_console
 from zoo.runs.run_folder import check_name

@@ -16,14 +16,13 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
 from zoo.base.child_process import child_environment, wait_for_parent
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.module_start import module_command
+from zoo.base.verbosity import is_verbose
 from zoo.base.whole_file import write_whole
 from zoo.base.written_files import note_files
 from zoo.cli.console_progress import loading
 from zoo.cli.process_ranks import needs_processes
-from zoo.cli.stop_errors import PrunedError, StoppedError
-from zoo.cli.verbosity import is_verbose
 from zoo.runs.saved_config import TRUST, find_refusals
 from zoo.runs.status import is_beating, mark_run, read_status, write_status
 from zoo.sweep.jobs import DONE, result_text

@@ -13,10 +13,9 @@ from pathlib import Path
 import lightning
 import torch
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, PrunedError, StoppedError
 from zoo.base.terminal import error_line
 from zoo.base.whole_file import write_whole
-from zoo.cli.stop_errors import PrunedError, StoppedError
 from zoo.runs.status import write_status
 
 # A process that waits in a collective operation may or may not learn that another one ended.

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, StoppedError
 from zoo.base.terminal import command_line
 from zoo.cli.parts import typed_parts
-from zoo.cli.stop_errors import StoppedError
 from zoo.runs.status import read_status
 
 

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from simulator.weather import CLEAR, Weather, read_weather
 from simulator.world_settings import WorldSettings
+from zoo.base.command_keys import Untyped
 from zoo.drives.interventions import LEAST_MARGIN_M
 
 Laps = Annotated[float, Field(gt=0, le=1000)]
@@ -26,10 +27,10 @@ class Scenario(WorldSettings):
     Args:
         track: name or YAML file of a track; several are separated by commas.
         seed: random seed of start and weather; 0 starts at the track's first point.
-        laps: laps of each drive, above 0 up to 1000; an open road ends every drive at its end.
-        speed: speed to hold, 1..30 mph.
-        margin: distance off the centreline that counts as an intervention, 0.2 m or more; null:
-            leaving the lane.
+        laps: laps of each drive; an open road ends every drive at its end.
+        speed: speed to hold, mph.
+        margin: distance off the centreline that counts as an intervention, m; null: leaving the
+            lane.
         throttle: hold: keep the speed; network: use the network's throttle (model=nvidia_speed).
         weather: clear, random (drawn from the seed), or settings such as {fog: 0.4, wet: 1}.
         offset: metres to the right of the seed's start.
@@ -53,7 +54,7 @@ class Scenario(WorldSettings):
     start: float | None = None
     guard: str | None = None
     world: str = "embedded"
-    road: Mapping[str, Any] | None = field(default=None, hash=False)
+    road: Annotated[Mapping[str, Any] | None, Untyped()] = field(default=None, hash=False)
 
     def one_drive(self, **changes: Any) -> "Scenario":
         """Return the scenario without the further keys of a subclass, with some values changed."""

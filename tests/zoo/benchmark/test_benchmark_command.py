@@ -15,15 +15,14 @@ from rich.console import Console
 
 from simulator.track_names import road_folder
 from tests.zoo.written_checkpoints import write_constant
-from zoo.base.errors import InputError, UsageError
-from zoo.benchmark.__main__ import command
+from zoo.base.errors import InputError, StoppedError, UsageError
+from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.benchmarked import PAGE, groups_table, print_result
 from zoo.benchmark.checked_result import read_result
 from zoo.benchmark.drives import drive_figures
 from zoo.benchmark.finished_drives import NAME as UNFINISHED
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import summarize_drives
-from zoo.cli.stop_errors import StoppedError
 
 
 def write_suite(folder: Path, **changes: object) -> Path:
@@ -66,12 +65,12 @@ def entry(checkpoint: Path, suite: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 def drive(drivers: list[object], suite: Path | str, out: Path, *more: str) -> Path:
-    command([*map(str, drivers), f"suite={suite}", f"out={out}", "workers=1", *more])
+    benchmark.main([*map(str, drivers), f"suite={suite}", f"out={out}", "workers=1", *more])
     return out
 
 
 def verify(result: Path, suite: Path, drives: int = 0) -> None:
-    command(["verify", str(result), f"suite={suite}", "workers=1", f"drives={drives}"])
+    benchmark.main(["verify", str(result), f"suite={suite}", "workers=1", f"drives={drives}"])
 
 
 def changed(entry: Path, folder: Path, change: Callable[[dict], object]) -> Path:
@@ -392,7 +391,7 @@ def test_an_unknown_suite_is_wrong_use(tmp_path: Path) -> None:
 @pytest.mark.parametrize("arguments", [["verify"], ["verify", "result.json", "out=x"]])
 def test_verify_takes_one_result_and_writes_nothing(arguments: list[str]) -> None:
     with pytest.raises(UsageError, match="verify: "):
-        command(arguments)
+        benchmark.main(arguments)
 
 
 def test_the_dev_roads_are_a_suite_of_their_own(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from zoo.checkpoints.checkpoint import load_checkpoint, make_card, read_checkpoi
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import compose_config
 from zoo.drive.telemetry_message import read_telemetry
-from zoo.export.__main__ import onnx_bytes
+from zoo.export.onnx_file import onnx_bytes
 from zoo.training.build import build_data, build_network
 
 

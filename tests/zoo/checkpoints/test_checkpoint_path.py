@@ -12,7 +12,7 @@ from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.checkpoint_path import find_checkpoint, find_run, name_latest
 from zoo.checkpoints.policy import load_policy
 from zoo.doctor import __main__ as doctor
-from zoo.evaluate.__main__ import command as evaluate
+from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 
 ODD = "a=b [ï] c"  # what shells, globs and Hydra read otherwise
 

@@ -14,7 +14,7 @@ from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.onnx_policy import CARD, OnnxPolicy
 from zoo.checkpoints.policy import load_policy
 from zoo.evaluate import __main__ as evaluate
-from zoo.export.__main__ import onnx_bytes
+from zoo.export.onnx_file import onnx_bytes
 
 
 def write_foreign(path: Path, **metadata: str) -> Path:
@@ -34,7 +34,7 @@ def test_another_programs_file_is_refused_in_one_line(tmp_path: Path) -> None:
     line = only_line(run(tmp_path, "theirs.onnx", "drive.port=0", module="zoo.drive"))
     assert "theirs.onnx: is not a file of drivezoo" in line
     with pytest.raises(InputError, match=r"theirs\.onnx: .*drivezoo export"):
-        evaluate.command([str(tmp_path / "theirs.onnx"), f"out={tmp_path / 'out'}"])
+        evaluate.evaluate_or_replay([str(tmp_path / "theirs.onnx"), f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
 
 

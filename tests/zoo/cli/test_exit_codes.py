@@ -21,7 +21,7 @@ FAILED, WRONG_USE = 1, 2
         (WRONG_USE, "zoo.doctor port=0", "1..65535"),
         (WRONG_USE, "zoo.export no.ckpt frame=x", "did you mean frames"),
         (WRONG_USE, "zoo.leaderboard --no", "no such key"),
-        (WRONG_USE, "zoo.models x", "no arguments"),
+        (WRONG_USE, "zoo.demo x", "no arguments"),
         (WRONG_USE, "zoo.report", "usage"),
         (WRONG_USE, "zoo.results", "usage"),
         (WRONG_USE, "zoo.sweep resum=x", "did you mean resume"),

@@ -9,8 +9,7 @@ import pytest
 
 from tests.zoo.commands import only_line, run
 from zoo.cli.compose import choices
-from zoo.cli.conf_files import command_keys
-from zoo.cli.console_script import commands
+from zoo.cli.console_script import commands, load
 from zoo.completion.shell_scripts import SCRIPTS
 from zoo.completion.words import command_words
 
@@ -63,7 +62,7 @@ def test_commands_are_completed(script: Path, tmp_path: Path) -> None:
 def test_keys_of_a_command_are_completed(script: Path, tmp_path: Path) -> None:
     assert completed(script, "drivezoo evaluate latest film_", tmp_path) == ["film_speed="]
     offered = completed(script, "drivezoo drive latest ", tmp_path)
-    assert {f"{one.name}=" for one in command_keys("drive")} <= set(offered)
+    assert {f"{key.name}=" for key in load("zoo.drive:drive").keys} <= set(offered)
     assert "perturb=" not in offered
 
 

@@ -11,8 +11,8 @@ from simulator.recorder import JPEG_QUALITY
 from simulator.weather import CLEAR
 from simulator.world import World
 from tests.simulator.tracks import loop
+from zoo.base.command_keys import read_options
 from zoo.checkpoints.command import as_policy
-from zoo.cli.command_config import read_options
 from zoo.correct.collecting import Labelled, LabellingPolicy, RecordedErrors, worth_keeping
 from zoo.correct.correct_options import CorrectOptions
 from zoo.drives.drive_record import DriveRow
@@ -88,7 +88,7 @@ def test_the_recording_has_the_frames_that_the_model_saw(
         return 0.3, None
 
     monkeypatch.setattr("zoo.correct.collecting.load_kept", lambda _: as_policy(policy))
-    options = read_options("correct", CorrectOptions, ["off_m=0"])
+    options = read_options(CorrectOptions, ["off_m=0"])
     scenario = Scenario("lake", 1, laps=0.02, speed=20, weather=CLEAR, margin=1.0)
     keep = RecordedErrors(tmp_path / "recording", options, 1e6)
     (rows,) = all_drives(Labelled("any", options, 0.0), [scenario], keep)

@@ -17,7 +17,7 @@ from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 from zoo.cli.compose import compose_config
-from zoo.correct.__main__ import command
+from zoo.correct.__main__ import correct
 from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
 from zoo.training.run import run_experiment
@@ -52,7 +52,7 @@ def checkpoint(recorded: Written, tmp_path_factory: pytest.TempPathFactory) -> s
 def corrected(checkpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of one round of corrections, which tests must not change."""
     folder = tmp_path_factory.mktemp("corrected") / "out=1"
-    command([checkpoint, *SHORT, LAPS, "rounds=1", f"out={folder}"])
+    correct.main([checkpoint, *SHORT, LAPS, "rounds=1", f"out={folder}"])
     return folder
 
 
@@ -124,7 +124,7 @@ def test_the_same_command_resumes_after_the_last_finished_round(
     (folder / "correct.json").write_text(json.dumps(state | {"rounds": whole[:1]}))
     capsys.readouterr()
 
-    command([checkpoint, *SHORT, LAPS, "rounds=2", f"out={folder}"])
+    correct.main([checkpoint, *SHORT, LAPS, "rounds=2", f"out={folder}"])
     printed = capsys.readouterr().out
     assert "after round 0" in printed
     assert first.stat().st_mtime_ns == trained, "it was trained twice"
@@ -156,14 +156,14 @@ def test_a_folder_resumes_only_with_its_own_options(
     arguments: list[str], text: str, corrected: Path, checkpoint: str
 ) -> None:
     with pytest.raises(InputError, match=text):
-        command([checkpoint, *SHORT, LAPS, "rounds=1", *arguments, f"out={corrected}"])
+        correct.main([checkpoint, *SHORT, LAPS, "rounds=1", *arguments, f"out={corrected}"])
 
 
 def test_a_checkpoint_that_drives_well_is_not_corrected(
     checkpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
     """Six metres straight on need no intervention."""
-    command([checkpoint, *SHORT, "laps=0.005", "enough_m=5", f"out={tmp_path / 'out'}"])
+    correct.main([checkpoint, *SHORT, "laps=0.005", "enough_m=5", f"out={tmp_path / 'out'}"])
     printed = capsys.readouterr().out
     assert "enough_m=5" in printed
     assert len(rounds_of(tmp_path / "out")) == 1
@@ -204,9 +204,9 @@ def test_a_person_fills_in_the_steering_that_a_drive_lacks(
     out = tmp_path / "out"
     arguments = [checkpoint, *SHORT, LAPS, f"drive={overridden}", "before_s=1", f"out={out}"]
     with pytest.raises(InputError, match=r"labels\.csv: .*last column"):
-        command(arguments)
+        correct.main(arguments)
     with pytest.raises(InputError, match=r"labels\.csv: .*steering column"):
-        command(arguments)
+        correct.main(arguments)
     with (out / "labels.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["override"] for row in rows] == ["1"] * 2
@@ -218,7 +218,7 @@ def test_a_person_fills_in_the_steering_that_a_drive_lacks(
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)
-    command(arguments)
+    correct.main(arguments)
     recording = read_recordings(str(out / "round-1" / "recording"))
     assert recording.steering[[0, -1]].tolist() == [0.1, 0.5]
     assert (np.diff(recording.steering) > 0).all(), "interpolated between the two"
@@ -230,7 +230,9 @@ def test_a_persons_recording_gets_other_file_names(
     recorded: Written, checkpoint: str, tmp_path: Path
 ) -> None:
     """Two recordings of one simulator can have the same file names."""
-    command([checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path / 'out'}"])
+    correct.main(
+        [checkpoint, *SHORT, LAPS, f"recording={recorded.folder}", f"out={tmp_path / 'out'}"]
+    )
     recording = read_recordings(str(tmp_path / "out" / "round-1" / "recording"))
     assert recording.steering.tolist() == recorded.steering.tolist()
     assert recording.time_s.tolist() == recorded.time_s.tolist()
@@ -261,7 +263,7 @@ def test_a_mistake_is_one_line_before_anything_is_written(
     option: str, text: str, checkpoint: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as error:
-        command([checkpoint, option, f"out={tmp_path / 'out'}"])
+        correct.main([checkpoint, option, f"out={tmp_path / 'out'}"])
     assert text in str(error.value)
     assert not (tmp_path / "out").exists()
 
@@ -269,7 +271,7 @@ def test_a_mistake_is_one_line_before_anything_is_written(
 def test_a_network_of_another_format_cannot_be_trained_on(tmp_path: Path) -> None:
     (tmp_path / "model.onnx").write_bytes(b"any")
     with pytest.raises(InputError, match=r"model\.onnx: .*exported from"):
-        command([str(tmp_path / "model.onnx")])
+        correct.main([str(tmp_path / "model.onnx")])
 
 
 def test_a_missing_checkpoint_gets_one_line(tmp_path: Path) -> None:
@@ -281,7 +283,7 @@ def test_a_missing_checkpoint_gets_one_line(tmp_path: Path) -> None:
 def test_a_folder_that_holds_something_else_is_kept(checkpoint: str, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"correct\.json.*out="):
-        command([checkpoint, f"out={tmp_path}"])
+        correct.main([checkpoint, f"out={tmp_path}"])
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
@@ -290,17 +292,16 @@ def test_a_drive_without_takeovers_or_images_is_refused(checkpoint: str, tmp_pat
     writer.add([DriveRow(time_s=1.0)])
     writer.close()
     with pytest.raises(InputError, match=r"calm: .*takeover"):
-        command([checkpoint, f"drive={tmp_path / 'calm'}"])
+        correct.main([checkpoint, f"drive={tmp_path / 'calm'}"])
     writer = DriveWriter(tmp_path / "blind")
     writer.add([DriveRow(time_s=1.0), DriveRow(time_s=1.1, driver=PERSON, intervention=True)])
     writer.close()
     with pytest.raises(InputError, match=r"blind: .*record=FOLDER"):
-        command([checkpoint, f"drive={tmp_path / 'blind'}"])
+        correct.main([checkpoint, f"drive={tmp_path / 'blind'}"])
 
 
 def test_help_lists_every_option(capsys: pytest.CaptureFixture) -> None:
-    with pytest.raises(SystemExit):
-        command(["--help"])
+    correct.main(["--help"])
     printed = capsys.readouterr().out
     for key in ("track=lake", "rounds=3", "beta=0.0", "weight=4.0", "drive=null", "off_m=1.0"):
         assert key in printed

@@ -19,7 +19,7 @@ from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import compose_config
 from zoo.doubt.__main__ import doubt
 from zoo.drive.__main__ import view_line
-from zoo.evaluate.__main__ import command as evaluate
+from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 from zoo.models.make_network import make_network
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 160, 320, 3), np.uint8)
@@ -41,7 +41,7 @@ def write_pilotnet(path: Path) -> Path:
 def dropout(tmp_path: Path) -> Path:
     """Return a file of one checkpoint; the checkpoint itself is gone."""
     member = write_pilotnet(tmp_path / "member=[1].ckpt")
-    doubt([str(member), f"out={tmp_path / 'dropout.ckpt'}", "samples=5"])
+    doubt.main([str(member), f"out={tmp_path / 'dropout.ckpt'}", "samples=5"])
     member.unlink()
     return tmp_path / "dropout.ckpt"
 
@@ -51,7 +51,7 @@ def ensemble(tmp_path: Path) -> Path:
     """Return a file of three checkpoints with two views; the checkpoints are gone."""
     members = [write_constant(tmp_path / f"{one}.ckpt", one) for one in (0.1, 0.3)]
     members.append(write_pilotnet(tmp_path / "pilotnet.ckpt"))
-    doubt([*map(str, members), f"out={tmp_path / 'ensemble.ckpt'}"])
+    doubt.main([*map(str, members), f"out={tmp_path / 'ensemble.ckpt'}"])
     for one in members:
         one.unlink()
     return tmp_path / "ensemble.ckpt"
@@ -85,7 +85,7 @@ def test_the_table_has_a_row_for_each_checkpoint(
     monkeypatch.chdir(tmp_path)
     members = [write_constant(Path(f"{one}.ckpt"), one) for one in (0.1, 0.3)]
     members.append(write_pilotnet(Path("[red].ckpt")))
-    doubt([*map(str, members), "table=networks.csv"])
+    doubt.main([*map(str, members), "table=networks.csv"])
     with Path("networks.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [one["checkpoint"] for one in rows] == ["0.1.ckpt", "0.3.ckpt", "[red].ckpt"]
@@ -159,7 +159,7 @@ def test_saliency_is_of_one_network(dropout: Path, ensemble: Path, recorded: obj
 def test_an_earlier_file_is_replaced_and_a_checkpoint_is_kept(dropout: Path) -> None:
     member = write_pilotnet(dropout.parent / "member.ckpt")
     earlier = member.read_bytes()
-    doubt([str(member), f"out={dropout}", "samples=7"])
+    doubt.main([str(member), f"out={dropout}", "samples=7"])
     assert load_policy(dropout).name == "PilotNet with 7 dropout samples"
     refused = run(dropout.parent, str(member), f"out={member}", module="zoo.doubt")
     assert f"out={member}: is an input" in only_line(refused)

@@ -1,4 +1,4 @@
-"""`conf/drive.yaml` and its choices."""
+"""Keys of `drivezoo drive` and the choices of `speed`."""
 
 from pathlib import Path
 
@@ -6,25 +6,25 @@ import numpy as np
 import pytest
 
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.command_keys import constructed, read_options
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
-from zoo.cli.compose import choices
 from zoo.drive.__main__ import load_warm_policy
-from zoo.drive.drive_settings import read_settings
+from zoo.drive.drive_settings import CONTROLLERS, DriveSettings, check_settings
 from zoo.drives.speed_controller import PI
 from zoo.monitor.guard_file import Guard, write_guard
 from zoo.monitor.scores import make_score
 
 
-@pytest.mark.parametrize("choice", choices("drive/speed"))
+@pytest.mark.parametrize("choice", CONTROLLERS)
 def test_every_way_to_choose_the_throttle_can_be_built(choice: str) -> None:
-    speed = read_settings([f"drive.speed={choice}"]).speed
+    speed = read_options(DriveSettings, [f"speed={choice}"]).speed
     speed.reset()
     assert -1 <= speed.throttle(9.0, 0.0, 0.5, 0.0) <= 1
 
 
 def test_the_defaults_are_the_courses_controller_on_loopback() -> None:
-    settings = read_settings([])
+    settings = read_options(DriveSettings, [])
     assert isinstance(settings.speed, PI)
     assert (settings.speed.set_mph, settings.speed.kp, settings.speed.ki) == (9, 0.1, 0.002)
     assert (settings.host, settings.port, settings.record) == ("127.0.0.1", 4567, None)
@@ -32,19 +32,21 @@ def test_the_defaults_are_the_courses_controller_on_loopback() -> None:
 
 
 def test_keys_of_a_choice_can_stand_before_it() -> None:
-    settings = read_settings(["drive.speed.throttle=0.4", "drive.speed=constant"])
+    settings = read_options(DriveSettings, ["speed.throttle=0.4", "speed=constant"])
     assert settings.speed.throttle(0.0, 0.0, None, 0.0) == 0.4
 
 
-@pytest.mark.parametrize("typed", ["speed=15", "drive.speed=15", "speed.set_mph=15"])
+@pytest.mark.parametrize("typed", ["speed=15", "speed.set_mph=15"])
 def test_a_number_for_the_speed_is_the_speed_to_hold(typed: str) -> None:
-    assert read_settings([typed]).speed.set_mph == 15
-    assert read_settings(["speed=bends", typed.replace("speed=", "speed.set_mph=")]).speed.bend_mph
+    assert read_options(DriveSettings, [typed]).speed.set_mph == 15
+    assert read_options(
+        DriveSettings, ["speed=bends", typed.replace("speed=", "speed.set_mph=")]
+    ).speed.bend_mph
 
 
 @pytest.mark.parametrize("folder", ["a b", "lr=0.1,[x]", "it's", "C:\\x", "~tilde", "${x}"])
 def test_a_folder_to_record_in_is_taken_as_it_stands(folder: str) -> None:
-    assert read_settings([f"drive.record=/tmp/{folder}"]).record == Path(f"/tmp/{folder}")
+    assert read_options(DriveSettings, [f"record=/tmp/{folder}"]).record == Path(f"/tmp/{folder}")
 
 
 def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_path: Path) -> None:
@@ -62,5 +64,5 @@ def test_a_policy_with_a_guard_is_warm_and_has_not_seen_the_black_frames(tmp_pat
 
 def test_a_track_that_does_not_exist_is_refused_before_anything_starts() -> None:
     with pytest.raises(InputError, match=r"sim=laek: .*did you mean lake"):
-        read_settings(["sim=laek"])
-    assert read_settings(["sim=lake"]).sim == "lake"
+        check_settings(DriveSettings(**constructed(DriveSettings, {"sim": "laek"})))
+    check_settings(read_options(DriveSettings, ["sim=lake"]))

@@ -11,7 +11,7 @@ from zoo.drives.drive_log import read_drive, write_drive
 from zoo.drives.drive_record import PERSON, REPLAY, SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import LOWER, metric
 from zoo.drives.metrics import METRICS, measure
-from zoo.results import print_results
+from zoo.results import results
 from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
@@ -60,7 +60,7 @@ def test_the_rows_of_a_written_drive_give_the_figures_beside_them(tmp_path: Path
 
 
 def test_the_page_of_metrics_is_that_of_the_registry(capsys: pytest.CaptureFixture) -> None:
-    print_results(["--metrics"])
+    results.main(["--metrics"])
     assert PAGE.read_text() == capsys.readouterr().out, (
         "run drivezoo results --metrics > docs/metrics.md"
     )

@@ -10,10 +10,10 @@ from PIL import Image
 from simulator.track_names import road_folder
 from simulator.weather import CLEAR
 from tests.zoo.commands import only_line, run
+from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
-from zoo.cli.command_config import read_options
 from zoo.evaluate import track_scores
-from zoo.evaluate.__main__ import command
+from zoo.evaluate.__main__ import evaluate_or_replay as command
 from zoo.evaluate.drives_table import table_rows
 from zoo.evaluate.evaluate_options import EvaluateOptions
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
@@ -88,7 +88,7 @@ def test_a_run_says_how_fast_it_was_driven(
     figures |= {"drives": 1, "drives_without_intervention": 0}
     scores = track_scores.TrackScores([], {"lake": figures}, {})
     monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_: scores)
-    options = read_options("evaluate", EvaluateOptions, [f"throttle={throttle}", "speed=20"])
+    options = read_options(EvaluateOptions, [f"throttle={throttle}", "speed=20"])
     found = track_scores.score_run(options, tmp_path, console)
     assert said in console.file.getvalue()
     assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
@@ -103,7 +103,7 @@ def test_a_run_says_how_fast_it_was_driven(
     ],
 )
 def test_a_road_is_driven_once_under_one_name(typed: str, tracks: list[str]) -> None:
-    assert read_options("evaluate", EvaluateOptions, [f"track={typed}"]).tracks == tracks
+    assert read_options(EvaluateOptions, [f"track={typed}"]).tracks == tracks
 
 
 def test_folders_of_drives_have_names_that_every_system_allows(
@@ -119,7 +119,7 @@ def test_folders_of_drives_have_names_that_every_system_allows(
 
     monkeypatch.setattr(track_scores, "all_drives", drive_none)
     keys = [f"track=alpine:17,lake,{family}:3,{family}:4"]
-    options = read_options("evaluate", EvaluateOptions, keys)
+    options = read_options(EvaluateOptions, keys)
     with pytest.raises(InputError, match="nothing is driven"):
         track_scores.score_on_tracks("", options.scenarios, tmp_path / "drives", console, 1)
     names = [keep.folder.name for keep in found]

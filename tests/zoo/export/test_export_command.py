@@ -31,8 +31,9 @@ from zoo.doctor.finding import OK
 from zoo.drive.__main__ import load_warm_policy, view_line
 from zoo.drive.live_page import list_checkpoints
 from zoo.evaluate import __main__ as evaluate
-from zoo.export import __main__ as export
-from zoo.export.__main__ import COLOURS, ExportOptions, onnx_bytes
+from zoo.export import onnx_file
+from zoo.export.__main__ import export
+from zoo.export.onnx_file import COLOURS, export_checkpoint, onnx_bytes
 from zoo.export.parity import RENDERED, Frames, compare, take_frames
 from zoo.saliency.visual_backprop import Saliency
 
@@ -156,11 +157,11 @@ def test_a_file_that_steers_differently_is_removed(
     other = load_checkpoint(checkpoint)
     with torch.no_grad():
         other.network.head[-1].bias += 0.001
-    monkeypatch.setattr(export, "onnx_bytes", lambda _: onnx_bytes(other))
-    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
+    monkeypatch.setattr(onnx_file, "onnx_bytes", lambda _: onnx_bytes(other))
+    files = str(tmp_path / "model.onnx"), str(recorded.folder)
 
     with pytest.raises(InputError, match=r" 0\.001 .* 0\.0001"):
-        export.export(str(checkpoint), options, Console(quiet=True))
+        export_checkpoint(str(checkpoint), *files, Console(quiet=True))
 
     assert not list(tmp_path.glob("*.onnx"))
 
@@ -171,9 +172,9 @@ def test_a_network_that_diverged_is_not_exported(
     contents = torch.load(checkpoint, weights_only=True)
     contents["state_dict"]["network.head.0.weight"][:] = float("nan")
     torch.save(contents, tmp_path / "diverged.ckpt")
-    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
+    files = str(tmp_path / "model.onnx"), str(recorded.folder)
     with pytest.raises(InputError, match=r"diverged\.ckpt: head\.0\.weight .*NaN"):
-        export.export(str(tmp_path / "diverged.ckpt"), options, Console(quiet=True))
+        export_checkpoint(str(tmp_path / "diverged.ckpt"), *files, Console(quiet=True))
     assert not list(tmp_path.glob("*.onnx*"))
 
 
@@ -208,7 +209,7 @@ def test_it_scores_as_its_checkpoint(
     options = ("laps=0.01", "speed=25", "quality=simple", "workers=1")
     drives = []
     for path in (exported, checkpoint):
-        evaluate.command([str(path), *options, f"out={tmp_path / path.suffix}"])
+        evaluate.evaluate_or_replay([str(path), *options, f"out={tmp_path / path.suffix}"])
         metrics = json.loads((tmp_path / path.suffix / "metrics.json").read_text())
         drives.append(metrics["drives"][0])
     found, expected = ([one[key] for key in ("cte_mean_m", "laps", "speed_mph")] for one in drives)
@@ -275,9 +276,9 @@ def test_a_missing_package_is_named(
     package: str, exported: Path, checkpoint: Path, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=None)
+    files = str(tmp_path / "model.onnx"), None
     with pytest.raises(InputError, match=rf"{package}: pip install 'drivezoo\[onnx\]'"):
-        export.export(str(checkpoint), options, Console(quiet=True))
+        export_checkpoint(str(checkpoint), *files, Console(quiet=True))
     if package == "onnxruntime":
         with pytest.raises(InputError, match=r"onnxruntime.*pip install 'drivezoo\[onnx\]'"):
             load_policy(exported)
@@ -306,5 +307,5 @@ def test_a_mistake_is_one_line(
     folder = f"out={tmp_path / 'folder.onnx'}"
     given = [folder if one == "out=FOLDER.onnx" else names.get(one, one) for one in arguments]
     with pytest.raises(InputError) as error:
-        export.command(given)
+        export.main(given)
     assert text in str(error.value)

@@ -10,8 +10,8 @@ from tests.zoo.commands import only_line, run
 from tests.zoo.guard.roads import write_daylight, write_road
 from tests.zoo.monitor.networks import write_pilotnet
 from zoo.base.errors import InputError, UsageError
-from zoo.evaluate.__main__ import command as evaluate
-from zoo.guard.__main__ import command
+from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
+from zoo.guard.__main__ import guard
 from zoo.guard.conditions import Noisy
 from zoo.monitor.guard_file import read_guard
 from zoo.worlds.scenario import Scenario
@@ -35,7 +35,7 @@ def folder(checkpoint: Path, track: str, tmp_path_factory: pytest.TempPathFactor
     out = tmp_path_factory.mktemp("out") / "guard"
     small = ("laps=0.6", "nominal=2", "levels=1", "degraded=1", "epochs=15", "samples=2", "slow=12")
     files = ("method=autoencoder", f"table={out.with_suffix('.csv')}")
-    command([str(checkpoint), f"track={track}", f"out={out}", *files, *WORLD, *small])
+    guard.main([str(checkpoint), f"track={track}", f"out={out}", *files, *WORLD, *small])
     return out
 
 
@@ -139,7 +139,7 @@ def test_a_wrong_option_is_refused_before_a_drive(
     option: str, words: str, checkpoint: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(UsageError, match=words):
-        command([str(checkpoint), option, f"out={tmp_path / 'out'}"])
+        guard.main([str(checkpoint), option, f"out={tmp_path / 'out'}"])
     assert not (tmp_path / "out").exists()
 
 
@@ -148,7 +148,7 @@ def test_a_method_that_the_network_lacks_is_refused_before_a_drive(
 ) -> None:
     options = ("method=dropout", f"track={track}", f"out={tmp_path / 'out'}")
     with pytest.raises(InputError, match=r"method=dropout: .*no dropout"):
-        command([str(checkpoint), *options])
+        guard.main([str(checkpoint), *options])
     assert not (tmp_path / "out").exists()
 
 
@@ -161,4 +161,4 @@ def test_a_guard_that_does_not_fit_is_one_line(checkpoint: Path, tmp_path: Path)
 def test_too_few_nominal_windows_are_one_line(checkpoint: Path, track: str, tmp_path: Path) -> None:
     small = ("nominal_laps=0.2", "nominal=1", "levels=1", "degraded=0", "epochs=1")
     with pytest.raises(InputError, match="nominal="):
-        command([str(checkpoint), f"track={track}", f"out={tmp_path / 'out'}", *WORLD, *small])
+        guard.main([str(checkpoint), f"track={track}", f"out={tmp_path / 'out'}", *WORLD, *small])

@@ -188,7 +188,7 @@ def test_errors_of_the_hub_are_one_line(shared: StandIn, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("words", "part"),
     [
-        (("fetch", "ann/tiny"), "must be push or pull"),
+        (("fetch", "ann/tiny"), "available: push, pull"),
         (("pull", "tiny"), "write user/name"),
         (("pull", "../tiny"), "write user/name"),
         (("pull", "ann/tiny", "send=true"), "send: belongs to push"),

@@ -21,17 +21,12 @@ from zoo.benchmark.checked_result import read_result
 from zoo.cli.run_command import run_command
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
-from zoo.leaderboard.__main__ import (
-    LeaderboardOptions,
-    drive_folders,
-    leaderboard,
-    run_folders,
-    show_leaderboard,
-)
+from zoo.leaderboard.__main__ import leaderboard
 from zoo.leaderboard.ranked_drive import load_drive, read_drives
 from zoo.leaderboard.ranking import Count, protocols, rank, read_run, read_runs
 from zoo.leaderboard.ranking_page import write_page
 from zoo.leaderboard.ranking_table import Ranking, named_columns, print_ranking, ranking_table
+from zoo.leaderboard.run_folders import drive_folders, run_folders
 from zoo.runs.metrics_file import write_metrics_file
 from zoo.runs.status import write_status
 
@@ -71,7 +66,7 @@ def test_a_drive_on_a_socket_is_ranked_among_runs(
     write_run(Path("runs/good"), 1.0, cte_m=0.2)
     write_run(Path("runs/bad"), 0.5, cte_m=0.2, overrides=("x=2",))
     write_socket_drive(Path("drives/day/time"), mph=40.0)
-    show_leaderboard(["runs", "drives"])
+    leaderboard.main(["runs", "drives"])
     lines = re.findall(r"^│ [123] .*$", capsys.readouterr().out, re.MULTILINE)
     (place,) = [number for number, one in enumerate(lines) if "socket" in one]
     assert "90.0%" in lines[place]
@@ -90,7 +85,7 @@ def test_a_short_drive_comes_after_longer_ones_with_its_length(
     write_evaluation(Path("scores/tenth"), 1.0, "a.ckpt", laps=0.1)
     write_evaluation(Path("scores/whole"), 0.7, "b.ckpt", laps=1.0)
     write_socket_drive(Path("scores/minute"))
-    show_leaderboard(["scores", "table=a.csv"])
+    leaderboard.main(["scores", "table=a.csv"])
     first, second, third = re.findall(r"^│ [123] .*$", capsys.readouterr().out, re.MULTILINE)
     assert "whole" in first
     assert "70.0%" in first
@@ -109,11 +104,11 @@ def test_results_of_the_benchmark_are_ranked(
     for name, autonomy in (("good", 0.9), ("bad", 0.6)):
         found = result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name)
         write(Path("marks", name), found)
-    ranking, _, _ = leaderboard(["marks"], LeaderboardOptions(table=None, columns=None))
+    ranking = leaderboard("marks")
     assert [entry.first.name for entry in ranking.entries] == ["good", "bad"]
     best = ranking.entries[0].first
     assert best.autonomy == read_result(Path("marks/good")).headline.value
-    show_leaderboard(["marks"])
+    leaderboard.main(["marks"])
     assert "next: drivezoo compare marks/good marks/bad" in capsys.readouterr().out
 
 
@@ -149,7 +144,7 @@ def test_an_evaluation_is_one_entry_with_its_means(
     monkeypatch.setenv("COLUMNS", "200")
     write_evaluation(Path("scores/ann"), 0.7, "submitted/ann.ckpt")
     write_evaluation(Path("scores/bob"), 0.9, "submitted/bob 1.ckpt")
-    show_leaderboard(["scores"])
+    leaderboard.main(["scores"])
     printed = capsys.readouterr().out
     first, second = re.findall(r"^│ [12] .*$", printed, re.MULTILINE)
     assert "bob" in first
@@ -162,7 +157,7 @@ def test_an_evaluation_is_one_entry_with_its_means(
 def test_a_folder_of_checkpoints_names_how_to_score_them(tmp_path: Path) -> None:
     (tmp_path / "ann.ckpt").touch()
     with pytest.raises(InputError, match=r"drivezoo evaluate .*ann.ckpt out=scores/ann"):
-        show_leaderboard([str(tmp_path)])
+        leaderboard.main([str(tmp_path)])
 
 
 def test_a_drive_without_figures_is_measured(tmp_path: Path) -> None:
@@ -237,7 +232,7 @@ def test_runs_without_figures_are_counted_and_named(
     (write_run(outputs / "broken") / "metrics.json").write_text("{")
     (tmp_path / "outputs" / "cache").mkdir()
 
-    assert run_command("zoo.leaderboard", show_leaderboard, []) == 0
+    assert run_command("zoo.leaderboard", leaderboard.main, []) == 0
 
     out = capsys.readouterr().out
     assert "6 runs" in out
@@ -273,7 +268,7 @@ def test_bad_input_gets_one_line(
     capsys: pytest.CaptureFixture,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run_command("zoo.leaderboard", show_leaderboard, [argument]) in (1, 2)
+    assert run_command("zoo.leaderboard", leaderboard.main, [argument]) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.sweeps import write_run
-from zoo.leaderboard.__main__ import LeaderboardOptions, leaderboard, show_leaderboard
+from zoo.leaderboard.__main__ import leaderboard
 
 
 def write_sweep(folder: Path) -> Path:
@@ -27,7 +27,7 @@ def test_the_table_of_a_sweep_for_a_paper_is_short_and_has_an_interval(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    show_leaderboard([str(write_sweep(tmp_path / "sweep")), "table=a.tex"])
+    leaderboard.main([str(write_sweep(tmp_path / "sweep")), "table=a.tex"])
     heads, first, second = rows_of(Path("a.tex"))
     assert heads[:2] == ["model", "training seeds"]
     assert len(heads) == 5
@@ -40,7 +40,7 @@ def test_the_table_of_a_sweep_for_programs_has_every_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    show_leaderboard([str(write_sweep(tmp_path / "sweep")), "table=a.csv"])
+    leaderboard.main([str(write_sweep(tmp_path / "sweep")), "table=a.csv"])
     with Path("a.csv").open() as file:
         first, _ = csv.DictReader(file)
     assert float(first["lake_autonomy_low"]) == pytest.approx(0.652, abs=0.001)
@@ -53,7 +53,7 @@ def test_true_in_capitals_is_no_other_setting(tmp_path: Path) -> None:
         quick = ("model=tiny", f"quick={word}")
         write_run(tmp_path / "runs" / str(seed), 0.9, seed=seed, overrides=quick)
     write_run(tmp_path / "runs" / "3", 0.8, overrides=("model=lenet",))
-    ranking, *_ = leaderboard([tmp_path / "runs"], LeaderboardOptions(table=None, columns=None))
+    ranking = leaderboard(tmp_path / "runs")
     assert {row["quick"] for row in ranking.table()} == {"true", None}
 
 
@@ -61,5 +61,5 @@ def test_runs_of_several_folders_are_named_from_the_folder_they_share(tmp_path: 
     for name in ("a", "b"):
         write_run(tmp_path / name / "today" / "run", 0.9, overrides=(f"x={name}",))
     names = [tmp_path / "a", tmp_path / "b"]
-    ranking, *_ = leaderboard(names, LeaderboardOptions(table=None, columns=None))
+    ranking = leaderboard(*names)
     assert {row["run"] for row in ranking.table()} == {"a/today/run", "b/today/run"}

@@ -135,7 +135,7 @@ def test_a_wrong_setting_is_refused_with_its_key(override: str, words: str) -> N
 
 
 def test_the_zoo_is_printed_with_its_papers() -> None:
-    result = run(ROOT, module="zoo.models")
+    result = run(ROOT, "models", module="zoo.list")
     assert result.returncode == 0, result.stderr
     for name, parameters in PARAMETERS.items():
         assert f"{name}: " in result.stdout

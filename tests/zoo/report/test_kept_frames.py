@@ -14,7 +14,7 @@ from zoo.base.errors import InputError
 from zoo.drives.drive_film import FILM_SIZE, WorstMoments, badness
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import DriveRow
-from zoo.evaluate.__main__ import command
+from zoo.evaluate.__main__ import evaluate_or_replay as command
 from zoo.film import make_film
 
 FRAME = np.zeros((160, 320, 3), np.uint8)

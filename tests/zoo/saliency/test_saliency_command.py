@@ -15,7 +15,7 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.cli.compose import choices
-from zoo.saliency.__main__ import draw_saliency
+from zoo.saliency.__main__ import saliency as saliency_command
 from zoo.saliency.visual_backprop import Saliency, enlarge, overlay
 
 
@@ -106,7 +106,7 @@ def test_it_draws_a_picture_beside_its_saliency(
 ) -> None:
     checkpoint, picture = run_folder / "checkpoints" / "best.ckpt", recorded.image(3)
 
-    draw_saliency([str(checkpoint), str(picture), f"out={tmp_path}/new/one.png"])
+    saliency_command.main([str(checkpoint), str(picture), f"out={tmp_path}/new/one.png"])
 
     drawn = cv2.imread(str(tmp_path / "new" / "one.png"))[:, :, ::-1]
     frame = decode_image(picture.read_bytes())
@@ -122,19 +122,19 @@ def test_only_an_image_of_drivezoo_is_replaced(
     out = tmp_path / "saliency.png"
     out.write_text("mine")
     with pytest.raises(InputError, match=r"out=.*saliency\.png: exists"):
-        draw_saliency([*given, f"out={out}"])
+        saliency_command.main([*given, f"out={out}"])
     assert out.read_text() == "mine"
     out.unlink()
     for _ in range(2):
-        draw_saliency([*given, f"out={out}"])
+        saliency_command.main([*given, f"out={out}"])
     with pytest.raises(InputError, match="is an input of this command"):
-        draw_saliency([given[0], str(out), f"out={out}"])
+        saliency_command.main([given[0], str(out), f"out={out}"])
 
 
 def test_a_mistake_is_said_with_what_to_do(run_folder: Path, tmp_path: Path) -> None:
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
     with pytest.raises(InputError, match="usage"):
-        draw_saliency([checkpoint])
+        saliency_command.main([checkpoint])
     (tmp_path / "no.png").write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"no\.png: the file is no JPEG or PNG"):
-        draw_saliency([checkpoint, str(tmp_path / "no.png")])
+        saliency_command.main([checkpoint, str(tmp_path / "no.png")])

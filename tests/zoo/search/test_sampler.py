@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simulator.weather import CLEAR
+from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
-from zoo.cli.command_config import read_options
 from zoo.search.failure_archive import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import Driven, Outcome, search
@@ -15,7 +15,7 @@ from zoo.search.search_space import Candidate
 
 
 def options_of(*given: str) -> SearchOptions:
-    return read_options("search", SearchOptions, ["length=60", "weather=clear", *given])
+    return read_options(SearchOptions, ["length=60", "weather=clear", *given])
 
 
 def narrow_fails(chosen: list[Candidate]) -> list[Outcome]:

@@ -14,9 +14,9 @@ from rich.console import Console
 from simulator.weather import read_weather
 from tests.zoo.commands import only_line, run
 from tests.zoo.written_checkpoints import write_constant
-from zoo.cli.command_config import read_options
+from zoo.base.command_keys import read_options
 from zoo.drives.drive_log import read_drive
-from zoo.evaluate.__main__ import command as evaluate
+from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_report import search_and_report
 from zoo.worlds.run_drives import all_drives
@@ -41,7 +41,7 @@ def test_the_mildest_failure_replays_to_the_frame(
 ) -> None:
     found = tmp_path / "found=1"
     files = (f"out={found}", f"table={tmp_path / 'features.csv'}")
-    options = read_options("search", SearchOptions, [*SHORT, "budget=4", "workers=1", *files])
+    options = read_options(SearchOptions, [*SHORT, "budget=4", "workers=1", *files])
     result = search_and_report(str(checkpoint), options, console)
     with (tmp_path / "features.csv").open() as table:
         rows = {one["feature"]: one for one in csv.DictReader(table)}
@@ -86,7 +86,7 @@ def test_the_search_is_the_same_for_every_number_of_workers(
     drives = []
     for workers in (1, 2):
         given = [*SHORT, "budget=10", f"workers={workers}", f"out={tmp_path / str(workers)}"]
-        options = read_options("search", SearchOptions, given)
+        options = read_options(SearchOptions, given)
         drives.append(search_and_report(str(checkpoint), options, console)["drives"])
     assert drives[0] == drives[1]
 
@@ -101,7 +101,7 @@ def test_the_search_is_the_same_for_every_number_of_workers(
         ("weather={fgo: 1}", "fgo", "fog"),
         ("quality=best", "quality=best", "simple"),
         ("delay_s=9", "delay_s=9", "0..2"),
-        ("sampler=grid", "sampler=grid", "archive or tpe"),
+        ("sampler=grid", "sampler=grid", "archive, tpe"),
         ("budget=0", "budget=0", "1 or more"),
     ],
 )

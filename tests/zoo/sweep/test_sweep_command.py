@@ -18,13 +18,13 @@ from tests.recordings import Written
 from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import data_of
-from zoo.__main__ import zoo
+from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.base.new_folder import hold_folder
 from zoo.cli.compose import choices, conf_folder
 from zoo.cli.run_command import run_command
 from zoo.runs.status import read_status, write_status
-from zoo.sweep.__main__ import resume_sweep
+from zoo.sweep.__main__ import sweep as sweep_command
 from zoo.sweep.start_sweep import find_unfinished, refuse_missing
 from zoo.sweep.sweep_record import add_to_record, log_digest, new_record, read_record, write_record
 
@@ -99,7 +99,7 @@ def test_a_killed_sweep_resumes_where_it_stopped(
     assert "train/loss" not in log_text
     assert "train/loss" in (folders[first] / "log.txt").read_text()
 
-    assert run_command("zoo.sweep", resume_sweep, ["resume=s", "hydra/launcher=basic"]) == 0
+    assert run_command("zoo.sweep", sweep_command.main, ["resume=s", "hydra/launcher=basic"]) == 0
 
     out = capsys.readouterr().out
     assert f"{before.count('finished')} of 3 jobs are done" in out
@@ -178,7 +178,7 @@ def test_a_sweep_whose_inputs_changed_is_not_resumed(
         add_to_record(folder, versions={"torch": "0.1"})
     assert find_unfinished(["seed=1,2"], console) is None
     assert "new sweep" in console.file.getvalue()
-    assert run_command("zoo.sweep", resume_sweep, [f"resume={folder}"]) == 1
+    assert run_command("zoo.sweep", sweep_command.main, [f"resume={folder}"]) == 1
     assert "new sweep" in capsys.readouterr().err
 
 
@@ -258,7 +258,7 @@ def test_a_folder_that_cannot_be_resumed_gets_one_line(
         (place / name).mkdir()
         write_record(place / name, new_record(["seed=7"]))
     (place / "damaged" / "sweep.json").write_text('{"format": 1, "argum')
-    assert run_command("zoo.sweep", resume_sweep, arguments) in (1, 2)
+    assert run_command("zoo.sweep", sweep_command.main, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line
 
@@ -291,10 +291,10 @@ def test_every_yaml_of_hydras_own_groups_composes(group: str) -> None:
 def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
     code = (
         "import sys; from zoo.cli.run_command import run_command;"
-        "from zoo.sweep.__main__ import resume_sweep; from zoo.rerun import rerun;"
-        "from zoo.leaderboard.__main__ import show_leaderboard;"
-        "run_command('a', resume_sweep, ['resume=no']); run_command('b', show_leaderboard, ['no']);"
-        "run_command('c', rerun, ['no']); sys.exit('torch' in sys.modules)"
+        "from zoo.sweep.__main__ import sweep; from zoo.rerun import rerun;"
+        "from zoo.leaderboard.__main__ import leaderboard;"
+        "run_command('a', sweep.main, ['resume=no']); run_command('b', leaderboard.main, ['no']);"
+        "run_command('c', rerun.main, ['no']); sys.exit('torch' in sys.modules)"
     )
     result = subprocess.run(
         [sys.executable, "-c", code],

@@ -21,7 +21,7 @@ from PIL import Image
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import command, environment, only_line, run, start
 from tests.zoo.trainings import data_of
-from zoo.__main__ import zoo
+from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.cli.compose import compose_config

@@ -9,7 +9,7 @@ from tests.recordings import Written
 from tests.zoo.commands import run
 from tests.zoo.models.test_memory import NAMES
 from zoo.checkpoints.policy import load_policy
-from zoo.export.__main__ import ExportOptions, export
+from zoo.export.onnx_file import export_checkpoint
 from zoo.runs.metrics_file import read_metrics_file
 
 SMALL = {
@@ -40,8 +40,8 @@ def test_it_trains_and_drives(name: str, recorded: Written, tmp_path: Path, cons
     assert np.isfinite(metrics["open_loop"]["val"]["mse"])
     policy = load_policy(tmp_path / "run")
     assert policy.data["rows_per_s"] > 0
-    options = ExportOptions(out=str(tmp_path / "model.onnx"), frames=str(recorded.folder))
-    exported = load_policy(export(str(tmp_path / "run"), options, console))
+    files = str(tmp_path / "model.onnx"), str(recorded.folder)
+    exported = load_policy(export_checkpoint(str(tmp_path / "run"), *files, console))
     frames = np.random.default_rng(0).integers(0, 256, (5, 160, 320, 3), np.uint8)
     policy.reset()
     for frame in frames:

@@ -15,11 +15,11 @@ from tests.recordings import write_recording
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH
-from zoo.cli.command_config import read_options
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
-from zoo.evaluate.replay_score import ReplayOptions, keyboard_lines, replay_and_print
+from zoo.evaluate.replay_command import replay as replay_command
+from zoo.evaluate.replay_score import keyboard_lines
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.replay_world import ReplayWorld, VirtualCar, curvature, seconds_of_rows
 from zoo.worlds.scenario import Scenario
@@ -248,17 +248,16 @@ def test_a_keyboards_recording_is_said_to_mean_little(recording, share, lines):
         assert "drivezoo evaluate CKPT track=" in line
 
 
-def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, console):
+def test_the_replay_command_warns_of_a_keyboard(tmp_path, run_folder, capsys):
     written = write_recording(tmp_path / "keys[/red]", rows=ROWS)
     log = written.folder / "driving_log.csv"
     rows = [line.split(",") for line in log.read_text().splitlines()]
     log.write_text("\n".join(",".join([*row[:3], "0", *row[4:]]) for row in rows) + "\n")
     checkpoint = str(run_folder / "checkpoints" / "best.ckpt")
 
-    options = read_options("replay", ReplayOptions, [f"out={tmp_path / 'out'}"])
-    replay_and_print(checkpoint, str(written.folder), options, console)
+    replay_command.main([checkpoint, str(written.folder), f"out={tmp_path / 'out'}"])
 
-    text = console.file.getvalue()
+    text = capsys.readouterr().out
     assert text.index("autonomy") < text.index("keys[/red]: 100% of the steering is exactly 0")
 
 
@@ -267,7 +266,7 @@ def test_a_wrong_command_is_one_line(tmp_path, run_folder, folder):
     for arguments, message in (
         ((checkpoint,), "usage: drivezoo replay"),
         ((checkpoint, str(folder), "marign=2"), "did you mean margin?"),
-        ((checkpoint, str(folder), "margin=9"), "margin=9: must be above 0, up to 2 m"),
+        ((checkpoint, str(folder), "margin=9"), "margin=9: must be a number above 0, up to 2"),
         ((checkpoint, "nowhere"), "nowhere: no such folder"),
         (("nothing.ckpt", str(folder)), "nothing.ckpt"),
     ):

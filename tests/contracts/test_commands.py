@@ -1,0 +1,228 @@
+"""Every command: a typed function with the same grammar, help, hints and Python callable."""
+
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import pytest
+from pydantic import TypeAdapter
+
+from simulator.__main__ import COMMANDS as SIMULATOR
+from tests.zoo.commands import ROOT, environment, only_line, run
+from zoo.base.command import Command, command
+from zoo.base.command_keys import Choice, keys_of, meanings_of, read_options, typed
+from zoo.base.errors import InputError, UsageError
+from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load
+from zoo.evaluate.evaluate_options import EvaluateOptions
+
+MOST_SHOWN = 26
+# Trainings have a config in place of a signature, `simulator` has three commands below it.
+PLACES = {name: place for group in (*GROUPS.values(), ALIASES) for name, place in group.items()}
+SPECIAL = ("train", "simulator")
+COMMANDS: dict[str, Command[Any]] = {
+    name: load(place) for name, place in PLACES.items() if name not in SPECIAL
+}
+COMMANDS |= {f"simulator {name}": one for name, (one, _) in SIMULATOR.items()}
+WITH_KEYS = [name for name, one in COMMANDS.items() if one.keys]
+RANGED = [
+    (name, key.name)
+    for name, one in COMMANDS.items()
+    for key in one.keys
+    if key.kind in (int, float, bool) or get_origin(key.kind) is Annotated
+    if not any(isinstance(mark, Choice) for mark in get_args(key.kind))
+]
+
+
+def arguments_of(one: Command[Any]) -> list[str]:
+    """Return words for the needed arguments."""
+    words = {"push|pull": "push", "bash|zsh|fish": "bash"}
+    return [words.get(name, "x.ckpt") for name in one.arguments if name[0] != "["]
+
+
+def test_the_help_shows_few_commands_and_old_names_still_work() -> None:
+    shown = [name for group in GROUPS.values() for name in group]
+    assert len(shown) == len(set(shown)) <= MOST_SHOWN
+    assert {"replay", "results", "doubt", "rerun", "sweep"} == set(ALIASES)
+    assert {"models", "tracks", "metrics"} < set(LISTED)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_signature_and_the_docstring_say_the_same(name: str) -> None:
+    one = COMMANDS[name]
+    assert one.name == name or name in ("import", "list")
+    assert one.purpose.endswith(".")
+    meanings = meanings_of(one.function)
+    assert all(meanings.get(parameter.name) for parameter in one.arguments.values())
+    names = [key.name for key in one.keys]
+    assert len(names) == len(set(names))
+    for key in one.keys:
+        assert key.meaning, f"{key.name} has no meaning"
+        if key.choices:
+            assert key.typed in (*key.choices, "null")
+        elif key.default is not inspect.Parameter.empty:
+            assert TypeAdapter(key.kind).validate_python(key.default) == key.default
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_has_a_row_for_each_argument_and_key(
+    name: str, capsys: pytest.CaptureFixture
+) -> None:
+    one = COMMANDS[name]
+    one.main(["--help"])
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"usage: drivezoo {name}")
+    assert max(map(len, printed.splitlines())) <= 100
+    for argument in one.arguments:
+        assert f"\n  {argument}" in printed
+    for key in one.keys:
+        assert f"\n  {key.name}={key.typed}" in printed
+
+
+@pytest.mark.parametrize("name", WITH_KEYS)
+def test_a_typo_names_the_right_key(name: str) -> None:
+    one, key = COMMANDS[name], COMMANDS[name].keys[-1].name
+    typo = f"{key[:-1]}{key[-1] * 2}"
+    with pytest.raises(UsageError, match=f"{typo}: no such key; did you mean .*{key}"):
+        one.main([*arguments_of(one), f"{typo}=1"])
+    with pytest.raises(UsageError, match="no such key"):
+        one(*arguments_of(one), **{typo: 1})
+
+
+@pytest.mark.parametrize(("name", "key"), RANGED)
+def test_a_value_of_another_type_names_the_key(name: str, key: str) -> None:
+    one = COMMANDS[name]
+    keys = [f"{key}=many"] + ["out=x"] * (name == "simulator record")
+    with pytest.raises(UsageError, match=f"^{key}=many: must be "):
+        one.main([*arguments_of(one), *keys])
+
+
+def test_a_value_out_of_range_names_the_range() -> None:
+    with pytest.raises(UsageError, match=r"speed=99: must be a number in 1\.\.30$"):
+        read_options(EvaluateOptions, ["speed=99"])
+    with pytest.raises(UsageError, match=r"seeds=0: must be a whole number of 1 or more$"):
+        read_options(EvaluateOptions, ["seeds=0"])
+
+
+CHECKPOINTS = [
+    name for name, one in COMMANDS.items() if next(iter(one.arguments), "").startswith("CKPT")
+]
+
+
+@pytest.mark.parametrize("name", CHECKPOINTS)
+def test_a_checkpoints_path_is_taken_as_it_stands(name: str) -> None:
+    path = "my run=[1], ${x} {a}/lr=0.1 'best'.ckpt"
+    one = COMMANDS[name]
+    with pytest.raises(InputError) as failed:
+        one.main([path, *arguments_of(one)[1:]])
+    assert str(failed.value).startswith(f"{path}: no such checkpoint")
+
+
+@command
+def example(*, out: str | None = None, options: EvaluateOptions) -> tuple[object, EvaluateOptions]:
+    """Return the values.
+
+    Args:
+        out: file to write.
+        options: see `EvaluateOptions`.
+    """
+    return out, options
+
+
+@pytest.mark.parametrize("out", ["a b", "lr=0.1,[x]", "it's", "C:\\x", "~tilde", "${x}", "1e5"])
+def test_a_path_among_the_options_is_taken_as_it_stands(out: str) -> None:
+    assert read_options(EvaluateOptions, [f"out={out}"]).out == out
+
+
+@pytest.mark.parametrize(
+    ("text", "keyword", "key", "value"),
+    [
+        ("laps=2", {"laps": 2}, "laps", 2.0),
+        ("--laps=2", {"laps": "2"}, "laps", 2.0),
+        ("--film", {"film": True}, "film", True),
+        ("track=lake,mountain", {"track": ["lake", "mountain"]}, "tracks", ["lake", "mountain"]),
+        ("weather={fog: 0.4}", {"weather": {"fog": 0.4}}, "weather", "{fog: 0.4}"),
+        ("margin=null", {"margin": None}, "margin", None),
+        ("direction=backward", {"direction": -1}, "direction", -1),
+        ("out=a", {"out": Path("a")}, "out", "a"),
+    ],
+)
+def test_a_text_and_a_value_of_python_mean_the_same(
+    text: str, keyword: dict[str, object], key: str, value: object
+) -> None:
+    assert getattr(read_options(EvaluateOptions, [text]), key) == value
+    if key != "out":
+        assert getattr(example(**keyword)[1], key) == value
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["evaluate", "x", "laps=1", "evaluate.laps=2"], "laps: given twice"),
+        (["evaluate", "laps=2"], "CKPT comes first"),
+        (["evaluate"], "usage: drivezoo evaluate CKPT"),
+        (["evaluate", "x", "y"], "takes no further arguments"),
+        (["evaluate", "x", "replay=a", "replay=b"], "replay: given twice"),
+        (["hub", "pus", "x"], "did you mean push"),
+        (["demo", "x"], "demo takes no arguments"),
+        (["report", "x", "a=1"], "report takes no options"),
+        (["drive", "x", "speed=cnstant"], "did you mean constant"),
+        (["drive", "x", "speed=constant", "speed.kp=1"], "speed.kp: no such key"),
+    ],
+)
+def test_wrong_use_is_one_line_with_the_remedy(
+    arguments: list[str], words: str, tmp_path: Path
+) -> None:
+    result = run(tmp_path, *arguments[1:], module=f"zoo.{arguments[0]}")
+    assert result.returncode == 2
+    assert words in only_line(result)
+
+
+def test_a_default_is_typed_as_users_type_it() -> None:
+    keys = {key.name: key for key in keys_of(EvaluateOptions)}
+    assert (keys["film"].typed, keys["out"].typed, keys["laps"].typed) == ("false", "null", "1.0")
+    assert typed({"fog": 0.4}) == "{fog: 0.4}"
+
+
+# The example in the manual.
+PAGE = (ROOT / "docs" / "extending.md").read_text()
+OUTSIDE = PAGE.partition("# lap_counter.py")[2].partition("```")[0]
+
+
+def outside(place: Path, *arguments: str) -> subprocess.CompletedProcess:
+    """Run `drivezoo ARGUMENTS` with a package in `place`, which is not the checkout."""
+    (place / "lap_counter-1.0.dist-info").mkdir(parents=True, exist_ok=True)
+    (place / "lap_counter.py").write_text(OUTSIDE)
+    info = place / "lap_counter-1.0.dist-info"
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: lap_counter\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[drivezoo.commands]\n"
+        "count_laps = lap_counter:count_laps\n"
+        "evaluate = lap_counter:count_laps\n"
+    )
+    code = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=environment() | {"PYTHONPATH": f"{place}:{ROOT}"},
+        cwd=place.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_command_of_another_package_is_one_like_ours(tmp_path: Path) -> None:
+    place = tmp_path / "site"
+    shown = outside(place, "--help").stdout
+    assert "count_laps  count the laps of a drive" in shown
+    assert "  evaluate    score a checkpoint" in shown, "ours go first"
+    assert "lap_m=500.0" in outside(place, "count_laps", "--help").stdout
+    missing = outside(place, "count_laps", "no drive")
+    assert missing.returncode == 1
+    assert "no drive: no such folder" in only_line(missing)
+    wrong = outside(place, "count_laps", "a", "lap_m=0")
+    assert wrong.returncode == 2
+    assert "lap_m=0: must be a number above 0, up to 5000" in only_line(wrong)
+    assert "did you mean count_laps?" in outside(place, "count_lap").stderr
+    assert len(OUTSIDE.splitlines()) < 40

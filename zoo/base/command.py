@@ -1,0 +1,275 @@
+"""A command is a typed function: its signature gives arguments and keys, its docstring the help.
+
+>>> @command
+... def film(folder: str, *, fps: float | None = None) -> str:
+...     '''Film a drive.
+...
+...     Args:
+...         folder: folder of a drive.
+...         fps: frames per second; null: as fast as it was driven.
+...     '''
+...     return f"{folder} at {fps}"
+>>> film("laps", fps=24), film.usage
+('laps at 24.0', 'drivezoo film FOLDER [key=value ...]')
+
+Positional parameters are arguments, keyword-only ones are keys. A parameter whose annotation is a
+dataclass gives its fields as keys, which is how commands share keys.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Generic, TypeVar, overload
+
+from zoo.base.command_keys import (
+    SECTION,
+    Key,
+    check_keys,
+    choices_of,
+    constructed,
+    help_row,
+    keys_of,
+    meanings_of,
+    read_texts,
+)
+from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
+
+Made = TypeVar("Made")
+
+HELP = ("-h", "--help")
+MOST_NAMED = 3  # choices that stand in the usage themselves, such as push|pull
+PARTS_MEANING = (
+    "files, folders or modules of your own networks, losses, ...; see also DRIVEZOO_PARTS"
+)
+
+
+class Shown:
+    """Base of results that a command prints in a shell, and returns in Python."""
+
+    @property
+    def problem(self) -> str:
+        """Return what makes the result invalid, such as steering NaN; empty if nothing does."""
+        return ""
+
+    def show(self) -> None:
+        """Print the result, the files that were written, and the next command."""
+
+
+class Command(Generic[Made]):
+    """A typed function as a command of the shell, and as a checked function of Python.
+
+    Args:
+        function: function to call. A result that is `Shown` is printed in a shell.
+        name: words after `drivezoo`; the function's name without it.
+        parts: whether the command takes `parts=`.
+        config: whether keys of a training's config, which have a dot or a slash, are passed as
+            typed in the function's `*overrides`.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Made],
+        name: str = "",
+        parts: bool = True,
+        config: bool = False,
+    ) -> None:
+        functools.update_wrapper(self, function)
+        self.function, self.parts, self.config = function, parts, config
+        self.name = name or function.__name__
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Made:
+        """Check the values of the keys, call the function and return its result.
+
+        Raises:
+            UsageError: a key is unknown, or a value has the wrong type or range.
+            InputError: see the function; or its result has a problem.
+        """
+        plain = [os.fspath(each) if isinstance(each, os.PathLike) else each for each in arguments]
+        needed = [name for name in self.arguments if name[0] != "["]
+        if len(plain) < len(needed):
+            raise UsageError(f"{self.name}: not given: {', '.join(needed[len(plain) :])}")
+        return self._checked(self._run(plain, self._flat(keywords)))
+
+    def main(self, given: Sequence[str]) -> None:
+        """Run the command with the arguments of a shell."""
+        if is_help(given):
+            print(self.help(given))
+            return
+        arguments, options = self.split(given)
+        own, overrides = self._own(options)
+        texts = read_texts(own, self.name)
+        result = self._run([*arguments, *overrides], texts)
+        if isinstance(result, Shown):
+            result.show()
+        self._checked(result)
+
+    @property
+    def doc(self) -> str:
+        """Return the docstring without its sections."""
+        return SECTION.split(inspect.cleandoc(self.function.__doc__ or ""))[0].strip()
+
+    @property
+    def purpose(self) -> str:
+        """Return the first sentence of the docstring."""
+        return " ".join(self.doc.partition("\n\n")[0].split())
+
+    @functools.cached_property
+    def arguments(self) -> dict[str, inspect.Parameter]:
+        """Return the parameters before the keys by their placeholder in the usage.
+
+        `folder, *folders` is `FOLDER...`, of which one is needed.
+        """
+        found: dict[str, inspect.Parameter] = {}
+        for parameter in inspect.signature(self.function).parameters.values():
+            is_several = parameter.kind is parameter.VAR_POSITIONAL
+            if parameter.kind is parameter.KEYWORD_ONLY or (self.config and is_several):
+                continue
+            name = _placeholder(parameter)
+            if is_several and name == f"[{next(reversed(found), '')}S...]":
+                first, parameter = found.popitem()
+                name = f"{first}..."
+            found[name] = parameter
+        return found
+
+    @functools.cached_property
+    def keys(self) -> list[Key]:
+        """Return the keys, of choices those below the default one."""
+        return keys_of(self.function)
+
+    @property
+    def usage(self) -> str:
+        """Return the command line with placeholders."""
+        options = ["[key=value ...]"] if self.keys or self.config else []
+        return " ".join(["drivezoo", self.name, *self.arguments, *options])
+
+    def help(self, given: Sequence[str] = ()) -> str:
+        """Return the help text: usage, purpose, and a line for each argument and key.
+
+        Args:
+            given: arguments of the shell, of which choices decide the keys below them.
+        """
+        meanings = meanings_of(self.function)
+        rows = [
+            help_row(placeholder, meanings.get(parameter.name, ""))
+            for placeholder, parameter in self.arguments.items()
+        ]
+        values = dict(argument.split("=", 1) for argument in given if "=" in argument)
+        keys = [key.row for key in keys_of(self.function, given=values)]
+        if keys and self.parts:
+            keys.append(help_row("parts=null", PARTS_MEANING))
+        tables = ["\n".join(lines) for lines in (rows, keys) if lines]
+        return "\n\n".join([f"usage: {self.usage}", self.doc, *tables])
+
+    def split(self, given: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Return the arguments, unparsed, and the options after them.
+
+        Raises:
+            UsageError: an argument is missing or unknown, or there are too many.
+        """
+        needed = [name for name in self.arguments if name[0] != "["]
+        several = len(needed) < len(self.arguments) or any("..." in name for name in needed)
+        if len(given) < len(needed):
+            raise UsageError(f"usage: {self.usage}; --help lists the options")
+        first, rest = list(given[: len(needed)]), list(given[len(needed) :])
+        known = {key.name for key in self.keys}
+        for argument, name in zip(first, needed, strict=True):
+            key = argument.partition("=")[0].removeprefix(f"{self.name}.")
+            is_key = "=" in argument and key in known and not _exists(argument)
+            if argument.startswith("--") or is_key:
+                raise UsageError(f"{argument}: {name} comes first; usage: {self.usage}")
+        options = [argument for argument in rest if not several or _is_option(argument)]
+        arguments = first + [argument for argument in rest if argument not in options]
+        takes = bool(known) or self.config
+        surplus = [argument for argument in options if not takes or not _is_option(argument)]
+        if not any("..." in name for name in self.arguments):
+            surplus += arguments[len(self.arguments) :]
+        if surplus and not (self.config and not known):
+            what = f"{'further ' * bool(self.arguments)}arguments"
+            what = "options" if _is_option(surplus[0]) else what
+            raise UsageError(f"{surplus[0]}: {self.name} takes no {what}; usage: {self.usage}")
+        return arguments, options
+
+    def _own(self, options: list[str]) -> tuple[list[str], list[str]]:
+        """Separate the command's own options from those of a training's config."""
+        if not self.config:
+            return options, []
+        keys = [option.partition("=")[0].removeprefix(f"{self.name}.") for option in options]
+        config = [not self.keys or not {".", "/"}.isdisjoint(key) for key in keys]
+        own = [option for option, other in zip(options, config, strict=True) if not other]
+        return own, [option for option, other in zip(options, config, strict=True) if other]
+
+    def _run(self, arguments: Sequence[Any], values: Mapping[str, Any]) -> Made:
+        parameters = [*self.arguments.values()]
+        for number, argument in enumerate(arguments[: None if parameters else 0]):
+            parameter = parameters[min(number, len(parameters) - 1)]
+            choices = choices_of(parameter.annotation)
+            if choices and argument not in choices:
+                raise UsageError(
+                    f"{argument}: no such {parameter.name}; {hint(argument, choices)}; "
+                    f"usage: {self.usage}"
+                )
+        keys = keys_of(self.function, given=values)
+        check_keys(values, keys, f"drivezoo {self.name} --help lists all")
+        return self.function(*arguments, **constructed(self.function, values))
+
+    def _flat(self, keywords: Mapping[str, Any]) -> dict[str, Any]:
+        """Return keywords with `steering={"gain": 2}` as `steering.gain`."""
+        parents = {key.name.partition(".")[0] for key in self.keys if "." in key.name}
+        values: dict[str, Any] = {}
+        for name, value in keywords.items():
+            if name in parents and isinstance(value, Mapping):
+                values |= {f"{name}.{key}": each for key, each in value.items()}
+            else:
+                values[name] = value
+        return values
+
+    def _checked(self, result: Made) -> Made:
+        if isinstance(result, Shown) and result.problem:
+            raise InputError(result.problem)
+        return result
+
+
+@overload
+def command(function: Callable[..., Made]) -> Command[Made]: ...
+
+
+@overload
+def command(
+    *, name: str = "", parts: bool = True, config: bool = False
+) -> Callable[[Callable[..., Made]], Command[Made]]: ...
+
+
+def command(function: Any = None, **settings: Any) -> Any:
+    """Make a function a command; see `Command` for the settings."""
+    if function is not None:
+        return Command(function)
+    return lambda decorated: Command(decorated, **settings)
+
+
+def is_help(arguments: Sequence[str]) -> bool:
+    """Return whether one of the arguments asks for help."""
+    return not set(HELP).isdisjoint(arguments)
+
+
+def _placeholder(parameter: inspect.Parameter) -> str:
+    choices = choices_of(parameter.annotation)
+    name = "|".join(choices) if 0 < len(choices) <= MOST_NAMED else parameter.name.upper()
+    if parameter.kind is parameter.VAR_POSITIONAL:
+        return f"[{name}...]"
+    return name if parameter.default is parameter.empty else f"[{name}]"
+
+
+def _is_option(argument: str) -> bool:
+    return argument.startswith("--") or ("=" in argument and not _exists(argument))
+
+
+def _exists(argument: str) -> bool:
+    try:
+        return Path(argument).expanduser().exists()
+    except (OSError, RuntimeError, ValueError):  # path too long, unknown user, null byte
+        return False

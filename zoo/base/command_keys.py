@@ -1,0 +1,388 @@
+"""Keys of a command: types, ranges, defaults and meanings from the signature of a function.
+
+A parameter whose annotation is a dataclass gives its fields as keys, which is how commands share
+keys.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+import re
+import sys
+import textwrap
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from zoo.base.errors import InputError, UsageError
+from zoo.base.nearest import hint
+
+Made = TypeVar("Made")
+
+NULLS = ("", "null", "~")
+WIDTH, NAMES = 100, 24  # characters of a help line, and of its first column
+REQUIRED: Any = inspect.Parameter.empty
+_NAMED = {float: "a number", int: "a whole number", bool: "true or false"}
+SECTION = re.compile(r"^\w+:$", re.MULTILINE)
+_ENTRY = re.compile(r"^ {4}([\w, *]+): (.*(?:\n {8}.*)*)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a command.
+
+    Attributes:
+        name: dotted name that a user types before `=`.
+        kind: type of the value, with its range.
+        default: default value; REQUIRED for a key that must be given.
+        meaning: meaning and unit.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    meaning: str
+
+    @property
+    def typed(self) -> str:
+        """Return the default as a user types it."""
+        return "needed" if self.default is REQUIRED else typed(self.default)
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Return the names of all values; none for a key that takes any text or number."""
+        return choices_of(self.kind)
+
+    @property
+    def row(self) -> str:
+        """Return the lines of the help."""
+        limits = bounds(self.kind).removeprefix("in ").removeprefix("of ")
+        explained = all(re.search(rf"\b{name}\b", self.meaning) for name in self.choices)
+        meaning = re.sub(r"\bNone\b", "null", self.meaning)
+        if limits and not (self.choices and explained):
+            meaning += f" ({limits})"
+        return help_row(f"{self.name}={self.typed}", meaning)
+
+
+@dataclass(frozen=True)
+class Section:
+    """Mark of a key whose type's arguments are keys below it, such as `steering.gain`."""
+
+
+@dataclass(frozen=True)
+class Untyped:
+    """Mark of an argument that only programs give, and that is no key."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Mark of a key that names one of several functions, whose arguments are keys below it.
+
+    Attributes:
+        functions: function by name.
+        default: name without the key.
+        number: argument that a number in place of a name sets.
+    """
+
+    functions: Mapping[str, Callable[..., Any]]
+    default: str
+    number: str
+
+    def resolved(self, name: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values with a number in place of a name moved to its key.
+
+        Raises:
+            UsageError: there is no such choice.
+        """
+        chosen = values.get(name, self.default)
+        if isinstance(chosen, int | float) or re.match(r"[-+]?[\d.]", str(chosen)):
+            rest = {key: value for key, value in values.items() if key != name}
+            return {name: self.default, f"{name}.{self.number}": chosen} | rest
+        if chosen not in self.functions:
+            raise UsageError(f"{name}={chosen}: no such choice; {hint(chosen, self.functions)}")
+        return {**values, name: chosen}
+
+
+def typed(value: object) -> str:
+    """Return a value as users type it; a text stays as it is.
+
+    >>> typed([1, None, "a"]), typed({"fog": 0.4}), typed(True)
+    ('[1,null,a]', '{fog: 0.4}', 'true')
+    """
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(typed, value))}]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {typed(each)}" for key, each in value.items()) + "}"
+    return str(os.fspath(value) if isinstance(value, os.PathLike) else value)
+
+
+def help_row(name: str, meaning: str, names: int = NAMES) -> str:
+    """Return a name and its meaning in two columns; a long name has its own line.
+
+    Args:
+        name: text of the first column.
+        meaning: text of the second column, which is wrapped.
+        names: width of the first column, characters.
+    """
+    indent = " " * (names + 2)
+    text = textwrap.fill(meaning, WIDTH, initial_indent=indent, subsequent_indent=indent)
+    if len(name) >= names:
+        return f"  {name}\n{text}".rstrip()
+    return f"  {name:<{names}}{text[len(indent) :]}".rstrip()
+
+
+def bounds(kind: Any) -> str:
+    """Describe the limits or choices of a type; empty for a type without any.
+
+    >>> from pydantic import Field
+    >>> bounds(Annotated[float, Field(gt=0, le=1000)] | None), bounds(Literal["full", "simple"])
+    ('above 0, up to 1000', 'full or simple')
+    """
+    if get_origin(kind) in (Union, types.UnionType):
+        return ", or ".join(filter(None, map(bounds, get_args(kind))))
+    if get_origin(kind) is Literal:
+        *first, last = map(str, get_args(kind))
+        return f"{', '.join(first)} or {last}" if first else last
+    limits: dict[str, float] = {}
+    for mark in getattr(kind, "__metadata__", ()):
+        for limit in getattr(mark, "metadata", ()):  # of pydantic's Field
+            names = ("gt", "ge", "lt", "le")
+            limits |= {name: getattr(limit, name) for name in names if hasattr(limit, name)}
+    words = [
+        f"{word} {limits[name]:g}"
+        for name, word in (("gt", "above"), ("lt", "below"), ("le", "up to"))
+        if name in limits
+    ]
+    if "ge" in limits:
+        least, most = f"{limits['ge']:g}", limits.get("le", limits.get("lt"))
+        words = [f"in {least}..{most:g}" if most is not None else f"of {least} or more"]
+    return ", ".join(words)
+
+
+def wanted(kind: Any) -> str:
+    """Describe the values that a type accepts.
+
+    >>> from pydantic import Field
+    >>> wanted(Annotated[float, Field(gt=0, le=1000)] | None)
+    'a number above 0, up to 1000, or null'
+    """
+    if get_origin(kind) in (Union, types.UnionType):
+        parts = get_args(kind)
+        return ", or ".join("null" if part is type(None) else wanted(part) for part in parts)
+    if get_origin(kind) is Literal:
+        return bounds(kind)
+    plain = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    return f"{_NAMED.get(plain, 'text')} {bounds(kind)}".strip()
+
+
+def choices_of(kind: Any) -> tuple[str, ...]:
+    """Return the names of all values of a type; none for a type that takes any text or number."""
+    if kind is bool:
+        return ("true", "false")
+    for mark in getattr(kind, "__metadata__", ()):
+        if isinstance(mark, Choice):
+            return tuple(mark.functions)
+    if get_origin(kind) is Literal:
+        return tuple(map(str, get_args(kind)))
+    if get_origin(kind) in (Union, types.UnionType):
+        return tuple(name for part in get_args(kind) for name in choices_of(part))
+    return ()
+
+
+def convert(name: str, kind: Any, value: Any) -> Any:
+    """Return a typed text or a value from Python, converted to a key's type.
+
+    >>> convert("fps", int, "24"), convert("out", str | None, "null")
+    (24, None)
+    >>> convert("track", str, ["lake", "mountain"])
+    'lake,mountain'
+
+    Raises:
+        UsageError: it has the wrong type or range; the message names key, value and range.
+    """
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    if isinstance(value, str) and value in NULLS:
+        value = None
+    plain = {get_origin(part) or part for part in (*get_args(kind), kind)}
+    if isinstance(value, str) and plain & {list, tuple}:
+        from zoo.base.bounded_files import parse_yaml  # slow import: YAML
+
+        try:
+            value = parse_yaml(value if value.startswith("[") else f"[{value}]")
+        except ValueError:
+            raise UsageError(f"{name}={value}: must be a list, such as [1,2]") from None
+    given = value
+    if str in plain and isinstance(value, list | tuple):
+        value = ",".join(map(typed, value))
+    elif str in plain and isinstance(value, os.PathLike | Mapping):
+        value = typed(value)
+    try:
+        config = None if is_dataclass(kind) else ConfigDict(coerce_numbers_to_str=True)
+        return TypeAdapter(kind, config=config).validate_python(value)
+    except ValidationError:
+        raise UsageError(f"{name}={typed(given)}: must be {wanted(kind)}") from None
+
+
+def parameters_of(function: Callable[..., Any]) -> list[tuple[inspect.Parameter, Any]]:
+    """Return each parameter with its type; texts of annotations are evaluated."""
+    inner = function.func if isinstance(function, functools.partial) else function
+    if is_dataclass(inner):
+        hints = get_type_hints(inner, include_extras=True)
+    elif inspect.isclass(inner):
+        hints = get_type_hints(inner.__init__, include_extras=True)
+    else:
+        hints = {}
+    found = []
+    for parameter in inspect.signature(function).parameters.values():
+        kind = hints.get(parameter.name, parameter.annotation)
+        if isinstance(kind, str) and parameter.kind is parameter.KEYWORD_ONLY:
+            kind = eval(kind, vars(sys.modules[inner.__module__]))
+        found.append((parameter, kind))
+    return found
+
+
+def meanings_of(function: Callable[..., Any]) -> dict[str, str]:
+    """Return the meaning of each argument, from the docstrings of a function or of classes."""
+    inner = function.func if isinstance(function, functools.partial) else function
+    owners = reversed(inner.__mro__[:-1]) if inspect.isclass(inner) else [inner]
+    found: dict[str, str] = {}
+    for owner in owners:
+        text = inspect.cleandoc(owner.__doc__ or "")
+        for title in ("\nArgs:\n", "\nAttributes:\n"):
+            section = SECTION.split(text.partition(title)[2])[0]
+            for names, meaning in _ENTRY.findall(section):
+                words = " ".join(meaning.split()).removesuffix(".")
+                found |= {name.strip(" *"): words for name in names.split(",")}
+    return found
+
+
+def keys_of(function: Callable[..., Any], prefix: str = "", given: Any = None) -> list[Key]:
+    """Return the keys of a command's function, or of a class that shares keys.
+
+    Args:
+        function: function, or a class whose arguments are all keys.
+        prefix: text before each name, such as `steering.`.
+        given: values by key, of which those of choices decide the keys below them.
+    """
+    meanings = meanings_of(function)
+    keys = []
+    for parameter, kind in _keyed(function):
+        name = prefix + parameter.name
+        mark, inner = _mark(kind)
+        if mark is None:
+            keys.append(Key(name, kind, parameter.default, meanings.get(parameter.name, "")))
+        elif isinstance(mark, Choice):
+            chosen = mark.resolved(name, given or {})[name]
+            meaning = meanings.get(parameter.name, "")
+            meaning += f"; one of {', '.join(mark.functions)}"
+            keys.append(Key(name, kind, mark.default, meaning))
+            keys += keys_of(mark.functions[chosen], f"{name}.")
+        else:
+            keys += keys_of(inner, f"{name}." if isinstance(mark, Section) else prefix, given)
+    return keys
+
+
+def constructed(
+    function: Callable[..., Any], values: Mapping[str, Any], prefix: str = ""
+) -> dict[str, Any]:
+    """Return the keyword arguments of a function, with the values of its keys.
+
+    Raises:
+        UsageError: a value has the wrong type or range, or a key is missing.
+    """
+    arguments = {}
+    for parameter, kind in _keyed(function):
+        name = prefix + parameter.name
+        mark, inner = _mark(kind)
+        if isinstance(mark, Choice):
+            chosen = mark.resolved(name, values)
+            make = mark.functions[chosen[name]]
+            arguments[parameter.name] = _made(make, chosen, f"{name}.")
+        elif mark is not None:
+            below = f"{name}." if isinstance(mark, Section) else prefix
+            arguments[parameter.name] = _made(inner, values, below)
+        elif name in values:
+            arguments[parameter.name] = convert(name, kind, values[name])
+        elif parameter.default is REQUIRED:
+            raise UsageError(f"{name}: not given; add {name}=VALUE")
+    return arguments
+
+
+def _made(make: Callable[..., Made], values: Mapping[str, Any], prefix: str) -> Made:
+    try:
+        return make(**constructed(make, values, prefix))
+    except InputError as error:  # a value that the class refuses
+        raise UsageError(str(error)) from None
+
+
+def check_keys(given: Iterable[str], keys: Iterable[Key], remedy: str = "") -> None:
+    """Raise UsageError for a key that does not exist."""
+    known = [key.name for key in keys]
+    for name in given:
+        if name not in known:
+            raise UsageError(f"{name}: no such key; {hint(name, known, remedy)}")
+
+
+def read_texts(arguments: Iterable[str], command: str = "") -> dict[str, str]:
+    """Return the texts of `key=value` arguments by key; `--film` means `film=true`.
+
+    Raises:
+        UsageError: a key is repeated or has no value.
+    """
+    given: dict[str, str] = {}
+    for argument in arguments:
+        key, equals, text = argument.partition("=")
+        if not equals and not argument.startswith("--"):
+            raise UsageError(f"{argument}: no value given; write {argument}=VALUE")
+        key = key.lstrip("-").replace("-", "_").removeprefix(f"{command}.")
+        if key in given:
+            raise UsageError(f"{key}: given twice; give it once")
+        given[key] = text if equals else "true"
+    return given
+
+
+def read_options(kind: Callable[..., Made], arguments: Sequence[str] = ()) -> Made:
+    """Return an instance of a class of options from `key=value` arguments.
+
+    Raises:
+        UsageError: a key is unknown, repeated or missing, or a value has the wrong type or range.
+    """
+    given = read_texts(arguments)
+    check_keys(given, keys_of(kind, given=given))
+    return kind(**constructed(kind, given))
+
+
+def _keyed(function: Callable[..., Any]) -> list[tuple[inspect.Parameter, Any]]:
+    """Return the parameters that are keys: keyword-only ones of a function, all of a class."""
+    inner = function.func if isinstance(function, functools.partial) else function
+    return [
+        (parameter, kind)
+        for parameter, kind in parameters_of(function)
+        if parameter.kind is parameter.KEYWORD_ONLY or inspect.isclass(inner)
+        if not any(isinstance(mark, Untyped) for mark in getattr(kind, "__metadata__", ()))
+    ]
+
+
+def _mark(kind: Any) -> tuple[object, Any]:
+    """Return the mark of a parameter that holds several keys, and its type; None for one key."""
+    for mark in getattr(kind, "__metadata__", ()):
+        if isinstance(mark, Choice | Section):
+            return mark, get_args(kind)[0]
+    return (kind, kind) if is_dataclass(kind) else (None, kind)

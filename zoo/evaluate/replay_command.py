@@ -1,0 +1,32 @@
+"""`drivezoo replay`: score a checkpoint on a recording."""
+
+from typing import TYPE_CHECKING
+
+from zoo.base.command import command
+from zoo.evaluate.evaluate_options import ReplayOptions
+
+if TYPE_CHECKING:
+    from zoo.evaluate.replay_score import Replay
+
+
+@command
+def replay(ckpt: str, recording: str, *, options: ReplayOptions) -> "Replay":
+    """Score a checkpoint on any recording.
+
+    Needs no simulator: warps the recorded frames to the position that the network steers to.
+
+    Args:
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet; in Python also a policy.
+        recording: recording's folder.
+        options: see `ReplayOptions`.
+
+    Raises:
+        InputError: the checkpoint or the recording cannot be used; or the network steered NaN,
+            after all files are written.
+    """
+    from rich.console import Console
+
+    from zoo.evaluate.replay_score import replay_recording
+
+    return replay_recording(ckpt, recording, options, Console(emoji=False))
