@@ -190,8 +190,7 @@ def serve(name: str, pipe: Connection) -> None:
     from zoo.drive.driver import Driver
     from zoo.drive.notices import Notices
     from zoo.drive.server import DriveServer, listen
-    from zoo.drives.speed_controller import PI
-    from zoo.drives.steering_filter import SteeringFilter
+    from zoo.drives.speed_controller import PI, SteeringFilter
 
     notices, times, looked = Notices(lambda line: None), [], []
     with tempfile.TemporaryDirectory() as folder:

@@ -15,9 +15,8 @@ from benchmarks.marked_page import markdown_table, write_between
 from zoo.cli.compose import compose_config
 from zoo.models.efficientnet_lite0 import InvertedResidual
 from zoo.models.layers import SCALE, LogSpread, Normalize, SameConv2d
-from zoo.models.make_network import make_network, published_view
+from zoo.models.make_network import make_network, multiply_adds, published_view
 from zoo.models.ncp import CfcCell
-from zoo.models.network_facts import multiply_adds
 from zoo.models.vgg import ImageNetNormalize
 from zoo.report.network_section import Layer, network_layers
 

@@ -176,9 +176,8 @@ def inputs(folder: str, *checkpoints: str) -> None:
 
     Each network is tried with its weights and with random ones.
     """
-    from zoo.input_search.combinations import SCALES, KnownInput
+    from zoo.input_search.combinations import SCALES, KnownInput, read_trial_frames
     from zoo.input_search.judgement import judge
-    from zoo.input_search.trial_frames import read_trial_frames
     from zoo.input_search.trials import try_inputs
 
     def keys(view: View) -> str:

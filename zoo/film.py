@@ -1,11 +1,10 @@
 """`drivezoo film`: film a drive, a recording or a folder of images."""
 
-import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -32,17 +31,11 @@ SUFFIXES = (".jpg", ".jpeg", ".png")
 
 @dataclass(frozen=True)
 class Shot:
-    """A frame of a film: its image, and the drive's values at that time; see `draw_overlay`."""
+    """A frame of a film: its image, and the arguments of `draw_overlay` at that time."""
 
     path: Path
-    time_s: float = math.nan
-    steering: float | None = None
-    throttle: float | None = None
-    speed_mph: float | None = None
-    autonomy: float | None = None
-    cte_m: float | None = None
-    note: str | None = None
-    spread: float | None = None
+    time_s: float
+    values: dict[str, Any] = field(default_factory=dict)
 
 
 def read_shots(folder: Path) -> list[Shot]:
@@ -124,16 +117,7 @@ def _frames(shots: list[Shot], faults: list[str], console: Console) -> Iterator[
             except (OSError, ValueError) as error:
                 faults.append(f"{shot.path}: {getattr(error, 'strerror', None) or error}")
                 continue
-            yield draw_overlay(
-                frame,
-                shot.steering,
-                shot.throttle,
-                shot.speed_mph,
-                shot.autonomy,
-                shot.cte_m,
-                shot.note,
-                shot.spread,
-            )
+            yield draw_overlay(frame, **shot.values)
 
 
 def _shots_of_drive(folder: Path) -> list[Shot]:
@@ -155,19 +139,14 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
         if not frame or frame == last:  # the old client's two loops send most frames twice
             continue
         last = frame
-        shots.append(
-            Shot(
-                folder / frame,
-                float(drive.time_s[row]),
-                float(drive.steering[row]),
-                float(drive.throttle[row]),
-                float(drive.speed_mph[row]),
-                autonomy(interventions, driven_s) if judged or interventions else None,
-                float(drive.cross_track_m[row]),
-                notes.get(str(drive.driver[row])),
-                float(drive.spread[row]),
-            )
-        )
+        values: dict[str, Any] = {
+            name: float(getattr(drive, name)[row])
+            for name in ("steering", "throttle", "speed_mph", "spread")
+        }
+        values["autonomy"] = autonomy(interventions, driven_s) if judged or interventions else None
+        values["cte_m"] = float(drive.cross_track_m[row])
+        values["note"] = notes.get(str(drive.driver[row]))
+        shots.append(Shot(folder / frame, float(drive.time_s[row]), values))
     if not shots:
         raise InputError(f"{folder}: the drive has no frames; drive with record=FOLDER")
     if len(shots) <= MOMENTS < len(drive) / 10:
@@ -180,11 +159,13 @@ def _shots_of_drive(folder: Path) -> list[Shot]:
 
 def _shots_of_recording(folder: Path) -> list[Shot]:
     log = read_recordings(str(folder), on_bad_image="skip")
-    columns = zip(
-        log.images[:, 0], log.time_s, log.steering, log.throttle - log.brake, log.speed_mph,
-        strict=True,
-    )  # fmt: skip
-    return [Shot(Path(image), *map(float, numbers)) for image, *numbers in columns]
+    names = ("steering", "throttle", "speed_mph")
+    values = zip(log.steering, log.throttle - log.brake, log.speed_mph, strict=True)
+    rows = zip(log.images[:, 0], log.time_s, values, strict=True)
+    return [
+        Shot(Path(image), float(time_s), dict(zip(names, map(float, row), strict=True)))
+        for image, time_s, row in rows
+    ]
 
 
 def _shots_of_images(folder: Path) -> list[Shot]:

@@ -91,7 +91,7 @@ def zoo_table() -> "tuple[Table, dict[str, str]]":
 
     from zoo.cli.compose import compose_config
     from zoo.models.make_network import make_network, published_view
-    from zoo.models.network_facts import multiply_adds, paper
+    from zoo.models.make_network import multiply_adds, paper
 
     sources = {}
     table = Table(title="the zoo", title_justify="left")

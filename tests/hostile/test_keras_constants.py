@@ -16,7 +16,7 @@ from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_lambda import describe_lambda, specs_of_word
 from zoo.keras.keras_layers import convert
 from zoo.keras.marshalled_code import MOST_DIGITS
-from zoo.models.layer_spec import LayerSpec
+from zoo.models.window_builders import LayerSpec
 
 REST: list[Layer] = [("Flatten", {}, []), ("Dense", {"units": 1}, random_weights((1800, 1), (1,)))]
 

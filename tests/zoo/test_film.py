@@ -62,7 +62,7 @@ def test_a_folder_of_images_is_filmed_in_the_order_of_time(
     result = film(tmp_path, folder, "fps=48")
 
     assert [shot.path.stem for shot in shots] == [recorded.stems[row] for row in (3, 5, 7)]
-    assert shots[0].steering is None
+    assert shots[0].values == {}
     assert real_fps(shots) == pytest.approx(7.5, abs=0.1)
     assert result.returncode == 0, result.stderr
     meta, frames = decode(tmp_path / "a=[run] 1.mp4")
@@ -93,10 +93,10 @@ def test_a_drive_shows_autonomy_and_distance_from_the_centre(
     shots = read_shots(folder)
 
     assert len(shots) == 120
-    assert shots[59].autonomy == 1
-    assert shots[60].note == "a person drives"
-    assert shots[-1].autonomy == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
-    assert (shots[-1].cte_m, shots[-1].spread) == (-0.5, 0.05)
+    assert shots[59].values["autonomy"] == 1
+    assert shots[60].values["note"] == "a person drives"
+    assert shots[-1].values["autonomy"] == pytest.approx(1 - 6 / shots[-1].time_s, abs=0.01)
+    assert (shots[-1].values["cte_m"], shots[-1].values["spread"]) == (-0.5, 0.05)
     assert len(decode(make_film(folder, None, None, console))[1]) == 120
 
 
@@ -194,8 +194,8 @@ def test_a_film_shows_no_autonomy_where_it_is_not_measured(
         writer.add([DriveRow(row / 10, frame=str(recorded.image(row)), intervention=row == 5)])
     writer.close()
     shots = read_shots(tmp_path)
-    assert {shot.autonomy for shot in shots[:5]} == {None}
-    assert shots[9].autonomy == 0, "a takeover shows that a person watches"
+    assert {shot.values["autonomy"] for shot in shots[:5]} == {None}
+    assert shots[9].values["autonomy"] == 0, "a takeover shows that a person watches"
 
 
 def test_a_wrong_folder_gets_one_line(tmp_path: Path) -> None:

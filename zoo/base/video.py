@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
-import imageio_ffmpeg
 import numpy as np
 
 from zoo.base.errors import InputError
@@ -34,6 +33,8 @@ class VideoWriter(contextlib.AbstractContextManager):
     def __init__(
         self, path: Path, name: object, size: tuple[int, int], fps: float, options: Sequence[str]
     ) -> None:
+        import imageio_ffmpeg  # 30 MB, needed only for videos
+
         self.name, self.size = name, size
         command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-f", "rawvideo"]
         command += ["-pix_fmt", "rgb24", "-s", "{}x{}".format(*size), "-r", f"{fps:.6g}"]

@@ -21,7 +21,7 @@ class ClosedLoop(lightning.Callback):
     """A callback that drives in the embedded world after an epoch, and logs the figures.
 
     Logs `drive/autonomy` (0..1), `drive/interventions`, `drive/cte_mean` and `drive/cte_max`
-    (metres), and `drive/score` (see `zoo.drives.driving_score`), which checkpoints and early
+    (metres), and `drive/score` (see `zoo.drives.interventions`), which checkpoints and early
     stopping can monitor. In epochs without a drive they keep their last value.
 
     The weights with the highest `drive/score` are kept as `checkpoints/driven.ckpt`: a candidate
@@ -135,7 +135,7 @@ class ClosedLoop(lightning.Callback):
         """Drive a copy of the network; return its figures, equal for equal weights."""
         from zoo.checkpoints.checkpoint import Checkpoint
         from zoo.checkpoints.policy import CheckpointPolicy
-        from zoo.drives.driving_score import driving_score
+        from zoo.drives.interventions import driving_score
         from zoo.drives.tally import autonomy
         from zoo.worlds.run_drives import all_drives
 

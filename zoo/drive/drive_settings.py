@@ -10,8 +10,14 @@ from pydantic import Field
 from zoo.base.command_keys import Choice, Section
 from zoo.base.errors import InputError, UsageError
 from zoo.drive.origin import is_loopback
-from zoo.drives.speed_controller import PI, Constant, Doubt, Network, SpeedController
-from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.speed_controller import (
+    PI,
+    Constant,
+    Doubt,
+    Network,
+    SpeedController,
+    SteeringFilter,
+)
 from zoo.worlds.scenario import Margin
 
 _PI = partial(PI, kp=0.1, ki=0.002)  # of the Udacity course

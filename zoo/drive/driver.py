@@ -28,8 +28,7 @@ from zoo.drive.telemetry_message import (
 )
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
-from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
-from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.speed_controller import SpeedController, SteeringFilter, keep_limit, limit_pedal
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
 GENTLE_BRAKE = -0.2

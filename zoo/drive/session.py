@@ -6,8 +6,7 @@ from zoo.checkpoints.command import Command, Policy, PolicyFunction, as_policy
 from zoo.drive.telemetry_message import Telemetry, parse_number
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.latency_meter import LatencyMeter, latency_meter
-from zoo.drives.speed_controller import SpeedController
-from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.speed_controller import SpeedController, SteeringFilter
 
 
 class Session:

@@ -1,14 +1,14 @@
 """Images kept from a scored drive: frames of its worst moments, and a film."""
 
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 
 import cv2
 import numpy as np
 
 from datamodules.formats.recording_writer import write_frame
+from simulator.film import Film
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import autonomy
@@ -18,7 +18,7 @@ FILM_SIZE = (640, 320)  # twice the camera's size; at 960 x 480 a lap takes twic
 MOMENTS, APART_S = 10, 2.0
 
 
-class KeptFrames(AbstractContextManager):
+class KeptFrames(ExitStack):
     """Writer of a drive's images into its folder, called with every frame.
 
     Args:
@@ -31,13 +31,11 @@ class KeptFrames(AbstractContextManager):
     """
 
     def __init__(self, folder: Path | None, frame_rate: float, film_speed: float = 0.0) -> None:
+        super().__init__()
         self.folder, self.moments = folder, WorstMoments()
-        self.film = DriveFilm(folder, frame_rate, film_speed) if folder and film_speed else None
-
-    def __enter__(self) -> "KeptFrames":
-        if self.film:
-            self.film.__enter__()
-        return self
+        self.film: DriveFilm | None = None
+        if folder and film_speed:
+            self.film = self.enter_context(DriveFilm(folder, frame_rate, film_speed))
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
@@ -45,15 +43,6 @@ class KeptFrames(AbstractContextManager):
             self.moments(frame, row)
         if self.film:
             self.film(frame, row)
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self.film:
-            self.film.__exit__(kind, error, trace)
 
     def write(self, drive: Drive) -> Drive:
         """Write the frames of the worst moments; return the drive with their paths."""
@@ -110,7 +99,7 @@ def badness(row: DriveRow) -> tuple[bool, float]:
     return row.intervention, abs(row.cross_track_m)
 
 
-class DriveFilm(AbstractContextManager):
+class DriveFilm(Film):
     """Writer of `film.mp4` during a drive; steering, speed and autonomy are drawn in.
 
     Args:
@@ -123,15 +112,9 @@ class DriveFilm(AbstractContextManager):
     """
 
     def __init__(self, folder: Path, frame_rate: float, speed: float = 1.0) -> None:
-        from simulator.film import Film
-
         self.every = max(1, round(speed))
         self.number = self.interventions = 0
-        self._film = Film(folder / FILM_NAME, frame_rate * speed / self.every)
-
-    def __enter__(self) -> "DriveFilm":
-        self._film.__enter__()
-        return self
+        super().__init__(folder / FILM_NAME, frame_rate * speed / self.every)
 
     def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
@@ -149,12 +132,4 @@ class DriveFilm(AbstractContextManager):
             row.cross_track_m,
             spread=row.spread,
         )
-        self._film.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._film.__exit__(kind, error, trace)
+        self.add(cv2.resize(image, FILM_SIZE, interpolation=cv2.INTER_AREA))

@@ -27,9 +27,9 @@ _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
 
 def draw_overlay(
     frame: np.ndarray,
-    steering: float | None,
-    throttle: float | None,
-    speed_mph: float | None,
+    steering: float | None = None,
+    throttle: float | None = None,
+    speed_mph: float | None = None,
     autonomy: float | None = None,
     cte_m: float | None = None,
     note: str | None = None,

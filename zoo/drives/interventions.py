@@ -1,4 +1,7 @@
-"""The rule that decides when a car needs an intervention, in the embedded world and on a socket."""
+"""The rule that decides when a car needs an intervention, in the embedded world and on a socket.
+
+The driving score is one number per drive, by which a sweep ranks its trials.
+"""
 
 import math
 
@@ -7,6 +10,7 @@ OFF_ROAD, STANDSTILL, TAKEOVER = "off_road", "standstill", "takeover"
 WORDS = {OFF_ROAD: "off the road", STANDSTILL: "standing still", TAKEOVER: "taken over by hand"}
 STALLED_BELOW_MPH, STALLED_S = 1.0, 5.0
 LEAST_MARGIN_M = 0.2  # smallest margin of the options; a car is put back to 1 mm of the centre
+HALF_M = 1.0  # the mean cross-track error that counts as half an intervention
 DEFAULT_MARGIN_M = 3.2  # half the width of the lake's road, for a client that sends no lane width
 
 
@@ -67,3 +71,22 @@ class InterventionRule:
             return None
         self._stalled_s = time_s
         return STANDSTILL
+
+
+def driving_score(interventions: float, driven_s: float, cte_mean_m: float) -> float:
+    """Return NVIDIA's autonomy less a small part for the cross-track error; at most 1.
+
+    The score is 1 - 6 s * (interventions + e / (e + 1 m)) / driven_s, where e is the mean
+    cross-track error in metres. The part e / (e + 1 m) stays below one intervention, so that over
+    the same time a drive with fewer interventions always scores higher. Unlike autonomy, the score
+    can fall below 0, so that a sweep can rank bad networks, too. It is NaN if no time was driven.
+
+    >>> round(driving_score(0, 60.0, 0.25), 3), round(driving_score(0, 60.0, 1.0), 3)
+    (0.98, 0.95)
+    >>> driving_score(1, 60.0, 0.0) < driving_score(0, 60.0, 1000.0)
+    True
+    """
+    if driven_s <= 0:
+        return math.nan
+    share = cte_mean_m / (cte_mean_m + HALF_M)
+    return 1 - INTERVENTION_S * (interventions + share) / driven_s

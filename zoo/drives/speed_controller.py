@@ -1,7 +1,7 @@
-"""Speed controllers, chosen by `speed=` of `drivezoo drive`."""
+"""Speed controllers, chosen by `speed=` of `drivezoo drive`, and the steering filter."""
 
 import math
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 from zoo.base.errors import InputError
 
@@ -13,7 +13,7 @@ REVERSES_BELOW_MPH = 5.0  # below it, a negative throttle makes the original's c
 TELEMETRY_HZ = 43.0
 
 
-class SpeedController(Protocol):
+class SpeedController(ABC):
     """Controller that returns a throttle for each telemetry.
 
     Attributes:
@@ -21,9 +21,10 @@ class SpeedController(Protocol):
         needs_spread: whether the policy must predict the spread of its steering.
     """
 
-    set_mph: float | None
-    needs_spread: bool
+    set_mph: float | None = None
+    needs_spread = False
 
+    @abstractmethod
     def throttle(
         self,
         speed_mph: float,
@@ -42,11 +43,11 @@ class SpeedController(Protocol):
             spread: standard deviation of the steering; None if the policy predicts none.
         """
 
-    def reset(self) -> None:
+    def reset(self) -> None:  # noqa: B027 - a controller without a state has nothing to forget
         """Forget earlier telemetry, after a person drove."""
 
 
-class PI:
+class PI(SpeedController):
     """PI controller of the Udacity course, scaled by the elapsed time.
 
     Args:
@@ -58,7 +59,7 @@ class PI:
             steering. None keeps `set_mph`.
     """
 
-    needs_spread = False
+    set_mph: float
 
     def __init__(
         self, set_mph: float, kp: float, ki: float = 0.0, bend_mph: float | None = None
@@ -140,22 +141,16 @@ class Doubt(PI):
         return self.set_mph - (self.set_mph - least) * min(max(share, 0.0), 1.0)
 
 
-class Constant:
+class Constant(SpeedController):
     """Constant throttle; the car slows down uphill.
 
     Args:
         throttle: throttle, -1..1.
     """
 
-    set_mph: float | None = None
-    needs_spread = False
-
     def __init__(self, throttle: float) -> None:
         _check("throttle", throttle, least=-1, most=1)
         self.value = float(throttle)
-
-    def reset(self) -> None:
-        """Do nothing; there is no state."""
 
     def throttle(
         self,
@@ -169,7 +164,7 @@ class Constant:
         return self.value
 
 
-class Network:
+class Network(SpeedController):
     """Throttle that the network predicts, such as one of `model=nvidia_speed`.
 
     Args:
@@ -177,16 +172,10 @@ class Network:
         fallback: throttle if the network predicts none, -1..1.
     """
 
-    set_mph: float | None = None
-    needs_spread = False
-
     def __init__(self, gain: float = 1.0, fallback: float = 0.2) -> None:
         _check("gain", gain, least=0)
         _check("fallback", fallback, least=-1, most=1)
         self.gain, self.fallback = gain, fallback
-
-    def reset(self) -> None:
-        """Do nothing; there is no state."""
 
     def throttle(
         self,
@@ -198,6 +187,56 @@ class Network:
     ) -> float:
         """Return the predicted throttle times the gain, or the fallback."""
         return self.fallback if predicted is None else self.gain * predicted
+
+
+class SteeringFilter:
+    """Steering filter: a gain, then a low pass, then a rate limit; the last two off by default.
+
+    Args:
+        gain: factor of the network's steering.
+        low_pass_s: time constant of a first-order low pass in seconds; None for no low pass.
+        rate_per_s: greatest change of the steering (-1..1) per second; None for no limit.
+    """
+
+    def __init__(
+        self,
+        gain: float = 1.0,
+        low_pass_s: float | None = None,
+        rate_per_s: float | None = None,
+    ) -> None:
+        for key, value in (("gain", gain), ("low_pass_s", low_pass_s), ("rate_per_s", rate_per_s)):
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            positive = number and value is not None and 0 < value < math.inf
+            if not positive and not (value is None and key != "gain"):
+                raise InputError(f"drive.steering.{key}={value}: must be a number above 0")
+        self.gain, self.low_pass_s, self.rate_per_s = gain, low_pass_s, rate_per_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget earlier steering, after a person drove."""
+        self._smooth: float | None = None
+        self._last: float | None = None
+        self._last_s = 0.0
+
+    def __call__(self, steering: float, now_s: float) -> float:
+        """Return the steering to send, -1..1.
+
+        Args:
+            steering: steering of the network, -1..1.
+            now_s: time of the drive in seconds.
+        """
+        elapsed_s, self._last_s = now_s - self._last_s, now_s
+        wanted = min(max(self.gain * steering, -1.0), 1.0)
+        if self.low_pass_s is not None:
+            if self._smooth is not None:
+                share = 1 - math.exp(-elapsed_s / self.low_pass_s)
+                wanted = self._smooth + share * (wanted - self._smooth)
+            self._smooth = wanted
+        if self.rate_per_s is not None and self._last is not None:
+            most = self.rate_per_s * elapsed_s
+            wanted = min(max(wanted, self._last - most), self._last + most)
+        self._last = wanted
+        return wanted
 
 
 def keep_limit(

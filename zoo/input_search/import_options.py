@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from zoo.base.errors import UsageError
-from zoo.input_search.trial_frames import LEAST_ROWS
+from zoo.input_search.combinations import LEAST_ROWS
 
 Colour = Literal["rgb", "bgr", "yuv", "yuv_old", "hsv", "gray", "hsv_s"]
 Resize = Literal["area", "linear", "area_first", "linear_first"]

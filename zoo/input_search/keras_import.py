@@ -21,6 +21,7 @@ from zoo.input_search.combinations import (
     KnownInput,
     Scale,
     likeliest_combination,
+    read_trial_frames,
 )
 from zoo.input_search.import_options import ImportOptions, read_list
 from zoo.input_search.import_tables import (
@@ -30,7 +31,6 @@ from zoo.input_search.import_tables import (
     trials_table,
 )
 from zoo.input_search.judgement import judge
-from zoo.input_search.trial_frames import read_trial_frames
 from zoo.input_search.trials import Trials, try_inputs
 from zoo.keras.keras_file import KerasModel, read_keras_apart
 from zoo.keras.keras_layers import ConvertedKeras, convert

@@ -23,10 +23,10 @@ from zoo.input_search.combinations import (
     Combination,
     KnownInput,
     Scale,
+    TrialFrames,
     combinations,
     with_each_resize,
 )
-from zoo.input_search.trial_frames import TrialFrames
 from zoo.training.open_loop import side_response
 
 SIDE_OFFSET = 0.25  # steering that solutions of the course add for the left camera: 0.2 to 0.3

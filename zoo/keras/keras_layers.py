@@ -13,9 +13,10 @@ from zoo.keras.keras_specs import (
     CLASSES,
     Spec,
 )
-from zoo.keras.keras_weights import MisfitError, by, copy_arrays
+from zoo.keras.keras_weights import MisfitError, copy_arrays
 from zoo.models.make_network import LimitedParameters
 from zoo.models.sequential import Sequential, build_layers, is_channels_first
+from zoo.models.window_builders import by
 
 SIDES = set(range(1, 4097))  # of an image, in pixels
 

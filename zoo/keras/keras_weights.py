@@ -16,6 +16,9 @@ from zoo.keras.keras_file import read_keras_apart
 from zoo.keras.keras_model import KerasLayer, KerasModel
 from zoo.keras.keras_specs import ORDERS
 from zoo.models.value_layers import BatchNorm, PReLU
+from zoo.models.window_builders import by
+
+WithWeights = nn.Conv1d | nn.Conv2d | nn.Linear
 
 
 class MisfitError(ValueError):
@@ -134,14 +137,6 @@ def _alpha_shape(alpha: Tensor, first: bool) -> tuple[int, ...]:
     """Return the shape of a PReLU's factors in Keras' order of axes."""
     shape = tuple(alpha.shape)
     return (*shape[1:], shape[0]) if len(shape) == 3 and not first else shape
-
-
-def by(shape: tuple[int, ...] | list[int]) -> str:
-    """Return a shape as text, such as `5 x 5 x 3 x 24`."""
-    return " x ".join(map(str, shape)) or "a number"
-
-
-WithWeights = nn.Conv1d | nn.Conv2d | nn.Linear
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,23 @@
-"""Construct the network that a config names."""
+"""Construct the network that a config names, and return facts about it."""
 
+import inspect
 import math
+import sys
 from collections.abc import Callable, Sequence
 
 import torch
 from torch import nn
 from torch.overrides import TorchFunctionMode
+from torch.utils.flop_counter import FlopCounterMode
 
 from datamodules.view import View
 from zoo.base.errors import InputError
-from zoo.cli.parts import part_class, part_errors, part_of, unknown_part
-from zoo.models.part_network import check_network
+from zoo.cli.parts import Part, part_class, part_errors, part_of, unknown_part
+from zoo.models.memory import Memory, frame_outputs
 from zoo.runs.allowed_classes import ALLOWED, own_class
 
 MOST_PARAMETERS = 1_000_000_000  # VGG16 has 138 million
+FRAMES = 2  # of the check of a part: with one, a missing dimension would be broadcast
 VIEW_KEYS = ("colour", "size", "resize")
 # Keys of a model's config that its constructor does not take.
 BORDER_KEYS = (*VIEW_KEYS, "weights", "name", "cache_features")
@@ -70,6 +74,36 @@ def make_network(model: dict, view: View, most: int = MOST_PARAMETERS) -> nn.Mod
     return network
 
 
+def check_network(network: nn.Module, shape: tuple[int, int, int], part: Part) -> None:
+    """Raise InputError if a network lacks what training and driving need of it.
+
+    Args:
+        network: network of the part.
+        shape: `(channels, height, width)` of its view.
+        part: part that defines it, for messages.
+    """
+    name = type(network).__name__
+    for key, kind, example in (("takes_speed", bool, "False"), ("outputs", int, "1")):
+        if not isinstance(getattr(network, key, None), kind):
+            raise InputError(f"{part.name}: {name} lacks {key}; add {key} = {example} to the class")
+    if isinstance(network, Memory):  # its own methods compute the shapes
+        return
+    inputs = [torch.zeros(FRAMES, *shape)]
+    if network.takes_speed:
+        inputs.append(torch.zeros(FRAMES))
+    was_training = network.training
+    with part_errors(part), torch.no_grad():
+        found = network.eval()(*inputs)
+    network.train(was_training)
+    columns = network.outputs + bool(getattr(network, "predicts_spread", False))
+    if not isinstance(found, torch.Tensor) or tuple(found.shape) != (FRAMES, columns):
+        shown = list(found.shape) if isinstance(found, torch.Tensor) else type(found).__name__
+        raise InputError(
+            f"{part.name}: {name}.forward returns {shown} for {FRAMES} images; return "
+            f"[{FRAMES}, {columns}], one row for each image"
+        )
+
+
 class LimitedParameters(TorchFunctionMode):
     """A context that refuses a network of more than `most` parameters before it takes memory."""
 
@@ -90,3 +124,18 @@ class LimitedParameters(TorchFunctionMode):
                     f"{self.most:,}; set a smaller size or width"
                 )
         return function(*args, **(kwargs or {}))
+
+
+def multiply_adds(network: torch.nn.Module, shape: tuple[int, int, int]) -> int:
+    """Return the multiply-adds of convolutions and dense layers for one frame."""
+    images, speed = torch.zeros(1, *shape), torch.zeros(1)
+    network.eval()
+    with torch.no_grad(), FlopCounterMode(display=False) as counter:
+        frame_outputs(network, images, speed)
+    return counter.get_total_flops() // 2
+
+
+def paper(network: torch.nn.Module) -> str:
+    """Return the first line of the docstring of a network's module, which names its source."""
+    text = inspect.getdoc(sys.modules[type(network).__module__])
+    return text.splitlines()[0].rstrip(".") if text else "no source named"

@@ -21,7 +21,6 @@ from zoo.models.image_layers import (
     Reshape,
     Resize,
 )
-from zoo.models.layer_spec import LayerSpec
 from zoo.models.layers import Dropout
 from zoo.models.value_layers import (
     ACTIVATIONS,
@@ -35,6 +34,7 @@ from zoo.models.value_layers import (
 from zoo.models.window_builders import (
     Builder,
     Built,
+    LayerSpec,
     Shape,
     activated,
     by,

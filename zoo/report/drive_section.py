@@ -127,7 +127,7 @@ def _name(drive: "Drive", file: str) -> str:
 def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
     """Return the worst moments of a track's drives, each with its saliency map."""
     from zoo.checkpoints.policy import CheckpointPolicy
-    from zoo.models.network_facts import multiply_adds
+    from zoo.models.make_network import multiply_adds
     from zoo.saliency.visual_backprop import Saliency, overlay
 
     found = [(drive, row) for drive in drives for row in worst_rows(drive)]

@@ -73,7 +73,7 @@ def network_blocks(run: Run) -> list[Block]:
 
 
 def _table(run: Run) -> list[Block]:
-    from zoo.models.network_facts import multiply_adds, paper
+    from zoo.models.make_network import multiply_adds, paper
 
     checkpoint: Checkpoint = run.checkpoint
     network, view = checkpoint.network, checkpoint.view

@@ -13,7 +13,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.errors import InputError
-from zoo.drives.driving_score import driving_score
+from zoo.drives.interventions import driving_score
 from zoo.leaderboard.ranking import Run, read_run
 from zoo.runs.status import read_status
 from zoo.sweep.grid import recordings_of, run_jobs, sweep_console
@@ -35,7 +35,7 @@ class SearchSettings:
         n_trials: total number of trials in the study, from all processes.
         at_once: number of trials that are chosen together and passed to the launcher.
         monitor: figure to optimize and to prune by: `drive/score` (autonomy, with ties broken by
-            cross-track error, see `zoo.drives.driving_score`) or `drive/autonomy`, both maximized;
+            cross-track error, see `zoo.drives.interventions`) or `drive/autonomy`, both maximized;
             `drive/cte_mean` or `val/mse`, both minimized.
         storage: URL of the study's database; processes with the same URL share the study.
         study: name of the study in the database.

@@ -16,7 +16,7 @@ from zoo.base.errors import InputError
 from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file
-from zoo.drives.driving_score import driving_score
+from zoo.drives.interventions import driving_score
 from zoo.evaluate.track_scores import KeptDrive, RunScore, driving_line
 from zoo.worlds.run_drives import all_drives
 

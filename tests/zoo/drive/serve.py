@@ -98,8 +98,7 @@ def main(folder: str, option: str | None = None) -> None:
     from zoo.drive.driver import Driver
     from zoo.drive.notices import Notices
     from zoo.drive.server import DriveServer, listen
-    from zoo.drives.speed_controller import Constant
-    from zoo.drives.steering_filter import SteeringFilter
+    from zoo.drives.speed_controller import Constant, SteeringFilter
 
     stop, notices = StopOnSignal(), Notices()
     writer = BackgroundWriter(Path(folder), notices)

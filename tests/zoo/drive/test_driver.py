@@ -14,8 +14,7 @@ from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drive.session import Session
-from zoo.drives.speed_controller import PI, Constant, SpeedController
-from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.speed_controller import PI, Constant, SpeedController, SteeringFilter
 
 
 class Counting(Policy):

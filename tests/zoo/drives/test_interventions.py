@@ -16,8 +16,7 @@ from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
 from zoo.drives.drive_log import read_drive
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, InterventionRule
-from zoo.drives.speed_controller import PI, SpeedController
-from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.speed_controller import PI, SpeedController, SteeringFilter
 
 GREY = picture((102, 102, 102))
 FRAME_S = 0.1

@@ -3,7 +3,7 @@
 import pytest
 
 from zoo.base.errors import InputError
-from zoo.drives.steering_filter import SteeringFilter
+from zoo.drives.speed_controller import SteeringFilter
 
 
 def test_it_changes_nothing_by_default() -> None:

@@ -9,10 +9,9 @@ from datamodules.view import View
 from tests.recordings import recording_in_memory, write_recording
 from tests.zoo.keras_networks import write_steering_h5
 from zoo.base.errors import InputError
-from zoo.input_search.combinations import SCALES, KnownInput
+from zoo.input_search.combinations import SCALES, KnownInput, choose_rows, read_trial_frames
 from zoo.input_search.judgement import judge
 from zoo.input_search.keras_import import network_maker
-from zoo.input_search.trial_frames import choose_rows, read_trial_frames
 from zoo.input_search.trials import try_inputs
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
