@@ -11,6 +11,7 @@ import pytest
 
 from tests.zoo.drive.old_client import telemetry
 from tests.zoo.drive.serve import picture, red_policy
+from zoo.checkpoints.command import as_policy
 from zoo.drive.drive_writer import BackgroundWriter
 from zoo.drive.driver import Driver
 from zoo.drive.notices import Notices
@@ -232,7 +233,7 @@ def test_only_a_simulator_that_can_is_asked_to_put_the_car_back(
 
 def test_a_policy_that_fails_off_the_road_is_counted(begin: Callable[..., Drive]) -> None:
     drive = begin()
-    drive.driver.policy = lambda frame, speed_mph: (math.nan, None)
+    drive.driver.policy = as_policy(lambda frame, speed_mph: (math.nan, None))
     drive.send(1, cte="5.0000")
     drive.end()
     record = read_drive(drive.folder)
