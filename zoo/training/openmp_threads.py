@@ -5,6 +5,10 @@ But on a core that another program needs, a spinning thread delays that program,
 wait for the thread that lost its core. OpenMP fixes the policy when torch is imported. GNU OpenMP,
 which torch uses on Linux, stops spinning while it has more threads than there are cores: a team of
 idle threads switches spinning off at any time.
+
+LeNet trained on 11,000 samples/s with threads that spin and 5,200 with threads that sleep, on four
+quiet cores (docs/performance.md). On two cores that other programs used all the time, it trained
+2.2 and 6.1 times as fast with this watch as with GNU OpenMP's own policy (two runs, in turns).
 """
 
 import ctypes
