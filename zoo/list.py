@@ -90,8 +90,7 @@ def zoo_table() -> "tuple[Table, dict[str, str]]":
     from rich.table import Table
 
     from zoo.cli.compose import compose_config
-    from zoo.models.make_network import make_network, published_view
-    from zoo.models.make_network import multiply_adds, paper
+    from zoo.models.make_network import make_network, multiply_adds, paper, published_view
 
     sources = {}
     table = Table(title="the zoo", title_justify="left")
