@@ -38,7 +38,7 @@ def part_names() -> list[str]:
     """Return the names of all parts, those about training first."""
     names = sorted(path.stem for path in HERE.glob("*.py") if "\ndef measure(" in path.read_text())
     first = ("feed", "training", "tiny", "start", "cache", "growth")
-    return [name for name in first if name in names] + [one for one in names if one not in first]
+    return [name for name in first if name in names] + [word for word in names if word not in first]
 
 
 def usual_parts(console: Console) -> list[str]:
@@ -106,8 +106,8 @@ def main(arguments: list[str]) -> int:
             console.print(f"bench: {word}: must be ONLY=PART,PART, short or docs")
             return 1
     names = part_names()
-    wanted = [one.removeprefix("ONLY=") for one in arguments if one.startswith("ONLY=")]
-    chosen = [name for one in wanted for name in one.split(",") if name] or usual_parts(console)
+    wanted = [word.removeprefix("ONLY=") for word in arguments if word.startswith("ONLY=")]
+    chosen = [name for word in wanted for name in word.split(",") if name] or usual_parts(console)
     for name in chosen:
         if name not in names:
             console.print(f"bench: {name}: no such part; available: {', '.join(names)}")

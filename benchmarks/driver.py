@@ -48,10 +48,10 @@ class Driven:
 def main(seconds: float) -> None:
     """Print the table."""
     names = (CONSTANT, *choices("model"))
-    rows = [
-        [name, f"{one.rate:.0f}", *(f"{ms:.1f}" for ms in (*one.latency.values(), one.forward))]
-        for name, one in zip(names, drive_each(names, seconds), strict=True)
-    ]
+    rows = []
+    for name, drive in zip(names, drive_each(names, seconds), strict=True):
+        times = (*drive.latency.values(), drive.forward)
+        rows.append([name, f"{drive.rate:.0f}", *(f"{ms:.1f}" for ms in times)])
     print_table(["network", "telemetry/s", "p50 ms", "p95 ms", "p99 ms", "forward ms"], rows)
 
 
@@ -63,7 +63,7 @@ def measure(short: bool) -> list[Row]:
     """
     asked = f"two loops at {FPS} fps, answered at once"
     seconds, turns = (1.0, 1) if short else (BENCH_SECONDS, TURNS)
-    others = [] if short else [CONSTANT, *(one for one in choices("model") if one != "nvidia")]
+    others = [] if short else [CONSTANT, *(name for name in choices("model") if name != "nvidia")]
     # The last turns are nvidia's; after each one its forward pass is timed alone.
     names = [*others, *["nvidia"] * turns]
     drives = drive_each(names, seconds)
@@ -72,24 +72,24 @@ def measure(short: bool) -> list[Row]:
     ours: list[Driven] = []
     warm: list[float] = []
     alone: list[float] = []
-    for name, one in zip(names, drives, strict=True):
-        found[name] = one
+    for name, drive in zip(names, drives, strict=True):
+        found[name] = drive
         if name == "nvidia":
-            ours.append(one)
+            ours.append(drive)
             warm.append(forward_ms("nvidia", 20 if short else 300))
             alone.append(forward_ms("nvidia", 20 if short else 60, 1 / FPS))
     rows = [
         Row(
             f"the driver with {name}, telemetry answered",
             asked,
-            one.rate / (2 * FPS),
-            figures={"telemetry/s": one.rate, **{f"{k} ms": v for k, v in one.latency.items()}},
+            drive.rate / (2 * FPS),
+            figures={"telemetry/s": drive.rate, **{f"{k} ms": v for k, v in drive.latency.items()}},
         )
-        for name, one in sorted(found.items())
+        for name, drive in sorted(found.items())
     ]
     turns_ms = {
-        "driver ms": [one.looked for one in ours],
-        "forward in the driver ms": [one.forward for one in ours],
+        "driver ms": [drive.looked for drive in ours],
+        "forward in the driver ms": [drive.forward for drive in ours],
         f"forward, {FPS} a second ms": alone,
         "forward, warm ms": warm,
     }
@@ -205,7 +205,7 @@ def serve(name: str, pipe: Connection) -> None:
         pipe.recv()
         server.close()
         writer.close({})
-    found = [float(np.median(one)) if one else float("nan") for one in (looked, times)]
+    found = [float(np.median(values)) if values else float("nan") for values in (looked, times)]
     pipe.send((driver.tally.figures()["latency_percentiles_ms"], found[0], 1000 * found[1]))
 
 
@@ -266,5 +266,5 @@ def random_checkpoint(folder: Path) -> str:
 
 
 if __name__ == "__main__":
-    as_part = any(one == "short" or one.startswith("out=") for one in sys.argv[1:])
+    as_part = any(word == "short" or word.startswith("out=") for word in sys.argv[1:])
     run_part(measure) if as_part else main(float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS)

@@ -31,7 +31,7 @@ def measure(short: bool) -> list[Row]:
     keep_freed_memory()  # as a run does
     measures = {
         "ours/s": rate(batch_sizes(data), 8 * batches),
-        "sample by sample/s": rate(map(len, (one["images"] for one in endless(loader))), batches),
+        "sample by sample/s": rate((len(each["images"]) for each in endless(loader)), batches),
         "frames in windows/s": rate(batch_sizes(windows), batches),
     }
     take_turns(measures, 1)  # warms up memory pages and thread pools

@@ -88,17 +88,17 @@ def difference(name: str, device: str) -> float:
     In 32 bits and without dropout, because devices draw other random numbers.
     """
     network, batch = untrained(name, 4)
-    for one in network.modules():
-        if isinstance(one, torch.nn.Dropout):
-            one.p = 0.0
+    for layer in network.modules():
+        if isinstance(layer, torch.nn.Dropout):
+            layer.p = 0.0
     torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = False
     results = []
     for where in ("cpu", device):
         moved = copy.deepcopy(network).to(where).train()
         outputs = predict(moved, {key: value.to(where) for key, value in batch.items()})
         outputs.square().mean().backward()
-        gradients = [one.grad for one in moved.parameters() if one.grad is not None]
-        results.append([one.detach().cpu() for one in (outputs, *gradients)])
+        gradients = [weight.grad for weight in moved.parameters() if weight.grad is not None]
+        results.append([tensor.detach().cpu() for tensor in (outputs, *gradients)])
     return max(
         float((ours - theirs).abs().max() / theirs.abs().max().clamp(min=1e-6))
         for theirs, ours in zip(*results, strict=True)
@@ -124,6 +124,6 @@ def print_rates(names: list[str], found: dict[str, list[float]], differ: dict[st
 
 if __name__ == "__main__":
     given = sys.argv[1:]
-    wanted = [one for one in given if one != "short" and "=" not in one]
+    wanted = [word for word in given if word != "short" and "=" not in word]
     place = "cpu" if "device=cpu" in given else "cuda"
     sys.exit(main(wanted or list(NETWORKS), place, "short" in given))

@@ -199,5 +199,5 @@ def main(sizes: list[int], docs: bool) -> None:
 
 
 if __name__ == "__main__":
-    numbers = [int(one) for one in sys.argv[1:] if one.isdigit()]
+    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
     main(numbers, "docs" in sys.argv[1:]) if numbers else run_part(measure)

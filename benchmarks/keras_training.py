@@ -43,12 +43,12 @@ def measure(short: bool) -> list[Row]:
         found = take_turns({**ours, "Keras/s": theirs}, rounds)
     reference = f"{solution}, its own generator, batch 40"
     what = f"training nvidia, batch {BATCH}, augmented"
-    names = {one: what + one.removeprefix("zoo").removesuffix("/s") for one in targets}
+    names = {target: what + target.removeprefix("zoo").removesuffix("/s") for target in targets}
     # What the bare loop allows, in the same 32 bits.
     aim = SHARE * median_ratio(found[BARE], found["Keras/s"]).value
     return [
-        compared(found, name, reference, (one, "Keras/s"), aim if one == "zoo/s" else None)
-        for one, name in {**names, BARE: "a bare loop on tensors in memory"}.items()
+        compared(found, name, reference, (target, "Keras/s"), aim if target == "zoo/s" else None)
+        for target, name in {**names, BARE: "a bare loop on tensors in memory"}.items()
     ]
 
 

@@ -24,7 +24,8 @@ def pictures() -> dict[str, list[Path]]:
         from tests.recordings import write_recording
 
         write_recording(OUT / "drawn", rows=DRAWN_ROWS)
-    return {one: sorted(folder.glob(f"{one}_*.jpg")) for one in ("center", "left", "right")}
+    cameras = ("center", "left", "right")
+    return {camera: sorted(folder.glob(f"{camera}_*.jpg")) for camera in cameras}
 
 
 def linked_recording(rows: int, cameras: tuple[str, ...] = ("center", "left", "right")) -> Path:

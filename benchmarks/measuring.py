@@ -31,7 +31,7 @@ def run_named(*measurements: Callable[..., object]) -> None:
         sys.exit(f"{Path(sys.argv[0]).name}: name one of {', '.join(by_name)}")
     keys = dict(word.split("=", 1) for word in words if "=" in word)
     try:
-        given = signature(by_name[name]).bind(*(one for one in words if "=" not in one), **keys)
+        given = signature(by_name[name]).bind(*(word for word in words if "=" not in word), **keys)
     except TypeError as error:
         sys.exit(f"{name}: {error}")
     sys.exit(by_name[name](*given.args, **given.kwargs))

@@ -92,7 +92,7 @@ def _block_of(name: str, modules: dict[str, nn.Module]) -> InvertedResidual | No
     """Return the inverted residual that a layer is in; None if it is in none."""
     parts = name.split(".")
     around = (modules[".".join(parts[:count])] for count in range(1, len(parts)))
-    return next((one for one in around if isinstance(one, InvertedResidual)), None)
+    return next((module for module in around if isinstance(module, InvertedResidual)), None)
 
 
 def layer_words(module: nn.Module) -> str:
@@ -153,13 +153,13 @@ def networks_table(networks: list[NetworkFacts], pages: dict[str, Path]) -> str:
     """Return a line for each network, with a link to its page."""
     rows = [
         [
-            f"[`{one.name}`]({pages[one.name].name})",
-            _size((one.shape[2], *one.shape[:2])),
-            one.colour,
-            f"{one.parameters:,}",
-            f"{one.multiply_adds:,}",
+            f"[`{network.name}`]({pages[network.name].name})",
+            _size((network.shape[2], *network.shape[:2])),
+            network.colour,
+            f"{network.parameters:,}",
+            f"{network.multiply_adds:,}",
         ]
-        for one in networks
+        for network in networks
     ]
     head = ["model", "input (C x H x W)", "colour", "parameters", "multiply-adds"]
     return markdown_table(head, rows, left=3)
@@ -186,8 +186,8 @@ def write_tables() -> None:
     pages = pages_by_network()
     networks = [network_facts(name) for name in pages]
     write_between(PAGES / "index.md", "networks", networks_table(networks, pages))
-    for one in networks:
-        write_between(pages[one.name], f"layers of {one.name}", layer_table(one))
+    for network in networks:
+        write_between(pages[network.name], f"layers of {network.name}", layer_table(network))
 
 
 if __name__ == "__main__":

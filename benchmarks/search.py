@@ -85,7 +85,7 @@ def main() -> None:
         print_table(["sampler", *(f"failure above {edge:g}" for edge in EDGES)], rows)
         return
     rows = [
-        [path, *(by_driving(path, one, keys, out / f"{number}-{one}") for one in samplers)]
+        [path, *(by_driving(path, name, keys, out / f"{number}-{name}") for name in samplers)]
         for number, path in enumerate(checkpoints, start=1)
     ]
     print("cells with a failure (drives that failed)")

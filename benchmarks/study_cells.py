@@ -270,7 +270,7 @@ def packaged() -> list[dict[str, str]]:
 
     rows = []
     facts = [read_facts(name) | {"name": name} for name in packaged_names()]
-    for network in sorted(facts, key=lambda one: one["parameters"]):
+    for network in sorted(facts, key=lambda network: network["parameters"]):
         lake, unseen = network["drives"]["lake"], network["drives"]["unseen"]
         value, low, high = (100 * unseen["headline"][key] for key in ("value", "low", "high"))
         rows.append(

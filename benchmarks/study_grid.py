@@ -167,7 +167,7 @@ class Study:
 
 def _options_type(own: dict[str, Any]) -> type[StudyOptions]:
     """Return the dataclass of a study's options."""
-    types: dict[str, Any] = {one.name: one.type for one in fields(StudyOptions)}
+    types: dict[str, Any] = {key.name: key.type for key in fields(StudyOptions)}
     keys = [
         (key, types.get(key, _type_of(value)), field(default_factory=lambda value=value: value))
         for key, value in own.items()

@@ -194,7 +194,7 @@ def print_rows(rows: list[Row]) -> None:
 def run_part(measure: Callable[[bool], list[Row]]) -> None:
     """Run a part with the command's arguments: `[short] [out=FILE]`."""
     rows = measure("short" in sys.argv[1:])
-    out = [one.removeprefix("out=") for one in sys.argv[1:] if one.startswith("out=")]
+    out = [word.removeprefix("out=") for word in sys.argv[1:] if word.startswith("out=")]
     if out:
         Path(out[0]).write_text(json.dumps([asdict(row) for row in rows]))
     else:

@@ -135,11 +135,11 @@ def run_bare(pipe: Connection, seconds: float, tuned: bool) -> None:
         for _ in range(4)
     ]
     if not tuned:
-        images = [one.contiguous() for one in images]
+        images = [image.contiguous() for image in images]
     step = bare_step(tuned)
     targets = torch.rand(BATCH, 1)
 
-    feed = itertools.cycle({"images": one, "targets": targets} for one in images)
+    feed = itertools.cycle({"images": image, "targets": targets} for image in images)
     answer(pipe, lambda: rate(step, feed, seconds))
 
 
@@ -225,7 +225,7 @@ def best_product(device: str, side: int, dtype: torch.dtype) -> float:
         products.append(lambda: torch.conv2d(images, kernel))
     seconds = []
     with torch.no_grad():
-        for product in [one for one in products for _ in range(TIMES)]:
+        for product in [product for product in products for _ in range(TIMES)]:
             began = time.perf_counter()
             product()
             wait_for(device)

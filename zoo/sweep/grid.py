@@ -91,5 +91,5 @@ def recordings_of(
         if root is None:
             root = OmegaConf.select(job, "data.record.out")
         found = list(root) if OmegaConf.is_list(root) else [root]
-        roots += [str(one) for one in found if one is not None]
+        roots += [str(path) for path in found if path is not None]
     return {root: log_digest(root) for root in dict.fromkeys(roots)}

@@ -43,7 +43,7 @@ def result_text(folder: Path) -> str:
         return ": ".join(filter(None, [status.get("status"), status.get("reason")]))
     figures = [] if run.autonomy is None else [f"autonomy {run.autonomy:.1%}"]
     figures += [] if run.val_mse is None else [f"val MSE {run.val_mse:.4f}"]
-    return f"finished in {run.wall_s:.0f} s" + "".join(f", {one}" for one in figures)
+    return f"finished in {run.wall_s:.0f} s" + "".join(f", {figure}" for figure in figures)
 
 
 @contextmanager

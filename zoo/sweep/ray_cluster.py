@@ -75,7 +75,7 @@ def _run(
     """Run a job in a process of the cluster, with the sweep's folder, import path and parts."""
     folder, paths, os.environ[VARIABLE] = place
     os.chdir(folder)
-    sys.path[:] = [*paths, *(one for one in sys.path if one not in paths)]
+    sys.path[:] = [*paths, *(path for path in sys.path if path not in paths)]
     setup_globals()
     Singleton.set_state(state)
     HydraConfig.instance().set_config(config)

@@ -24,12 +24,12 @@ LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slur
 SWEEPERS = ("basic", "grid", "optuna")
 # Allowed `hydra.*` keys: numbers and names; none of them sets a class, a command or a path.
 HYDRA_KEYS = (
-    *(f"hydra.launcher.{one}" for one in ("n_jobs", "batch_size", "verbose")),
-    *(f"hydra.launcher.{one}" for one in ("timeout_min", "nodes", "cpus_per_task", "mem_gb")),
-    *(f"hydra.launcher.{one}" for one in ("gpus_per_node", "partition", "array_parallelism")),
-    *(f"hydra.launcher.task.{one}" for one in ("num_cpus", "num_gpus")),
-    *(f"hydra.sweeper.{one}" for one in ("n_trials", "at_once", "monitor", "study", "sampler")),
-    *(f"hydra.sweeper.{one}" for one in ("seed", "pruner", "startup_trials", "warmup_epochs")),
+    *(f"hydra.launcher.{key}" for key in ("n_jobs", "batch_size", "verbose")),
+    *(f"hydra.launcher.{key}" for key in ("timeout_min", "nodes", "cpus_per_task", "mem_gb")),
+    *(f"hydra.launcher.{key}" for key in ("gpus_per_node", "partition", "array_parallelism")),
+    *(f"hydra.launcher.task.{key}" for key in ("num_cpus", "num_gpus")),
+    *(f"hydra.sweeper.{key}" for key in ("n_trials", "at_once", "monitor", "study", "sampler")),
+    *(f"hydra.sweeper.{key}" for key in ("seed", "pruner", "startup_trials", "warmup_epochs")),
     "hydra.sweep.subdir",  # set for each job
     "hydra.verbose",
 )
@@ -76,7 +76,7 @@ def check_job(overrides: Sequence[str], config: DictConfig, added: Sequence[str]
     sweep = _resumed.get()
     if sweep is None:
         return
-    check_overrides([one for one in overrides if one not in added], sweep)
+    check_overrides([word for word in overrides if word not in added], sweep)
     own = OmegaConf.masked_copy(config, [key for key in config if key != "hydra"])
     # `check_overrides` has checked the study's address, as `hydra.sweeper.storage`.
     trusted = [*sweep.trusted, *([f"{PRUNING}.storage"] if added else [])]
@@ -92,18 +92,18 @@ def check_overrides(overrides: Sequence[str], sweep: SavedSweep) -> None:
     for flag in overrides:
         if flag.startswith("-"):
             _refuse(flag, flag.partition("=")[0], sweep)
-    given = [one for one in overrides if not one.startswith("-")]
-    for one in OverridesParser.create().parse_overrides(quote_paths(given, sweep=True)):
-        key = one.get_key_element().lstrip("+~")
-        if key not in sweep.trusted and not _is_allowed(one, key):
-            _refuse(one.input_line, key, sweep)
+    given = [word for word in overrides if not word.startswith("-")]
+    for override in OverridesParser.create().parse_overrides(quote_paths(given, sweep=True)):
+        key = override.get_key_element().lstrip("+~")
+        if key not in sweep.trusted and not _is_allowed(override, key):
+            _refuse(override.input_line, key, sweep)
 
 
-def _is_allowed(one: Override, key: str) -> bool:
+def _is_allowed(override: Override, key: str) -> bool:
     groups = {name: choices(name) for name in config_groups()}
     groups |= {"hydra/launcher": LAUNCHERS, "hydra/sweeper": SWEEPERS}
     if key in groups:
-        return one.is_delete() or set(_chosen(one)) <= {*groups[key], "None"}
+        return override.is_delete() or set(_chosen(override)) <= {*groups[key], "None"}
     if "/" in key or "@" in key or key == "hydra":
         return False
     if key.startswith("hydra."):
@@ -111,9 +111,9 @@ def _is_allowed(one: Override, key: str) -> bool:
     return not key.startswith(PRUNING)
 
 
-def _chosen(one: Override) -> Iterator[str]:
+def _chosen(override: Override) -> Iterator[str]:
     """Yield every choice of a group in an override, from a sweep or a list."""
-    values = one.sweep_iterator() if one.is_sweep_override() else [one.value()]
+    values = override.sweep_iterator() if override.is_sweep_override() else [override.value()]
     for value in values:
         yield from map(str, value if isinstance(value, list) else [value])
 

@@ -1,6 +1,7 @@
 """Sweeps whose values Optuna chooses, in a study that processes and machines can share."""
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,14 +74,11 @@ def sweep_search(
     """
     folder = Path(config.hydra.sweep.dir)
     parser = OverridesParser.create(config_loader=context.config_loader)
+    parsed = parser.parse_overrides(arguments)
     # If a key is given twice, the last value counts, as everywhere in Hydra.
-    given = {one.get_key_element(): one for one in parser.parse_overrides(arguments)}
-    fixed = [
-        f"{key}={one.get_value_element_as_str()}"
-        for key, one in given.items()
-        if not one.is_sweep_override()
-    ]
-    space = {key: _distribution(one) for key, one in given.items() if one.is_sweep_override()}
+    given = {override.get_key_element(): override for override in parsed}
+    space = {key: _distribution(given[key]) for key in given if given[key].is_sweep_override()}
+    fixed = [f"{key}={given[key].get_value_element_as_str()}" for key in given if key not in space]
     if not space:
         raise InputError(
             "no key to search over; give a key several values, or KEY=interval(1e-4,1e-2)"
@@ -99,7 +97,8 @@ def sweep_search(
             search.report(job)
         console.print(search.state(), highlight=False, markup=False)
         numbers = search.ask()
-    add_to_record(folder, jobs=[list(search.job(one).overrides) for one in search.own_trials()])
+    jobs = map(search.job, search.own_trials())
+    add_to_record(folder, jobs=[list(job.overrides) for job in jobs])
 
 
 class Search:
@@ -198,7 +197,7 @@ class Search:
     def state(self) -> str:
         """Return how many trials ended in each way, and the best values."""
         states = [trial.state.name for trial in self.study.get_trials(deepcopy=False)]
-        counted = ", ".join(f"{states.count(one)} {one.lower()}" for one in dict.fromkeys(states))
+        counted = ", ".join(f"{count} {name.lower()}" for name, count in Counter(states).items())
         best = ""
         if "COMPLETE" in states:
             values = " ".join(f"{key}={value}" for key, value in self.study.best_params.items())
@@ -206,7 +205,7 @@ class Search:
         return f"study: {len(states)} of {self.settings.n_trials} trials, {counted}{best}"
 
 
-def _open_study(settings: SearchSettings, attempts: int = ATTEMPTS) -> "optuna.Study":
+def _open_study(settings: SearchSettings, attempt: int = 1) -> "optuna.Study":
     import optuna
 
     from zoo.sweep.pruning import make_pruner
@@ -233,12 +232,12 @@ def _open_study(settings: SearchSettings, attempts: int = ATTEMPTS) -> "optuna.S
             load_if_exists=True,
         )
     except Exception as error:  # of SQLAlchemy or the database's driver
-        if attempts == 1 or "(sqlite3." not in str(error):
+        if attempt == ATTEMPTS or "(sqlite3." not in str(error):
             reason = str(error).strip().splitlines()[0]
             raise InputError(f"hydra.sweeper.storage={settings.storage}: {reason}") from None
     # Two processes that create the same SQLite file at once disturb each other: try again.
     time.sleep(1)
-    return _open_study(settings, attempts - 1)
+    return _open_study(settings, attempt + 1)
 
 
 def _value(folder: Path, monitor: str) -> float | None:
@@ -260,9 +259,9 @@ def _value(folder: Path, monitor: str) -> float | None:
 def _score(run: Run) -> float | None:
     """Return the mean score over the tracks; None without a drive."""
     keys = ("interventions", "driven_s", "cte_mean_m")
-    if not run.tracks or any(key not in one for one in run.tracks.values() for key in keys):
+    if not run.tracks or any(key not in figures for figures in run.tracks.values() for key in keys):
         return None
-    scores = [driving_score(*(one[key] for key in keys)) for one in run.tracks.values()]
+    scores = [driving_score(*(figures[key] for key in keys)) for figures in run.tracks.values()]
     return sum(scores) / len(scores)
 
 
@@ -288,7 +287,7 @@ def _distribution(override: Override) -> "optuna.distributions.BaseDistribution"
         if isinstance(value, RangeSweep) and isinstance(value.step, int):
             last = value.stop - 1  # Hydra excludes the stop as Python does; Optuna includes it
             return IntDistribution(value.start, last, step=1 if log else value.step, log=log)
-        return CategoricalDistribution([str(one) for one in override.sweep_string_iterator()])
+        return CategoricalDistribution([str(value) for value in override.sweep_string_iterator()])
     except (TypeError, ValueError) as error:
         raise InputError(f"{key}: {error}") from None
 

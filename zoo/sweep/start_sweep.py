@@ -30,6 +30,7 @@ from zoo.sweep.sweep_job import run_job
 
 MULTIRUN = ("-m", "--multirun", "hydra.mode=MULTIRUN")
 FOLDER_KEY = "hydra.sweep.dir="
+HYDRA_KEYS = ("hydra.sweep.", "hydra/", "hydra.launcher")  # that decide the folder
 PAGE = "ranking.html"
 LIBRARY_FILES = ("multirun.yaml", "study.db")  # of Hydra and Optuna
 # The module that a choice needs, and the optional dependency of drivezoo that installs it.
@@ -51,11 +52,11 @@ def sweep(arguments: list[str]) -> None:
             cannot be written; or, after the last job, jobs that failed.
         StoppedError: on Ctrl-C, with the command to resume.
     """
-    arguments = [one for one in arguments if one not in MULTIRUN]
+    arguments = [word for word in arguments if word not in MULTIRUN]
     refuse_missing(arguments)
-    named = any(one.startswith(FOLDER_KEY) for one in arguments)
-    what = [one for one in arguments if not one.startswith(FOLDER_KEY)]
-    if any(one.startswith("hydra.sweep.subdir") for one in what):
+    named = any(word.startswith(FOLDER_KEY) for word in arguments)
+    what = [word for word in arguments if not word.startswith(FOLDER_KEY)]
+    if any(word.startswith("hydra.sweep.subdir") for word in what):
         raise InputError(
             "hydra.sweep.subdir: cannot be set, a job's folder is its number; remove the override"
         )
@@ -88,7 +89,7 @@ def go_on(folder: Path, more: list[str]) -> None:
     saved = SavedSweep(folder / records.NAME, trusted)
     check_overrides(record.arguments, saved)
     may_change = (*records.LAUNCH_KEYS, "hydra.sweeper.n_trials=")
-    wrong = [one for one in more if not one.startswith(may_change)]
+    wrong = [word for word in more if not word.startswith(may_change)]
     if wrong:
         raise InputError(
             f"{wrong[0]}: cannot change when a sweep is resumed; only hydra/launcher, "
@@ -97,10 +98,10 @@ def go_on(folder: Path, more: list[str]) -> None:
     changed = records.what_changed(record)
     if changed:
         raise InputError(f"{folder}: {changed}; start a new sweep")
-    keys = {one.partition("=")[0] for one in more}
-    kept = [one for one in record.arguments if one.partition("=")[0] not in keys]
+    keys = {word.partition("=")[0] for word in more}
+    kept = [word for word in record.arguments if word.partition("=")[0] not in keys]
     if "hydra/launcher" in keys:  # another launcher does not take the earlier one's settings
-        kept = [one for one in kept if not one.startswith("hydra.launcher")]
+        kept = [word for word in kept if not word.startswith("hydra.launcher")]
     refuse_missing([*kept, *more])
     console = wide_console()
     console.print(_resuming_line(folder, record), highlight=False, markup=False)
@@ -112,7 +113,7 @@ def run_sweep(folder: Path, arguments: list[str], console: Console, finished: bo
     """Run the jobs in `folder` that are not done, then rank all jobs."""
     check_name(folder, "hydra.sweep.dir=")
     with written_folder(folder, "sweeps", FOLDER_KEY):
-        note_files(*(folder / one for one in LIBRARY_FILES))
+        note_files(*(folder / name for name in LIBRARY_FILES))
         is_new = not (folder / records.NAME).is_file()
         if is_new:
             records.write_record(folder, records.new_record(arguments))
@@ -144,9 +145,9 @@ def conclude(folder: Path, console: Console) -> None:
     print_ranking(ranking, title, console, PAGE)
     page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
     print_written([page], following(entries), console)
-    failed = [one for one in unranked if one.why in ("failed", "stopped")]
+    failed = [run for run in unranked if run.why in ("failed", "stopped")]
     if failed:
-        reasons = "; ".join(f"{one.folder.name}: {one.reason or 'it was killed'}" for one in failed)
+        reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
         raise InputError(
             f"{len(failed)} of {len(folders)} jobs failed: {reasons}; the same command runs them "
             "again"
@@ -174,7 +175,7 @@ def _composed_folder(arguments: list[str]) -> Path:
     from hydra import compose, initialize_config_dir
 
     _drop_shadowed()
-    own = [one for one in arguments if one.startswith(("hydra.sweep.", "hydra/", "hydra.launcher"))]
+    own = [word for word in arguments if word.startswith(HYDRA_KEYS)]
     with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
         return Path(compose("config", quote_paths(own), return_hydra_config=True).hydra.sweep.dir)
 

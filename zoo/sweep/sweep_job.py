@@ -88,7 +88,7 @@ def _set_up_worker(config: DictConfig) -> None:
     """Prepare a process that a launcher started, one of several on the machine."""
     # joblib sets a start method of its own, which fails in subprocesses of its workers.
     multiprocessing.set_start_method(multiprocessing.get_all_start_methods()[0], force=True)
-    if not any(one.name == ORPHAN_WATCH for one in threading.enumerate()):
+    if not any(thread.name == ORPHAN_WATCH for thread in threading.enumerate()):
         watch = threading.Thread(
             target=_exit_without_parent, args=(os.getppid(),), name=ORPHAN_WATCH
         )
@@ -143,7 +143,7 @@ def _train_in_subprocess(config: DictConfig, folder: Path) -> float:
     """
     # `resume=` works for a new job, too: Hydra has written the job's config to its folder.
     command = module_command("zoo", f"resume={folder}")
-    if trusted := [one.trust for one in find_refusals(config)]:  # this sweep composed them
+    if trusted := [refusal.trust for refusal in find_refusals(config)]:  # this sweep composed them
         command.append(f"{TRUST}={','.join(trusted)}")
     result = subprocess.run(
         command, env=child_environment(), stdout=sys.stdout, stderr=sys.stderr, check=False

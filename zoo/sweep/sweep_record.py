@@ -95,8 +95,8 @@ def varying(jobs: Sequence[Sequence[str]]) -> dict[tuple[str, ...], str]:
     >>> varying([("a=1", "b=1"), ("a=2", "b=1")])
     {('a=1', 'b=1'): 'a=1', ('a=2', 'b=1'): 'a=2'}
     """
-    shared = set.intersection(*(set(one) for one in jobs)) if len(jobs) > 1 else set()
-    return {tuple(one): " ".join(each for each in one if each not in shared) for one in jobs}
+    shared = set.intersection(*(set(job) for job in jobs)) if len(jobs) > 1 else set()
+    return {tuple(job): " ".join(each for each in job if each not in shared) for job in jobs}
 
 
 def is_same(record: SweepRecord, arguments: list[str]) -> bool:
@@ -141,4 +141,4 @@ def package_versions() -> dict[str, str]:
 
 
 def _training_overrides(arguments: Iterable[str]) -> list[str]:
-    return sorted(one for one in arguments if not one.lstrip("+~").startswith(LAUNCH_KEYS))
+    return sorted(word for word in arguments if not word.lstrip("+~").startswith(LAUNCH_KEYS))
