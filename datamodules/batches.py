@@ -1,5 +1,13 @@
-"""Batches as tensors, of training samples and of evaluated rows."""
+"""Batches as tensors, of training samples and of evaluated rows, alone and in groups.
 
+Lightning's own work per step takes as long as two batches of a small network. With groups of 32
+batches, several optimizer steps in one Lightning step, `experiment=tiny41` trains 2.1 times as many
+samples per second as with groups of 1 (median of five interleaved rounds on two busy cores; 1.2 to
+3.5).
+"""
+
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -7,22 +15,22 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from datamodules.balance import BatchKey
+from datamodules.balance import BalancedBatches, BatchKey
 from datamodules.recording import Recording
 from datamodules.row_views import RowViews
-from datamodules.samples import CENTER, LEFT, RIGHT, Samples
-from datamodules.windows import SINGLE_FRAMES, Windows
+from datamodules.samples import CENTER, LEFT, RIGHT, SINGLE_FRAMES, Samples, Windows
 
 if TYPE_CHECKING:
     from datamodules.augment import Augment  # slow import, which only a training needs
 
 # images: uint8 [N, C, H, W], in memory as [N, H, W, C], the fastest layout for convolutions;
 # speed: mph, float32 [N]; targets: steering and throttle, float32 [N, 2].
-# With windows (see `datamodules.windows`), images: [N, sequence, C, H, W], oldest first; speed: of
+# With windows (see `datamodules.samples`), images: [N, sequence, C, H, W], oldest first; speed: of
 # the newest frame; targets: [N, sequence + ahead, 2], for evaluation of the newest frame, [N, 2].
 Batch = dict[str, torch.Tensor]
 
 EVALUATION_BATCH = 256
+GROUP = 32  # batches
 
 
 @dataclass(frozen=True)
@@ -130,3 +138,37 @@ def make_batch(
 def make_targets(steering: np.ndarray, throttle: np.ndarray) -> np.ndarray:
     """Return targets, float32 [N, 2], of windows [N, sequence + ahead, 2], steering first."""
     return np.stack([steering, throttle], axis=-1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class BatchGroups(Dataset):
+    """Lists of batches by their keys.
+
+    Args:
+        batches: batches by key.
+    """
+
+    batches: Dataset[Batch]
+
+    def __getitem__(self, keys: tuple[BatchKey, ...]) -> list[Batch]:
+        return [self.batches[key] for key in keys]
+
+
+@dataclass(frozen=True)
+class KeyGroups:
+    """A sampler of tuples of up to `count` keys of batches."""
+
+    keys: BalancedBatches
+    count: int
+
+    def set_epoch(self, epoch: int) -> None:
+        """Set the epoch; Lightning calls this at the start of each."""
+        self.keys.set_epoch(epoch)
+
+    def __len__(self) -> int:
+        return -(-len(self.keys) // self.count)
+
+    def __iter__(self) -> Iterator[tuple[BatchKey, ...]]:
+        keys = iter(self.keys)
+        while group := tuple(itertools.islice(keys, self.count)):
+            yield group

@@ -13,7 +13,7 @@ from typing import Literal
 from rich.console import Console
 from rich.progress import Progress
 
-from datamodules.findings import find_oddities
+from datamodules.findings import find_oddities, report_lines
 from datamodules.image import (
     FRAME_HEIGHT,
     FRAME_WIDTH,
@@ -26,7 +26,6 @@ from datamodules.image import (
     image_size,
 )
 from datamodules.recording import Recording, read_recordings
-from datamodules.recording_report import report_lines
 from zoo.base.command import command, is_help
 from zoo.base.command_keys import read_texts
 from zoo.base.regular_file import read_regular

@@ -15,20 +15,24 @@ from torch.utils.data import DataLoader, Dataset
 
 from datamodules.augment import Augment
 from datamodules.balance import BalancedBatches
-from datamodules.batch_groups import BatchGroups, KeyGroups
-from datamodules.batches import EvaluationBatches, TrainingBatches, unchanged
+from datamodules.batches import (
+    BatchGroups,
+    EvaluationBatches,
+    KeyGroups,
+    TrainingBatches,
+    unchanged,
+)
 from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.features import FeatureBatches
+from datamodules.findings import report_lines
 from datamodules.leak import Leak, measure_leak, thumbnail
 from datamodules.recording import Recording, read_recordings
-from datamodules.recording_report import report_lines
 from datamodules.row_views import RowViews, load_row_views
-from datamodules.samples import CENTER, make_samples
+from datamodules.samples import CENTER, Windows, make_samples
 from datamodules.split import PARTS, Split, split_rows
 from datamodules.view import View
-from datamodules.windows import Windows
 from zoo.base.errors import InputError
 
 AUGMENT_ON = ("auto", "cpu", "device")

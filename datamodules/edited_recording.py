@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
-from datamodules.image import read_image
-from datamodules.image_files import find_file_fault, link_or_copy
+from datamodules.image import find_file_fault, link_or_copy, read_image
 from datamodules.recording import LOG_NAME, Recording, file_name, read_source, write_source
 from datamodules.recording_edits import Edits, edit_options
 from zoo.base.errors import InputError

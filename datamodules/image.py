@@ -1,6 +1,8 @@
-"""Decode camera images, for training and driving alike."""
+"""Decode camera images, for training and driving alike; check, link and copy their files."""
 
+import errno
 import io
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +13,7 @@ import numpy as np
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
-from zoo.base.regular_file import read_regular
+from zoo.base.regular_file import open_regular, read_regular
 from zoo.base.rig import UDACITY
 
 FRAME_WIDTH, FRAME_HEIGHT = UDACITY.cameras["center"].size  # that every image is resized to
@@ -28,6 +30,9 @@ _KINDS = ((b"\xff\xd8\xff", b"\xff\xd9"), (b"\x89PNG\r\n\x1a\n", b"IEND"))
 _SEQUENTIAL, _PROGRESSIVE, _SCAN = (0xC0, 0xC1), 0xC2, 0xDA  # markers of frames and of a scan
 HEAD = 8  # bytes that identify the kind of file
 NO_IMAGE = "the file is no JPEG or PNG"
+# Errors after which a link is replaced by a copy: another file system, or one without links; a
+# file of another user; too many links.
+_NO_LINK = {errno.EXDEV, errno.EPERM, errno.EACCES, errno.EMLINK, errno.ENOTSUP, errno.ENOSYS}
 
 
 def read_image(path: str | Path) -> np.ndarray:
@@ -158,3 +163,35 @@ def _segments(data: bytes) -> Iterator[tuple[int, int]]:
         if kind == _SCAN:
             return
         at += 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+
+
+def find_file_fault(path: str) -> str | None:
+    """Return what is wrong with an image by its first and last bytes, or None.
+
+    A log, or a link in its folder, may name any file. Only images may get into a new folder.
+    """
+    try:
+        descriptor, size = open_regular(path, MOST_IMAGE_BYTES)
+        try:
+            head = os.read(descriptor, HEAD)
+            os.lseek(descriptor, max(size - TAIL, 0), os.SEEK_SET)
+            fault = find_fault(head, os.read(descriptor, TAIL))
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        fault = error.strerror or str(error)
+    return f"{path}: {fault}" if fault else None
+
+
+def link_or_copy(path: str, target: Path) -> None:
+    """Link a file under another name, or copy it where the file system has no links.
+
+    Raises:
+        OSError: the file cannot be read, or the disk is full.
+    """
+    try:
+        os.link(os.path.realpath(path), target)
+    except OSError as error:
+        if error.errno not in _NO_LINK:
+            raise
+        target.write_bytes(read_regular(path, MOST_IMAGE_BYTES))

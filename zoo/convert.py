@@ -143,13 +143,13 @@ def run_conversion(
         return convert_to_recording(
             source, out, read, fit=options.fit, quality=options.quality, progress=progress
         )
-    from datamodules.recording_report import skipped_lines
+    from datamodules.findings import skipped_lines
 
     recording = read_recordings(
         str(source), options.images, on_bad_image="skip", on_bad_row=options.on_bad_row
     )
     if to == "donkeycar":
-        from datamodules.formats.tub_export import export_tub
+        from datamodules.formats.donkeycar import export_tub
 
         result = export_tub(recording, out, progress)
     else:

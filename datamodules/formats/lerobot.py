@@ -9,8 +9,7 @@ import numpy as np
 
 from datamodules.driving_log import BadRows
 from datamodules.formats.json_fields import number, parse
-from datamodules.formats.lerobot_features import Component, Meaning, find_meaning
-from datamodules.formats.lerobot_layout import (
+from datamodules.formats.lerobot_features import (
     DATA,
     DATA_PATH,
     EPISODES,
@@ -18,6 +17,9 @@ from datamodules.formats.lerobot_layout import (
     TIME,
     VERSION,
     VIDEO_PATH,
+    Component,
+    Meaning,
+    find_meaning,
     load_pyarrow,
     video_file,
 )

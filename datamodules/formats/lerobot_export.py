@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.formats.lerobot_layout import (
+from datamodules.formats.lerobot_features import (
     ACTION,
     ACTIONS,
     EXACT,
@@ -18,6 +18,7 @@ from datamodules.formats.lerobot_layout import (
     load_pyarrow,
 )
 from datamodules.formats.lerobot_tables import (
+    assign_video_files,
     dataset_features,
     dataset_info,
     dataset_stats,
@@ -25,10 +26,10 @@ from datamodules.formats.lerobot_tables import (
     write_episodes,
     write_json,
     write_tasks,
+    write_videos,
 )
-from datamodules.formats.lerobot_videos import assign_video_files, write_videos
 from datamodules.formats.recording_writer import Converted, left_out_note
-from datamodules.image_files import find_file_fault
+from datamodules.image import find_file_fault
 from datamodules.recording import Recording
 from datamodules.stretches import continuous_drives, mean_rate
 from zoo.base.errors import InputError

@@ -1,10 +1,13 @@
-"""Which numbers and cameras of a LeRobot dataset are ours: by their names, or as the user says."""
+"""A LeRobotDataset v3: names of its files and columns, and which numbers and cameras are ours.
+
+Written after `lerobot/datasets/utils.py` and `lerobot_dataset.py` of version 0.4.4.
+"""
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
-from datamodules.formats.lerobot_layout import CAMERA_PREFIX
 from zoo.base.errors import InputError, UsageError
 from zoo.base.rig import MPS_PER_MPH
 
@@ -24,6 +27,30 @@ _UNITS = {
     "kmh": re.compile(r"km/?h|kph", re.IGNORECASE),
     "mps": re.compile(r"mps|m/s|ms-1", re.IGNORECASE),
 }
+VERSION = "v3.0"
+INFO = "meta/info.json"
+STATS = "meta/stats.json"
+TASKS = "meta/tasks.parquet"
+EPISODES = "meta/episodes"
+DATA = "data"
+FILE = "chunk-{chunk:03d}/file-{file:03d}"
+# What info.json has for the same places.
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+
+CAMERA_PREFIX = "observation.images."
+STATE, ACTION = "observation.state", "action"
+ACTIONS = ("steering", "throttle", "brake")
+# Two numbers, because LeRobot 0.4.4 reads a feature of one number without its dimension, and its
+# policies then fail on a batch.
+STATES = ("speed_mph", "speed_mps")
+# Columns of drivezoo's own datasets: recorded values in float64, unchanged to the bit. Their names
+# start neither with `observation` nor with `action`, so that LeRobot's policies do not take them.
+EXACT = ("steering", "throttle", "brake", "speed_mph")
+TIME = "time_s"
+# Seconds of an episode and of a video file. LeRobot finds a frame by its time as float32, within
+# 1e-4 s: after 1,024 s two neighbouring float32 are farther apart.
+MOST_S = 600
 
 
 @dataclass(frozen=True)
@@ -166,3 +193,24 @@ def _side(keys: list[str], side: str, centre: str) -> str | None:
 def _list(names: object) -> str:
     found = [str(one) for one in names]  # type: ignore[attr-defined]
     return ", ".join(found[:20]) or "none"
+
+
+def video_file(key: str, chunk: int, file: int) -> str:
+    """Return the path of a camera's video in the dataset."""
+    return f"videos/{key}/{FILE.format(chunk=chunk, file=file)}.mp4"
+
+
+def load_pyarrow() -> Any:
+    """Return pyarrow with its Parquet module.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(
+            "LeRobot's datasets are Parquet files, which need pyarrow; "
+            "pip install 'drivezoo[parquet]'"
+        ) from None
+    return pyarrow

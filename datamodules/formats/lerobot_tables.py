@@ -1,12 +1,15 @@
-"""Write the Parquet tables and JSON files of a LeRobotDataset v3."""
+"""Write the videos, the Parquet tables and the JSON files of a LeRobotDataset v3."""
 
 import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from datamodules.formats.lerobot_layout import (
+from datamodules.driving_log import CAMERAS
+from datamodules.formats.lerobot_features import (
     ACTION,
     ACTIONS,
     CAMERA_PREFIX,
@@ -19,10 +22,122 @@ from datamodules.formats.lerobot_layout import (
     TASKS,
     VERSION,
     VIDEO_PATH,
+    video_file,
 )
-from datamodules.formats.lerobot_stats import FrameCounts, column_stats
-from datamodules.formats.lerobot_videos import VideoFile
-from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
+from datamodules.formats.video import video_writer
+from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH, read_image
+from datamodules.recording import Recording
+from zoo.base.errors import InputError
+
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+SAMPLED_FRAMES, SAMPLED_PIXELS = 10, 2  # every tenth frame, every second row and column
+
+
+def column_stats(values: np.ndarray) -> dict[str, list]:
+    """Return a feature's statistics, float [N] or [N, D], as lists of D numbers."""
+    table = values.reshape(len(values), -1).astype(float)
+    found = {
+        "min": table.min(0),
+        "max": table.max(0),
+        "mean": table.mean(0),
+        "std": table.std(0),
+        **{name: np.quantile(table, share, axis=0) for name, share in QUANTILES.items()},
+    }
+    return {name: one.tolist() for name, one in found.items()} | {"count": [len(table)]}
+
+
+@dataclass
+class FrameCounts:
+    """Counts of the pixels of a camera's sampled frames: int64 [3, 256], RGB."""
+
+    counts: np.ndarray = field(default_factory=lambda: np.zeros((3, 256), np.int64))
+    frames: int = 0
+
+    def add(self, frame: np.ndarray) -> None:
+        """Count a frame's pixels, uint8 [H, W, 3]."""
+        pixels = frame[::SAMPLED_PIXELS, ::SAMPLED_PIXELS]
+        for channel in range(3):
+            self.counts[channel] += np.bincount(pixels[..., channel].ravel(), minlength=256)
+        self.frames += 1
+
+    def __add__(self, other: "FrameCounts") -> "FrameCounts":
+        return FrameCounts(self.counts + other.counts, self.frames + other.frames)
+
+    def stats(self) -> dict[str, list]:
+        """Return the statistics of pixels in 0..1, as [3][1][1], as LeRobot shapes them."""
+        levels = np.arange(256) / 255
+        total = self.counts.sum(1)
+        mean = self.counts @ levels / total
+        reached = self.counts.cumsum(1)
+        found = {
+            "min": levels[(self.counts > 0).argmax(1)],
+            "max": levels[255 - (self.counts[:, ::-1] > 0).argmax(1)],
+            "mean": mean,
+            "std": np.sqrt(np.maximum(self.counts @ levels**2 / total - mean**2, 0)),
+        }
+        for name, share in QUANTILES.items():
+            found[name] = levels[(reached >= share * total[:, None]).argmax(1)]
+        shaped = {name: one.reshape(3, 1, 1).tolist() for name, one in found.items()}
+        return shaped | {"count": [self.frames]}
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """Episodes that share a video file: its number, and each episode's first frame in it."""
+
+    number: int
+    first_frames: dict[int, int]
+
+
+def assign_video_files(episodes: list[range], most: int) -> list[VideoFile]:
+    """Return the video files: as many whole episodes in each as `most` frames hold."""
+    files = [VideoFile(0, {})]
+    frames = 0
+    for number, rows in enumerate(episodes):
+        if frames and frames + len(rows) > most:
+            files.append(VideoFile(len(files), {}))
+            frames = 0
+        files[-1].first_frames[number] = frames
+        frames += len(rows)
+    return files
+
+
+def write_videos(
+    folder: Path,
+    recording: Recording,
+    camera: str,
+    episodes: list[range],
+    files: list[VideoFile],
+    rate: int,
+    crf: int,
+    progress: Callable[[float], None],
+) -> list[FrameCounts]:
+    """Write a camera's video files; return the counts of each episode's sampled frames."""
+    column = CAMERAS.index(camera)
+    counts = []
+    for file in files:
+        path = folder / video_file(CAMERA_PREFIX + camera, 0, file.number)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with video_writer(path, (FRAME_WIDTH, FRAME_HEIGHT), rate, crf) as video:
+            for number in file.first_frames:
+                counts.append(FrameCounts())
+                for frame, row in enumerate(episodes[number]):
+                    image = _read(recording, row, column)
+                    video.add(image)
+                    if frame % SAMPLED_FRAMES == 0:
+                        counts[-1].add(image)
+                    progress(row / len(recording))
+    return counts
+
+
+def _read(recording: Recording, row: int, column: int) -> np.ndarray:
+    path = recording.images[row, column]
+    try:
+        return read_image(path)
+    except ValueError as error:
+        raise InputError(
+            f"{recording.place(row)}: {path}: {error}; drop the row: drivezoo edit"
+        ) from None
 
 
 def dataset_features(columns: dict[str, np.ndarray], cameras: list[str], rate: int) -> dict:

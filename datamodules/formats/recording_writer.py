@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from datamodules.driving_log import CAMERAS, number_text
-from datamodules.image import HEAD, TAIL, decode_pixels, find_fault, image_size
-from datamodules.image_files import link_or_copy
+from datamodules.image import HEAD, TAIL, decode_pixels, find_fault, image_size, link_or_copy
 from datamodules.recording import (
     IMAGE_FOLDER,
     LOG_NAME,

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.lerobot_export import export_lerobot
 from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.formats.tub_export import export_tub
 from datamodules.recording import ReadOptions, Recording, find_format, formats, read_recordings
 from tests.recordings import write_recording
 from zoo.base.errors import InputError

@@ -12,9 +12,8 @@ from rich.console import Console
 from datamodules.augment import Augment, Brightness, Shadow, Shift
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
-from datamodules.device_augment import EQUIVALENTS, DeviceAugment
+from datamodules.device_augment import EQUIVALENTS, DeviceAugment, polygons
 from datamodules.device_batches import DeviceBatches
-from datamodules.device_pictures import polygons
 from datamodules.driving import DrivingData
 from datamodules.image import decode_image
 from datamodules.view import View, view_to_rgb

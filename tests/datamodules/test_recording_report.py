@@ -3,8 +3,8 @@ import re
 import numpy as np
 import pytest
 
+from datamodules.findings import report_lines, report_recordings
 from datamodules.recording import read_recordings
-from datamodules.recording_report import report_lines, report_recordings
 from tests.recordings import Written, write_recording
 
 

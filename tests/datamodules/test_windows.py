@@ -13,11 +13,11 @@ from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.samples import (
     CAMERA_OFFSET_M,
+    Windows,
     make_samples,
 )
 from datamodules.split import PARTS
 from datamodules.view import View
-from datamodules.windows import Windows
 from tests.recordings import recording_in_memory, write_recording
 from zoo.base.errors import InputError
 from zoo.base.rig import MPS_PER_MPH, UDACITY

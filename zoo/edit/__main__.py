@@ -71,9 +71,9 @@ def edit(folder: str, *folders: str, options: EditOptions) -> None:
     all_folders = [folder, *folders]
     from rich.console import Console
 
+    from datamodules.findings import report_lines
     from datamodules.recording import read_recordings
     from datamodules.recording_edits import typed_edits
-    from datamodules.recording_report import report_lines
     from zoo.base.new_folder import print_unfinished, refuse_existing
     from zoo.cli.console_progress import progress_bar
     from zoo.edit.edit_session import EditSession

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
+from datamodules.findings import KEYBOARD_SHARE, report_recordings
 from datamodules.formats.recording_writer import write_frame
 from datamodules.recording import Recording, read_recordings
-from datamodules.recording_report import KEYBOARD_SHARE, report_recordings
 from zoo.base.new_folder import command_folder
 from zoo.checkpoints.checkpoint_path import find_driver
 from zoo.cli.closing_lines import print_written

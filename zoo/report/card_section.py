@@ -3,7 +3,7 @@
 import numpy as np
 from omegaconf import OmegaConf
 
-from datamodules.recording_report import KEYBOARD_SHARE
+from datamodules.findings import KEYBOARD_SHARE
 from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Bullets, Code, Fold, Heading, MissingError, Rows, Text, gather
 from zoo.report.reported_run import Run

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
-from datamodules.recording_report import report_recordings
+from datamodules.findings import report_recordings
 from datamodules.samples import make_samples
 from zoo.report.blocks import Block, Heading, Images, MissingError, Rows, Text, gather
 from zoo.report.recovery_stretch import find_recovery

@@ -15,7 +15,7 @@ from rich.console import Console
 from torch import nn
 
 from datamodules.balance import share_of
-from datamodules.batch_groups import GROUP
+from datamodules.batches import GROUP
 from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan
 from zoo.base.cores import usable_cores

@@ -33,7 +33,7 @@ class SteeringModule(lightning.LightningModule):
         compiled_batch: size of the batches whose loss is compiled.
 
     A step of Lightning's may take a list of batches, one optimizer step each (see
-    `datamodules.batch_groups`).
+    `datamodules.batches`).
 
     With several processes, each rank has a shard of each batch, which may be empty.
     Each rank's loss is weighted by its part of the whole batch's divisor: the mean gradient is that

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from datamodules.findings import report_recordings
+from datamodules.formats.donkeycar import export_tub
 from datamodules.formats.recording_writer import convert_to_recording
-from datamodules.formats.tub_export import export_tub
 from datamodules.image import read_image
 from datamodules.recording import ReadOptions, Recording, read_recordings, read_source
-from datamodules.recording_report import report_recordings
 from datamodules.stretches import find_breaks
 from tests.recordings import Written
 from zoo.base.errors import InputError

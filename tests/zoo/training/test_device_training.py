@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from datamodules.batch_groups import GROUP
+from datamodules.batches import GROUP
 from tests.recordings import Written
 from tests.zoo.trainings import train_here
 from zoo.base.errors import InputError

@@ -11,7 +11,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from omegaconf import OmegaConf
 from rich.console import Console
 
-from datamodules.batch_groups import GROUP
+from datamodules.batches import GROUP
 from tests.recordings import Written
 from tests.zoo.trainings import SMALL, data_of, planned, train_here, zoo_here
 from zoo.cli.compose import compose_config
