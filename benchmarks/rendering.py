@@ -55,7 +55,7 @@ def measure(short: bool) -> list[Row]:
 
 def parts_of_frame(world: World) -> dict[str, float]:
     """Return the processor time of each part of a recorded frame in ms."""
-    pictures, spent = world.pictures, Counter()
+    renderer, spent = world.renderer, Counter()
 
     def timed(part: str, action: Callable, *arguments: object) -> object:
         began = time.process_time()
@@ -66,10 +66,10 @@ def parts_of_frame(world: World) -> dict[str, float]:
     for number in range(FRAMES):
         world.put_back(Start(number * world.track.length / FRAMES))
         for camera in CAMERAS:
-            timed("camera's place", pictures.place_camera, pictures.camera, world.pose(), camera)
-            timed("renderer", pictures.engine.renderFrame)
-            frame = timed("copy", pictures.read_frame)
-            frame = timed("bonnet", pictures.air, frame, camera, number)
+            timed("camera's place", renderer.place_camera, renderer.camera, world.pose(), camera)
+            timed("renderer", renderer.engine.renderFrame)
+            frame = timed("copy", renderer.read_frame)
+            frame = timed("bonnet", renderer.air, frame, camera, number)
             timed("JPEG", encode, frame)
         for _ in CAMERAS:
             timed("step of the world", world.step, 0.0, 0.1)

@@ -28,7 +28,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     world = open_world(renderer=options.renderer, **options.place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     client = Client(world, options, console)
-    client.print_once(f"{world.track.name}, drawn by the {world.pictures.name} renderer")
+    client.print_once(f"{world.track.name}, drawn by the {world.renderer.name} renderer")
     with ExitStack() as open_things:
         if options.film:
             client.on_frame.append(

@@ -33,7 +33,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
     world = _open(options)
     title = f"{world.track.name}, drivezoo simulator drive"
     window = Window(title, (options.width, options.width // 2))
-    screen = DriveScreen(window, world.pictures, world.weather)
+    screen = DriveScreen(window, world.renderer, world.weather)
     run = Drive(world, screen, partial(_open_recorder, options), options.frame_rate)
     console.print(HELP.replace("     ", "\n"), highlight=False, markup=False)
     began = time.perf_counter()
@@ -46,7 +46,7 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
         console.print("nothing was recorded; press R while driving to record")
         return None
     took = time.perf_counter() - began
-    print_report(console, run.recorder, [run.driven], took, world.pictures.name)
+    print_report(console, run.recorder, [run.driven], took, world.renderer.name)
     return run.recorder.folder, run.driven.off_road
 
 

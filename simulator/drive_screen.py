@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 from panda3d import core
 
-from simulator.pictures import Pictures
+from simulator.renderer import Renderer
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, VERTICAL_FOV_DEG
 from simulator.scenery.air import FOG_RGB
 from simulator.scenery.bonnet import SHAPES
@@ -30,11 +30,11 @@ FINE = 4  # rows of the drawn bonnet for one of the camera's rows
 class DriveScreen:
     """The content of the drive's window."""
 
-    def __init__(self, window: Window, pictures: Pictures, weather: Weather) -> None:
-        self.window, self.pictures = window, pictures
+    def __init__(self, window: Window, renderer: Renderer, weather: Weather) -> None:
+        self.window, self.renderer = window, renderer
         self.lens = core.PerspectiveLens()
         self.lens.setNearFar(0.3, 1500)
-        self.camera = pictures.root.attachNewNode(core.Camera("driver", self.lens))
+        self.camera = renderer.root.attachNewNode(core.Camera("driver", self.lens))
         self.camera.node().setInitialState(_weather_state(weather))
         window.window.makeDisplayRegion().setCamera(self.camera)
         # In Panda3D's default font a zero looks like an o.
@@ -87,7 +87,7 @@ class DriveScreen:
         self.help.setScale(HELP_SIZE * min(aspect / 2, 1))
         tangent = np.tan(np.radians(VERTICAL_FOV_DEG / 2))
         self.lens.setFov(float(2 * np.degrees(np.arctan(tangent * aspect))), VERTICAL_FOV_DEG)
-        self.pictures.place_camera(self.camera, pose, "center")
+        self.renderer.place_camera(self.camera, pose, "center")
         _set_text(self.speed, f"{speed_mph:.0f} mph", WHITE)
         self.wheel.setX(steering * BAR_WIDTH)
         pedal = "brake" if throttle < 0 else "throttle"

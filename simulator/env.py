@@ -166,9 +166,9 @@ class DrivingEnv(gymnasium.Env):
 
     def close(self) -> None:
         """Close the renderer; a second call has no effect."""
-        if self.world.pictures is not None:
-            self.world.pictures.close()
-            self.world.pictures = None
+        if self.world.renderer is not None:
+            self.world.renderer.close()
+            self.world.renderer = None
 
     def _observation(self) -> dict[str, np.ndarray]:
         frames = {key: self.world.frame(camera) for key, camera in self.images.items()}

@@ -13,8 +13,8 @@ from types import TracebackType
 
 import numpy as np
 
-from simulator.pictures import Pictures, open_buffer, open_pictures
 from simulator.recorder import Recorder, encode
+from simulator.renderer import Renderer, open_buffer, open_renderer
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
 from simulator.track_file import read_track
 from simulator.weather import Weather
@@ -29,7 +29,7 @@ Pose = tuple[float, float, float, float, float]
 
 @dataclass(frozen=True)
 class Scene:
-    """A world to draw: the arguments of `open_pictures`."""
+    """A world to draw: the arguments of `open_renderer`."""
 
     track: str
     renderer: str
@@ -38,7 +38,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Request:
-    """A frame to draw: its scene, and the arguments of `set_weather` and `frame` of `Pictures`."""
+    """A frame to draw: its scene, and the arguments of `set_weather` and `frame` of `Renderer`."""
 
     scene: Scene
     weather: tuple[Weather, int]
@@ -46,7 +46,7 @@ class Request:
 
 
 class Requests:
-    """A stand-in for `Pictures` that returns requests in place of frames.
+    """A stand-in for `Renderer` that returns requests in place of frames.
 
     Args:
         scene: world that other processes draw.
@@ -61,7 +61,7 @@ class Requests:
         self.weather = weather, seed
 
     def frame(self, pose: Pose, camera: str, tick: int) -> Request:
-        """Return a request; see `Pictures.frame`."""
+        """Return a request; see `Renderer.frame`."""
         return Request(self.scene, self.weather, (pose, camera, tick))
 
     def close(self) -> None:
@@ -203,20 +203,20 @@ class Drawing:
     def __init__(self) -> None:
         self._scene: Scene | None = None
         self._weather: tuple[Weather, int] | None = None
-        self._pictures: Pictures | None = None
+        self._renderer: Renderer | None = None
 
     def frame(self, request: Request) -> np.ndarray:
         """Return the requested frame, uint8 [160, 320, 3], RGB."""
         if request.scene != self._scene:
-            if self._pictures is not None:
-                self._pictures.close()
+            if self._renderer is not None:
+                self._renderer.close()
             scene = request.scene
-            self._pictures = open_pictures(read_track(scene.track), scene.renderer, scene.quality)
+            self._renderer = open_renderer(read_track(scene.track), scene.renderer, scene.quality)
             self._scene, self._weather = scene, None
         if request.weather != self._weather:
-            self._pictures.set_weather(*request.weather)
+            self._renderer.set_weather(*request.weather)
             self._weather = request.weather
-        return self._pictures.frame(*request.frame)
+        return self._renderer.frame(*request.frame)
 
 
 _drawing = Drawing()

@@ -128,8 +128,8 @@ def record_laps(
             if isinstance(rows, ParallelRecorder):
                 show = partial(rows.show_drawn, show)
             all_driven.append(record(world, driver, rows, options.laps, show, row_s))
-            world.pictures.close()
-    print_report(console, recorder, all_driven, time.perf_counter() - began, world.pictures.name)
+            world.renderer.close()
+    print_report(console, recorder, all_driven, time.perf_counter() - began, world.renderer.name)
     return recorder.folder
 
 

@@ -15,7 +15,7 @@ from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
 
 if TYPE_CHECKING:
-    from simulator.pictures import Pictures
+    from simulator.renderer import Renderer
 
 WALL_M = 0.7  # distance from the edge line to a wall or a rock face
 AT_END_M = 1e-3  # more than rounding errors
@@ -49,7 +49,7 @@ class World:
 
     Args:
         track: track to drive on.
-        pictures: renderer of the track; None for a world without frames.
+        renderer: renderer of the track; None for a world without frames.
         frame_rate: frames per second of simulated time, up to 50.
         delay_s: seconds from a command to the wheels, 0..2.
         direction: forward (or 1), as in the file, or backward (or -1).
@@ -59,7 +59,7 @@ class World:
     def __init__(
         self,
         track: Track,
-        pictures: "Pictures | None" = None,
+        renderer: "Renderer | None" = None,
         frame_rate: float = 15.0,
         delay_s: float = 0.0,
         direction: int | str = 1,
@@ -67,7 +67,7 @@ class World:
     ) -> None:
         settings = WorldSettings(frame_rate=frame_rate, delay_s=delay_s, direction=direction)
         settings.check()
-        self.track, self.pictures, self.direction = track, pictures, int(settings.direction)
+        self.track, self.renderer, self.direction = track, renderer, int(settings.direction)
         self.frame_s = 1 / frame_rate
         self.car = Car(delay_s, reverses)
         self.weather = CLEAR
@@ -79,8 +79,8 @@ class World:
             raise InputError(f"seed={seed}: must be 0 or more")
         rng = np.random.default_rng(seed)
         self.weather = random_weather(rng) if weather == "random" else weather
-        if self.pictures is not None:
-            self.pictures.set_weather(self.weather, int(rng.integers(2**31)))
+        if self.renderer is not None:
+            self.renderer.set_weather(self.weather, int(rng.integers(2**31)))
         start = start or Start()
         self.steps = self.frames = self.lap = 0
         self.travelled = 0.0
@@ -179,9 +179,9 @@ class World:
 
     def frame(self, camera: str = "center") -> np.ndarray:
         """Return a camera's frame: uint8 [160, 320, 3], RGB."""
-        if self.pictures is None:
+        if self.renderer is None:
             raise InputError("this world has no renderer; open it with renderer=auto")
-        return self.pictures.frame(self.pose(), camera, self.frames)
+        return self.renderer.frame(self.pose(), camera, self.frames)
 
     def pose(self) -> tuple[float, float, float, float, float]:
         """Return the car's x, y, z in metres, and its heading and upward pitch in radians."""
@@ -229,11 +229,11 @@ def open_world(
     Raises:
         InputError: there is no such track or renderer, or a value is not allowed.
     """
-    course, pictures = read_track(track) if isinstance(track, str) else track, None
+    course, opened = read_track(track) if isinstance(track, str) else track, None
     if renderer != "none":
-        from simulator.pictures import open_pictures  # slow import: a training only checks worlds
+        from simulator.renderer import open_renderer  # slow import: a training only checks worlds
 
-        pictures = open_pictures(course, renderer, quality)
-    world = World(course, pictures, frame_rate, delay_s, direction, reverses)
+        opened = open_renderer(course, renderer, quality)
+    world = World(course, opened, frame_rate, delay_s, direction, reverses)
     world.reset(seed)
     return world

@@ -14,7 +14,7 @@ from simulator.rig import (
     YAW_RIGHT_DEG,
     camera_matrix,
 )
-from simulator.scenery.bonnet import bonnet_picture
+from simulator.scenery.bonnet import bonnet_image
 from simulator.weather import Weather
 
 FOG_RGB = np.array([200, 205, 205], np.float32)
@@ -63,7 +63,7 @@ class Air:
 
 def _bonnet_rows(camera: str) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the bonnet's first row, its colours times its cover, and the share not covered."""
-    colour, cover = bonnet_picture(camera)
+    colour, cover = bonnet_image(camera)
     first = int(np.argmax(cover.any((1, 2))))
     return first, (colour * cover)[first:], (1 - cover)[first:]
 

@@ -63,7 +63,7 @@ SEAMS: dict[str, Outline] = {
 }
 
 
-def bonnet_picture(camera: str) -> tuple[np.ndarray, np.ndarray]:
+def bonnet_image(camera: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the bonnet in a camera's frame, and its cover.
 
     The bonnet is RGB float32 [160, 320, 3] in 0..255, the cover float32 [160, 320, 1] in 0..1.

@@ -5,8 +5,8 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from simulator.pictures import open_pictures
-from simulator.scenery.bonnet import bonnet_picture
+from simulator.renderer import open_renderer
+from simulator.scenery.bonnet import bonnet_image
 from simulator.scenery.bridge import bridge_meshes
 from simulator.scenery.edges import edge_meshes
 from simulator.scenery.ground import Ground
@@ -139,9 +139,9 @@ def test_a_bare_world_can_be_drawn() -> None:
     content = yaml.safe_load((track_folder() / "zoo_lake.yaml").read_text())
     content["surroundings"] = {"trees": 0, "bushes": 0, "rocks": 0, "poles": 0}
     content["stretches"] = []
-    pictures = open_pictures(make_track("bare", content), "software")
-    assert pictures.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0).std() > 5
-    pictures.close()
+    renderer = open_renderer(make_track("bare", content), "software")
+    assert renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0).std() > 5
+    renderer.close()
 
 
 def square(material: str = "ground") -> Mesh:
@@ -204,7 +204,7 @@ def test_the_asphalt_is_lighter_from_afar() -> None:
 @pytest.mark.parametrize(("camera", "column"), [("center", 160), ("left", 280), ("right", 40)])
 def test_the_bonnet_begins_where_the_originals_does(camera: str, column: int) -> None:
     """Compare the first covered row with the median of 80 of the original's images."""
-    _, cover = bonnet_picture(camera)
+    _, cover = bonnet_image(camera)
     first = int(np.argmax(cover[:, column, 0] > 0.5))
     assert first == pytest.approx({"center": 137, "left": 137, "right": 136}[camera], abs=1.5)
     assert not cover[:130].any()

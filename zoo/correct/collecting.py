@@ -231,7 +231,7 @@ def _record(
             stretch_s = row.time_s if recorder.rows else row.time_s - begin_s
         before = number
         frames = {
-            camera: world.pictures.frame(label.pose, camera, label.frame) for camera in CAMERAS
+            camera: world.renderer.frame(label.pose, camera, label.frame) for camera in CAMERAS
         }
         pedals = split_pedals(label.throttle)
         recorder.add(frames, label.steering, *pedals, row.speed_mph, row.time_s - stretch_s)

@@ -69,7 +69,7 @@ def draw(name: str) -> str:
     """Draw a card on a background with a renderer; return what failed, or an empty text."""
     from panda3d import core
 
-    from simulator.pictures import open_buffer
+    from simulator.renderer import open_buffer
     from zoo.base.errors import InputError
 
     try:

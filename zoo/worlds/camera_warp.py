@@ -21,7 +21,7 @@ from simulator.rig import (
     YAW_RIGHT_DEG,
     camera_matrix,
 )
-from simulator.scenery.bonnet import bonnet_picture
+from simulator.scenery.bonnet import bonnet_image
 
 BONNET_EDGE_PX = 5  # width of the bonnet's edge that JPEG blurs
 
@@ -46,7 +46,7 @@ class Warp:
         down = np.minimum(self._looks[1] @ rays, 0)
         # Ray of each pixel, and its part below the horizon, which no turn of the car changes.
         self._rays = np.concatenate([rays, down[None]]).astype(np.float32)
-        covers = {camera: bonnet_picture(camera)[1] for camera in CAMERAS}
+        covers = {camera: bonnet_image(camera)[1] for camera in CAMERAS}
         around = np.ones((BONNET_EDGE_PX, BONNET_EDGE_PX), np.uint8)
         self._hidden = {
             camera: cv2.dilate(np.uint8(cover[..., 0] > 0), around).ravel() > 0

@@ -43,7 +43,7 @@ class EmbeddedWorld(World):
 
     def frame(self, camera: str = "center") -> np.ndarray | None:
         """Return a camera's frame; None without a renderer."""
-        return None if self.simulated.pictures is None else self.simulated.frame(camera)
+        return None if self.simulated.renderer is None else self.simulated.frame(camera)
 
     def step(self, steering: float, throttle: float) -> State:
         """Advance by one frame."""
@@ -57,8 +57,8 @@ class EmbeddedWorld(World):
 
     def close(self) -> None:
         """Close the renderer."""
-        if self.simulated.pictures is not None:
-            self.simulated.pictures.close()
+        if self.simulated.renderer is not None:
+            self.simulated.renderer.close()
 
     def facts(self, scenario: Scenario) -> dict[str, Any]:
         """Return the track's name, length and lane, and the seed."""

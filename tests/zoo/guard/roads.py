@@ -37,7 +37,7 @@ def write_daylight(path: Path, track: str) -> Path:
     world = open_world(track, renderer="auto", quality="simple")
     world.reset(0)
     image = torch.from_numpy(view(world.frame())[None]).permute(0, 3, 1, 2)
-    world.pictures.close()
+    world.renderer.close()
     with torch.no_grad():
         network.head.weight.fill_(-GAIN / network.head.weight.numel())
         network.head.bias.zero_().sub_(network(image)[0])

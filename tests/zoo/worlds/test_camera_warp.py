@@ -135,4 +135,4 @@ def test_it_looks_like_the_world_from_there(pose, world):
 def world():
     world = open_world("lake", quality="simple")
     yield world
-    world.pictures.close()
+    world.renderer.close()

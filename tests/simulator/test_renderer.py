@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulator.pictures import open_pictures
+from simulator.renderer import open_renderer
 from simulator.rig import CAMERAS, CameraOffset
 from simulator.track_file import read_track, track_names
 from simulator.weather import CLEAR, Weather
@@ -22,7 +22,7 @@ from zoo.base.errors import InputError
 def lake() -> Iterator[World]:
     world = open_world("lake", renderer="software")
     yield world
-    world.pictures.close()
+    world.renderer.close()
 
 
 def look(world: World, weather: Weather = CLEAR, camera: str = "center", **start) -> np.ndarray:
@@ -42,7 +42,7 @@ def test_two_worlds_show_the_same_to_the_bit(lake: World) -> None:
     for distance in (0, 400, 700):
         frames = [look(w, CLEAR, distance=distance, cte=0.5) for w in (lake, other)]
         assert (frames[0] == frames[1]).all()
-    other.pictures.close()
+    other.renderer.close()
 
 
 def test_the_horizon_stands_where_the_original_has_it(lake: World) -> None:
@@ -154,7 +154,7 @@ def test_a_displaced_camera_gives_a_displaced_frame(lake: World) -> None:
 def test_the_camera_sees_the_road_before_it_along_the_lap(name: str, every_m: float) -> None:
     """Check a world in which the road is red and everything else is blue."""
     world = open_world(name, renderer="software", quality="simple")
-    for path in world.pictures.root.getChildren():
+    for path in world.renderer.root.getChildren():
         path.setTextureOff(1)
         paved = path.getName() in ("asphalt", "cobbles", "plain")
         path.setColor((1, 0, 0, 1) if paved else (0, 0, 1, 1), 1)
@@ -162,32 +162,32 @@ def test_the_camera_sees_the_road_before_it_along_the_lap(name: str, every_m: fl
         world.direction = (1, -1)[number % 2]
         frame = look(world, distance=world.track.length - distance if number % 2 else distance)
         assert (frame[108:134, 125:195, 0] == 255).all(), f"{distance:.0f} m, {world.direction}"
-    world.pictures.close()
+    world.renderer.close()
 
 
 def test_shadows_fall_on_the_mountain_road() -> None:
     world = open_world("mountain", renderer="software")
-    light = np.concatenate(world.pictures.shadows(CLEAR))
+    light = np.concatenate(world.renderer.shadows(CLEAR))
     assert 0.005 < (light < 0.5).mean() < 0.3
-    world.pictures.close()
+    world.renderer.close()
 
 
 def test_a_track_turns_the_sun_of_every_weather() -> None:
     shown = []
     for track, azimuth in ((loop(), 100.0), (loop(surroundings={"sun_turn_deg": 60}), 40.0)):
-        pictures = open_pictures(track, "software")
-        pictures.set_weather(replace(CLEAR, sun_azimuth_deg=azimuth), 0)
-        shown.append(pictures.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0))
-        pictures.close()
+        renderer = open_renderer(track, "software")
+        renderer.set_weather(replace(CLEAR, sun_azimuth_deg=azimuth), 0)
+        shown.append(renderer.frame((0.0, 0.0, 0.0, 0.0, 0.0), "center", 0))
+        renderer.close()
     assert (shown[0] == shown[1]).all()
 
 
 def test_a_wrong_renderer_or_quality_is_named() -> None:
     track = read_track("lake")
     with pytest.raises(InputError, match="renderer=vulkan: must be auto, software or opengl"):
-        open_pictures(track, "vulkan")
+        open_renderer(track, "vulkan")
     with pytest.raises(InputError, match="quality=low: must be full or simple"):
-        open_pictures(track, "software", "low")
+        open_renderer(track, "software", "low")
 
 
 def test_without_libx11_the_error_names_the_package(tmp_path) -> None:
@@ -213,4 +213,4 @@ def test_a_hundred_days_render(name: str) -> None:
         frame = world.frame()
         assert 15 < frame.mean() < 240, seed
         assert frame[60:130].std() > 4, seed
-    world.pictures.close()
+    world.renderer.close()

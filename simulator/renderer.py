@@ -47,7 +47,7 @@ class Piece:
     data: core.GeomVertexData
 
 
-class Pictures:
+class Renderer:
     """A renderer of one track; `name` is `software` or `opengl`.
 
     Args:
@@ -186,7 +186,7 @@ def open_buffer(
         wanted.setDepthBits(24)
         size = core.WindowProperties.size(width, height)
         flags = core.GraphicsPipe.BFRefuseWindow
-        buffer = engine.makeOutput(pipe, "pictures", 0, wanted, size, flags)
+        buffer = engine.makeOutput(pipe, "renderer", 0, wanted, size, flags)
         if buffer is not None:
             return engine, buffer, name
     raise InputError(
@@ -203,10 +203,10 @@ def _make_pipe(name: str) -> core.GraphicsPipe | None:
     return known.makePipe("TinyOffscreenGraphicsPipe", "p3tinydisplay")
 
 
-def open_pictures(track: Track, renderer: str = "auto", quality: str = "full") -> Pictures:
+def open_renderer(track: Track, renderer: str = "auto", quality: str = "full") -> Renderer:
     """Open the renderer of a track; raise InputError for a wrong renderer or quality."""
     WorldSettings(quality=quality).check()
-    return Pictures(track, renderer, quality)
+    return Renderer(track, renderer, quality)
 
 
 def _lens() -> core.PerspectiveLens:
