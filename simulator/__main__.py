@@ -22,8 +22,7 @@ def record(*, options: RecordOptions) -> Path:
     Args:
         options: see `RecordOptions`.
     """
-    from simulator.record import record_laps
-    from simulator.record_report import next_command, print_written
+    from simulator.record import next_command, print_written, record_laps
     from simulator.recorder import LOG_NAME
 
     folder = record_laps(options)
@@ -42,7 +41,7 @@ def drive(*, options: DriveOptions) -> Path | None:
         The recording's folder; None if nothing was recorded.
     """
     from simulator import drive as driving
-    from simulator.record_report import next_command, print_written
+    from simulator.record import next_command, print_written
     from simulator.recorder import LOG_NAME
 
     recorded = driving.drive(options)

@@ -2,22 +2,166 @@
 
 import datetime
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 
-from simulator.drive_loop import Drive
 from simulator.drive_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
-from simulator.record_report import print_report
-from simulator.recorder import Recorder, check_free
-from simulator.rig import PHYSICS_STEP_S
+from simulator.gamepad import Gamepads
+from simulator.hand_control import HandControl, Hands
+from simulator.record import Driven, print_report
+from simulator.recorder import Recorder, check_free, split_pedals
+from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
 from zoo.base.errors import InputError
+
+SHOWN_PER_S = 60.0
+LONGEST_S = 0.1  # longest step of real time; on slower machines the world slows down
+
+
+class Drive:
+    """A person's drive and its recording.
+
+    Args:
+        world: world with a frame for each physics step of 0.02 s.
+        screen: screen that the person watches.
+        open_recorder: function called when R is first pressed.
+        frame_rate: rows per second of simulated time.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        screen: DriveScreen,
+        open_recorder: Callable[[], Recorder],
+        frame_rate: float,
+    ) -> None:
+        self.world, self.screen, self.row_s = world, screen, 1 / frame_rate
+        self.open_recorder = open_recorder
+        self.control, self.gamepads = HandControl(), Gamepads()
+        self.driven = Driven(world.track.length)
+        self.recorder: Recorder | None = None
+        self.is_recording = False
+        self._began_s = self._lap_began_s = self._next_row_s = 0.0
+        self._before = world.pose()
+
+    def run(self, recorders: ExitStack, seconds: float = 0.0) -> None:
+        """Drive until the person quits.
+
+        Args:
+            recorders: stack that closes the recorder at its end, also after an error.
+            seconds: seconds of simulated time until the end; 0 for no end.
+
+        Raises:
+            InputError: the recording's folder cannot be written, or the disk is full.
+        """
+        begin, owed_s = time.perf_counter(), 0.0
+        while not seconds or self.world.time < seconds:
+            hands = self._hands()
+            while owed_s >= PHYSICS_STEP_S:
+                owed_s -= PHYSICS_STEP_S
+                self._step(hands)
+            if not self._draw(owed_s / PHYSICS_STEP_S) or not self._handle_keys(recorders):
+                break
+            time.sleep(max(begin + 1 / SHOWN_PER_S - time.perf_counter(), 0))
+            now = time.perf_counter()
+            owed_s += min(now - begin, LONGEST_S)
+            begin = now
+        self.driven.seconds, self.driven.metres = self.world.time, abs(self.world.travelled)
+
+    def _hands(self) -> Hands:
+        window = self.screen.window
+        return Hands(frozenset(window.held), window.pointer, *self.gamepads.read())
+
+    def _step(self, hands: Hands) -> None:
+        """Record a row if one is due, then drive for 0.02 s."""
+        world = self.world
+        steering, throttle = self.control.step(PHYSICS_STEP_S, hands)
+        if world.time >= self._next_row_s - 1e-6:
+            self._next_row_s += self.row_s
+            self._take_row(steering, throttle)
+        self._before, lap = world.pose(), world.lap
+        world.step(steering, throttle)
+        if world.lap > lap:
+            self.driven.lap_s.append(world.time - self._lap_began_s)
+            self._lap_began_s = world.time
+
+    def _take_row(self, steering: float, throttle: float) -> None:
+        """Show the centre camera's frame; record all cameras' frames while recording."""
+        world, self.driven.frames = self.world, self.driven.frames + 1
+        is_recorded = self.is_recording and not world.at_end
+        cameras = CAMERAS if is_recorded else CAMERAS[:1]
+        frames = {camera: world.frame(camera) for camera in cameras}
+        self.screen.show_frame(frames[CAMERAS[0]])
+        if is_recorded:
+            pedals = split_pedals(throttle)
+            seconds = world.time - self._began_s
+            self.recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
+            self.driven.cte.append(world.cte)
+            self.driven.steering.append(steering)
+            self.driven.off_road += world.off_road
+
+    def _draw(self, part: float) -> bool:
+        """Draw the world at a fraction between its last two steps, for smooth motion."""
+        rows = self.recorder.rows if self.recorder else 0
+        if self.is_recording:
+            status = f"REC   {rows:,} rows"
+        else:
+            status = f"paused   {rows:,} rows" if rows else "R: record"
+        notice = self.recorder.folder.name if self.recorder else "nothing is recorded yet"
+        if self.world.at_end:
+            notice = "the road ends here: press backspace to return to its begin"
+        elif self.world.off_road:
+            notice = "off the road: press backspace to return"
+        elif self.control.cruising:
+            notice = "cruising: space or the brake ends it"
+        self.screen.show_status(status, self.is_recording, notice)
+        pairs = zip(self._before, self.world.pose(), strict=True)
+        pose = tuple(before + (after - before) * part for before, after in pairs)
+        car = self.world.car
+        return self.screen.draw(pose, car.speed_mph, self.control.steering, self.control.throttle)
+
+    def _handle_keys(self, recorders: ExitStack) -> bool:
+        """Handle the keys just pressed; return False to quit."""
+        for key in self.screen.window.pressed:
+            if key == "escape":
+                return False
+            if key == "r":
+                self._toggle_recording(recorders)
+            elif key == "space":
+                self.control.cruising = not self.control.cruising
+            elif key == "backspace":
+                self._put_back()
+        return True
+
+    def _toggle_recording(self, recorders: ExitStack) -> None:
+        self.is_recording = not self.is_recording
+        if self.recorder is None:
+            self.recorder = recorders.enter_context(self.open_recorder())
+        self._begin_pass()
+
+    def _begin_pass(self) -> None:
+        if self.recorder is not None:
+            self.recorder.begin_pass()
+        self._began_s = self.world.time
+
+    def _put_back(self) -> None:
+        """Put the car on the centreline beside its place; the recording gets a gap there.
+
+        From the end of an open road it returns to the road's begin.
+        """
+        world = self.world
+        world.put_back(Start(None if world.at_end else world.place.distance))
+        self.control.release()
+        self.control.cruising = False
+        self._before = world.pose()
+        self._begin_pass()
 
 
 def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, int] | None:

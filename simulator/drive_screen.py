@@ -9,8 +9,7 @@ from panda3d import core
 
 from simulator.renderer import Renderer
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH, VERTICAL_FOV_DEG
-from simulator.scenery.air import FOG_RGB
-from simulator.scenery.bonnet import SHAPES
+from simulator.scenery.frame_effects import FOG_RGB, SHAPES
 from simulator.weather import Weather
 from simulator.window import ImagePanel, Window
 

@@ -3,6 +3,8 @@
 from collections.abc import Set
 from dataclasses import dataclass
 
+from panda3d import core
+
 # As in the original: a key changes steering by 0.05 every 0.02 s; Unity's axes (throttle, and
 # steering on its way back to 0) change by 3 per second.
 STEERING_PER_S = 2.5
@@ -15,6 +17,13 @@ TAKES_OVER = 0.05  # a pedal pressed beyond this ends cruising
 LEFT, RIGHT = frozenset({"arrow_left", "a"}), frozenset({"arrow_right", "d"})
 UP, DOWN = frozenset({"arrow_up", "w"}), frozenset({"arrow_down", "s"})
 MOUSE_BUTTON = "mouse1"
+Axis, Kind = core.InputDevice.Axis, core.InputDevice.DeviceClass
+# For each kind of device: the axes of steering, accelerator and brake.
+AXES = {
+    Kind.gamepad: (Axis.left_x, Axis.right_trigger, Axis.left_trigger),
+    Kind.steering_wheel: (Axis.wheel, Axis.accelerator, Axis.brake),
+}
+TRIGGERS = (core.GamepadButton.rtrigger(), core.GamepadButton.ltrigger())
 
 
 @dataclass(frozen=True)
@@ -89,3 +98,37 @@ def _clamp(value: float) -> float:
 
 def _towards(value: float, target: float, change: float) -> float:
     return min(value + change, target) if value < target else max(value - change, target)
+
+
+class Gamepads:
+    """All devices that can steer; the one that is moved farthest is used."""
+
+    def __init__(self) -> None:
+        # A missing /dev/input is not an error.
+        core.loadPrcFileData("", "notify-level-device fatal")
+        self.manager = core.InputDeviceManager.getGlobalPtr()
+
+    def read(self) -> tuple[float, float]:
+        """Return stick, -1..1, right positive, and accelerator minus brake, -1..1; 0, 0 if none."""
+        self.manager.update()
+        readings = [(0.0, 0.0)]
+        for kind in AXES:
+            readings += [read_device(device) for device in self.manager.getDevices(kind)]
+        return max((one[0] for one in readings), key=abs), max(
+            (one[1] for one in readings), key=abs
+        )
+
+
+def read_device(device: core.InputDevice) -> tuple[float, float]:
+    """Return one device's stick, and its accelerator minus its brake."""
+    device.poll()
+    steer, *pedals = (_axis(device, axis) for axis in AXES[device.device_class])
+    # Cheap gamepads have buttons instead of triggers.
+    pressed = [device.findButton(button).pressed for button in TRIGGERS]
+    gas, brake = (max(*pair) for pair in zip(pedals, map(float, pressed), strict=True))
+    return steer, gas - brake
+
+
+def _axis(device: core.InputDevice, axis: core.InputDevice.Axis) -> float:
+    found = device.findAxis(axis)
+    return found.value if found.known else 0.0

@@ -1,25 +1,119 @@
-"""The original's Socket.IO client of 2016, byte for byte.
+"""The original's Socket.IO client of 2016, byte for byte, with limits for untrusted servers.
 
 It requests `EIO=4` but follows Engine.IO 3: it never sends the CONNECT packet, it sends pings
 itself, and it sends telemetry twice at the start. A driver that works with this client works with
 the original one.
 """
 
+import contextlib
 import json
+import math
 import socket
 import ssl
+import threading
 import time
 from urllib.parse import urlsplit
 
 import websocket
+from websocket._abnf import continuous_frame, frame_buffer
 
-from simulator.bounded_socket import HANDSHAKE_S, BoundedWebSocket
 from zoo.base.errors import InputError
 
+MAX_MESSAGE = 1 << 20  # bytes of one frame and of one message; a driver's reply has about 60
+HANDSHAKE_S = 5.0  # seconds for the whole answer to a handshake
+_GRACE_S = 0.1  # extra seconds for data that has arrived already
 FRAGMENT_BYTES = 1016
 PING_EVERY_S = 25.0
 OPENED = "opened"  # event for the Engine.IO OPEN packet
 UNREADABLE = "unreadable"  # event for a message that is not a JSON array with a name
+
+
+class HandshakeSilentError(ConnectionError):
+    """A server that accepts connections but does not answer the handshake."""
+
+
+class _Frames(frame_buffer):
+    def recv_length(self) -> None:
+        super().recv_length()
+        _check(self.length)
+
+
+class _Message(continuous_frame):
+    def add(self, frame: websocket.ABNF) -> None:
+        super().add(frame)
+        _check(len(self.cont_data[1]))
+
+
+class BoundedWebSocket(websocket.WebSocket):
+    """websocket-client's WebSocket, with limits on a message and on a handshake.
+
+    The timeout covers a whole message. In the library it restarts with each byte, so that a server
+    that sends byte by byte never reaches it.
+    """
+
+    def __init__(self, *arguments: object, **options: object) -> None:
+        super().__init__(*arguments, **options)
+        self.frame_buffer = _Frames(self._recv, self.frame_buffer.skip_utf8_validation)
+        self.cont_frame = _Message(
+            self.cont_frame.fire_cont_frame, self.cont_frame.skip_utf8_validation
+        )
+        self._until_s = math.inf
+
+    def connect(self, url: str, **options: object) -> None:
+        """Connect and complete the handshake.
+
+        Raises:
+            HandshakeSilentError: the server did not answer within `HANDSHAKE_S`.
+        """
+        late = threading.Event()
+
+        def give_up() -> None:
+            if self.sock is not None:  # None while TCP still connects
+                late.set()
+                with contextlib.suppress(OSError):
+                    self.sock.shutdown(socket.SHUT_RDWR)
+
+        timer = threading.Timer(HANDSHAKE_S, give_up)
+        timer.daemon = True
+        timer.start()
+        try:
+            super().connect(url, **options)
+        except Exception as error:
+            if late.is_set() or isinstance(error, websocket.WebSocketTimeoutException):
+                reason = f"no answer to the handshake in {HANDSHAKE_S:.0f} s"
+                raise HandshakeSilentError(reason) from None
+            raise
+        finally:
+            timer.cancel()
+
+    def recv_data(self, control_frame: bool = False) -> tuple:
+        """Return the next message's opcode and bytes; keep an incomplete one for the next call."""
+        timeout_s = self.gettimeout()
+        self._until_s = math.inf if timeout_s is None else time.monotonic() + timeout_s + _GRACE_S
+        return super().recv_data(control_frame)
+
+    def close(self, *_arguments: object, **_options: object) -> None:
+        """Close the connection without waiting for the server, for which the library waits."""
+        if self.sock is not None:
+            with contextlib.suppress(OSError, websocket.WebSocketException):
+                self.sock.settimeout(_GRACE_S)
+                if self.connected:
+                    self.send_close()
+            with contextlib.suppress(OSError):
+                self.sock.shutdown(socket.SHUT_RDWR)  # ends a thread that is reading
+        self.shutdown()
+
+    def _recv(self, bufsize: int) -> bytes:
+        if time.monotonic() > self._until_s:
+            raise websocket.WebSocketTimeoutException("the message took too long")
+        return super()._recv(bufsize)
+
+
+def _check(size: int) -> None:
+    if size > MAX_MESSAGE:
+        raise websocket.WebSocketPayloadException(
+            f"the driver sent a message of {size:,} bytes; the limit is {MAX_MESSAGE:,}"
+        )
 
 
 class HandshakeRefusedError(ConnectionError):

@@ -5,8 +5,12 @@ import queue
 import socketio
 import websocket
 
-from simulator.bounded_socket import HANDSHAKE_S, BoundedWebSocket, HandshakeSilentError
-from simulator.legacy_socket import websocket_address
+from simulator.legacy_socket import (
+    HANDSHAKE_S,
+    BoundedWebSocket,
+    HandshakeSilentError,
+    websocket_address,
+)
 
 
 class ModernSocket:

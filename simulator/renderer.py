@@ -22,11 +22,10 @@ from simulator.rig import (
     YAW_RIGHT_DEG,
     camera_matrix,
 )
-from simulator.scenery.air import Air
+from simulator.scenery.frame_effects import Air
 from simulator.scenery.landscape import landscape
-from simulator.scenery.light import lit_colours
+from simulator.scenery.light import lit_colours, sky_mesh
 from simulator.scenery.mesh import Mesh
-from simulator.scenery.sky import sky_mesh
 from simulator.scenery.textures import halvings, make_textures
 from simulator.track import Track
 from simulator.weather import CLEAR, Weather, lit_by

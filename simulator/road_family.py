@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from simulator.centreline_keys import MOST_POINTS
 from simulator.closing import closing_segments
-from simulator.survey_file import MOST_POINTS
 from simulator.track import Track
 from simulator.track_content import VERGES, make_track
 from simulator.track_names import DRAWN, road_folder

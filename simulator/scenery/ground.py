@@ -6,9 +6,8 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from simulator.scenery.bands import GRASS, ROCK, SAND, SOILS
 from simulator.scenery.mesh import Mesh, grid_triangles
-from simulator.scenery.verge_room import verge_room
+from simulator.scenery.verges import GRASS, ROCK, SAND, SOILS, verge_room
 from simulator.track import Track
 
 CELL_M = 8.0

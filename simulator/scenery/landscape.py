@@ -8,13 +8,12 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from simulator.scenery.bridge import bridge_meshes
-from simulator.scenery.edges import edge_meshes
+from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.ground import Ground
+from simulator.scenery.light import Shadows
 from simulator.scenery.mesh import Mesh, cut, join, join_materials
 from simulator.scenery.plants import boulder_meshes, place_standing, standing_meshes
 from simulator.scenery.road import road_meshes
-from simulator.scenery.shadows import Shadows
 from simulator.track import Track
 
 CELL_M = 90.0

@@ -4,9 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from simulator.scenery.bands import VERGE_END_M, Band, carriageway, verge_bands
 from simulator.scenery.mesh import Mesh, grid_triangles, join_materials
-from simulator.scenery.verge_room import verge_room
+from simulator.scenery.verges import VERGE_END_M, Band, carriageway, verge_bands, verge_room
 from simulator.track import Track
 
 ALONG_M = 1.0

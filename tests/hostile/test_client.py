@@ -20,12 +20,11 @@ import engineio
 import pytest
 from rich.console import Console
 
-from simulator import autonomous_mode, bounded_socket
+from simulator import autonomous_mode
 from simulator import client as client_module
 from simulator.autonomous_mode import Client
-from simulator.bounded_socket import MAX_MESSAGE, HandshakeSilentError
 from simulator.client_options import ClientOptions
-from simulator.legacy_socket import OPENED, LegacySocket
+from simulator.legacy_socket import MAX_MESSAGE, OPENED, HandshakeSilentError, LegacySocket
 from simulator.modern_socket import ModernSocket
 from simulator.world import open_world
 from tests.simulator.drivers import GUID, make_frame
@@ -179,9 +178,8 @@ def test_a_message_without_an_end_does_not_block_the_client(flood: bytes) -> Non
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (bounded_socket, sys.modules[LegacySocket.__module__]):
-        monkeypatch.setattr(module, "HANDSHAKE_S", 0.3)
-    monkeypatch.setattr(sys.modules[ModernSocket.__module__], "HANDSHAKE_S", 0.3)
+    for module in (LegacySocket, ModernSocket):
+        monkeypatch.setattr(sys.modules[module.__module__], "HANDSHAKE_S", 0.3)
     monkeypatch.setattr(autonomous_mode, "SILENT_S", 0.3)
     monkeypatch.setattr(client_module, "RETRY_S", 0.01)
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from simulator.scenery.bridge import DECK_M, bridge_meshes
-from simulator.scenery.edges import edge_meshes
+from simulator.scenery.edges import DECK_M, bridge_meshes, edge_meshes
 from simulator.scenery.ground import Ground
+from simulator.scenery.light import Shadows
 from simulator.scenery.road import road_meshes
-from simulator.scenery.shadows import Shadows
 from simulator.track import Track
 from simulator.track_content import VERGES, make_track
 from simulator.weather import Weather

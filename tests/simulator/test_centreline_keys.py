@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from simulator.centreline_keys import TIGHTEST_RADIUS_M
+from simulator.centreline_keys import MOST_POINTS, TIGHTEST_RADIUS_M
 from simulator.expert import Expert, ExpertSettings
-from simulator.survey_file import MOST_POINTS
 from simulator.track import Track
 from simulator.track_file import make_track, read_track
 from simulator.world import Start, World

@@ -4,8 +4,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from simulator.gamepad import AXES, TRIGGERS, Axis, Gamepads, Kind, read_device
-from simulator.hand_control import HandControl, Hands
+from simulator.hand_control import (
+    AXES,
+    TRIGGERS,
+    Axis,
+    Gamepads,
+    HandControl,
+    Hands,
+    Kind,
+    read_device,
+)
 
 STEP_S = 0.02
 

@@ -10,7 +10,7 @@ import yaml
 
 from simulator.autonomous_mode import Client
 from simulator.client_options import ClientOptions
-from simulator.drive_loop import Drive
+from simulator.drive import Drive
 from simulator.env import DrivingEnv
 from simulator.expert import Expert, ExpertSettings
 from simulator.record import RecordOptions, record_laps

@@ -6,16 +6,14 @@ import yaml
 from scipy.spatial import cKDTree
 
 from simulator.renderer import open_renderer
-from simulator.scenery.bonnet import bonnet_image
-from simulator.scenery.bridge import bridge_meshes
-from simulator.scenery.edges import edge_meshes
+from simulator.scenery.edges import bridge_meshes, edge_meshes
+from simulator.scenery.frame_effects import bonnet_image
 from simulator.scenery.ground import Ground
 from simulator.scenery.landscape import landscape
-from simulator.scenery.light import lit_colours
+from simulator.scenery.light import Shadows, lit_colours
 from simulator.scenery.mesh import Mesh, cut, grid_triangles, join
 from simulator.scenery.plants import boulder_meshes, place_standing
 from simulator.scenery.road import road_meshes
-from simulator.scenery.shadows import Shadows
 from simulator.scenery.textures import MEANS, halvings, make_textures
 from simulator.track import Track
 from simulator.track_file import make_track, read_track, track_folder, track_names

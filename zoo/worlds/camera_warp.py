@@ -21,7 +21,7 @@ from simulator.rig import (
     YAW_RIGHT_DEG,
     camera_matrix,
 )
-from simulator.scenery.bonnet import bonnet_image
+from simulator.scenery.frame_effects import bonnet_image
 
 BONNET_EDGE_PX = 5  # width of the bonnet's edge that JPEG blurs
 

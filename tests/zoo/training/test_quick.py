@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from omegaconf import OmegaConf
 
-from simulator.record_report import next_command
+from simulator.record import next_command
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.cli.config_help import ABOUT

@@ -1,4 +1,4 @@
-"""The profile of the road and its verges: bands of one material across the road.
+"""The profile of the road and its verges: bands of one material across the road, and their room.
 
 Widths were measured on the original's frames of a straight, projected to a view from above: 6.4 m
 between the inner yellow lines; a dark strip and a second line; about 1.4 m of paved shoulder; then
@@ -8,8 +8,9 @@ a concrete bank of about 2 m, pale in the sun and blue-grey in the shade.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from simulator.track import Surroundings
+from simulator.track import Surroundings, Track
 
 BANK = 0.9  # slope for the light: the original's bank is cream in the sun, blue-grey in shade
 VERGE_END_M = 14.0  # from the centreline; the ground's mesh continues from there
@@ -21,6 +22,12 @@ SAND, PINK_SAND = (0.55, 0.40, 0.26), (0.68, 0.50, 0.40)
 GRASS, ROCK, WALL = (0.55, 0.49, 0.27), (0.60, 0.55, 0.46), (0.04, 0.035, 0.03)
 FOREST, WHITE = (0.32, 0.35, 0.19), (0.75, 0.75, 0.72)
 SOILS = {"sand": SAND, "grass": GRASS, "forest": FOREST}  # by `ground` of the surroundings
+STRIDE = 2  # only every second sample is compared with the others
+LOCAL_M = 3.0  # samples nearer than this to each other do not limit each other's verges
+HIGH_M = 10.0  # height of a bridge above which every kind of verge passes below it
+LEAST_M = 1.1  # of verge outside the road's edge, enough for a wall
+CLEAR_M = 1.0  # outside a road's edge, in which no verge of another part may lie
+TRIED_M = np.arange(3.0, VERGE_END_M, 1.0)  # distances from the centreline
 
 
 @dataclass(frozen=True)
@@ -130,3 +137,59 @@ def rise_at(bands: list[Band], away: np.ndarray) -> np.ndarray:
 def _paving(cobbled: bool) -> tuple[str, tuple[float, float, float], float]:
     """Return the paving's material, colour and repeat."""
     return ("cobbles", COBBLES, 2.0) if cobbled else ("asphalt", ASPHALT, 4.0)
+
+
+def verge_room(track: Track) -> np.ndarray | None:
+    """Return how far verges may reach from the centreline in metres, float [2, N], left and right.
+
+    Verges of parts near each other meet halfway between them. None where no verge reaches another
+    part of the road. Bridges leave the whole room to the road below.
+    """
+    ground = ~track.bridge
+    xy, half = track.xyz[:, :2], track.widths / 2
+    right = np.stack([np.sin(track.heading), -np.cos(track.heading)], -1)
+    tree = cKDTree(xy[ground])
+    if not any(_covers(track, tree, half, side * right, side) for side in (-1, 1)):
+        return None
+    room = np.full((2, len(xy)), VERGE_END_M)
+    pairs = STRIDE * cKDTree(xy[::STRIDE]).query_pairs(2 * VERGE_END_M, output_type="ndarray")
+    for here, other in (pairs.T, pairs.T[::-1]):
+        here, other = here[ground[other]], other[ground[other]]
+        apart = xy[other] - xy[here]
+        square = (apart**2).sum(1)
+        towards = (apart * right[here]).sum(1)
+        for number, side in enumerate((-1, 1)):
+            facing = (towards * side > 0.02) & (square > LOCAL_M**2)
+            # A circle through both points that touches the road here has its centre halfway.
+            halfway = square[facing] / (2 * side * towards[facing])
+            np.minimum.at(room[number], here[facing], halfway)
+    room = np.repeat(room[:, ::STRIDE], STRIDE, axis=1)[:, : len(xy)]
+    room[:, track.bridge] = VERGE_END_M  # nothing stands beside a bridge
+    _leave_room_for_bridges(track, room)
+    return np.maximum(room, half + LEAST_M)
+
+
+def _leave_room_for_bridges(track: Track, room: np.ndarray) -> None:
+    """Shorten verges below low bridges, because some rise by several metres."""
+    deck = np.flatnonzero(track.bridge)
+    if not len(deck):
+        return
+    half = track.widths / 2
+    apart, near = cKDTree(track.xyz[deck, :2]).query(track.xyz[:, :2])
+    above = track.xyz[deck[near], 2] - track.xyz[:, 2]
+    low = ~track.bridge & (apart < half[deck[near]] + VERGE_END_M) & (above > 1) & (above < HIGH_M)
+    room[:, low] = np.minimum(room[:, low], half[low] + LEAST_M)
+
+
+def _covers(track: Track, tree: cKDTree, half: np.ndarray, outwards: np.ndarray, side: int) -> bool:
+    """Return whether a verge of full width lies on another part of the road."""
+    bend = -track.curvature * side
+    reach = np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
+    for away in TRIED_M:
+        far = np.minimum(away + half, reach)
+        points = track.xyz[:, :2] + far[:, None] * outwards
+        apart, _ = tree.query(points)
+        least = half + CLEAR_M
+        if (apart < np.minimum(least, far - 1.5))[~track.bridge].any():
+            return True
+    return False
