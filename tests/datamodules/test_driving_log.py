@@ -37,14 +37,51 @@ def refusal(folder: Path, text: str) -> str:
     return message
 
 
-def test_row_without_header(tmp_path):
-    (row,) = read_text(tmp_path, f"{PATHS},-0.25,0.5,0,30.19\n")
-    assert row == LogRow(1, (CENTER, LEFT, RIGHT), (-0.25, 0.5, 0.0, 30.19))
+NUMBERS = (0.25, 0.5, 0.0, 7.0)
+ALL, CENTRE = (CENTER, LEFT, RIGHT), (CENTER, "", "")
+BLANKS = ("IMG/center_1.jpg", "IMG/left_1.jpg", "IMG/right_1.jpg")
+COMMA = (0.25, 1.0, 0.0, 30.19028)
+ONE_ROW: dict[str, tuple[str | bytes, tuple, tuple]] = {
+    "no header": (f"{PATHS},-0.25,0.5,0,30.19", ALL, (-0.25, 0.5, 0.0, 30.19)),
+    "unknown column": (f"{HEADER},lap\n{PATHS},0.25,0.5,0,7,3", ALL, NUMBERS),
+    "centre only, header": (
+        f"center,steering,throttle,brake,speed\n{CENTER},0.25,0.5,0,7",
+        CENTRE,
+        NUMBERS,
+    ),
+    "centre only": (f"{CENTER},0.25,0.5,0,7", CENTRE, NUMBERS),
+    "centre only, decimal commas": (f"{CENTER},0,25,1,0,30,19028", CENTRE, COMMA),
+    "empty side cameras": (f"{CENTER},,,0.25,0.5,0,7", CENTRE, NUMBERS),
+    "blanks": (f"{', '.join(BLANKS)}, 0.25, 0.5, 0, 7", BLANKS, NUMBERS),
+    "byte order mark": (b"\xef\xbb\xbf" + f"{PATHS},0.25,0.5,0,7".encode(), ALL, NUMBERS),
+    "quoted commas": (f'{PATHS},"-0,25","0,5","0","30,19"', ALL, (-0.25, 0.5, 0.0, 30.19)),
+    "semicolons": (f"{PATHS.replace(',', ';')};0,25;0,5;0;7", ALL, NUMBERS),
+    "semicolon in a name": (f"a;b{PATHS},0.25,0.5,0,7", (f"a;b{CENTER}", LEFT, RIGHT), NUMBERS),
+    # A brake of 0.21 at 5 mph, or none at 21.5: throttle and brake are not both pressed.
+    "commas, at speed": (f"{PATHS},0,5,1,0,21,5", ALL, (0.5, 1.0, 0.0, 21.5)),
+    "no impossible speed": (f"{PATHS},0,1,0,30,19028", ALL, (0.0, 1.0, 0.0, 30.19028)),
+    "a fork's reversing": (f"{PATHS},0,-0.5,0,2", ALL, (0.0, -0.5, 0.0, 2.0)),
+    "full lock": (f"{PATHS},1,0,0,1", ALL, (1.0, 0.0, 0.0, 1.0)),
+    "full lock left": (f"{PATHS},-1,0,0,1", ALL, (-1.0, 0.0, 0.0, 1.0)),
+    "quoted comma in a name": (
+        '"a, b/center_1.jpg","a, b/left_1.jpg",,0.25,0.5,0,7',
+        ("a, b/center_1.jpg", "a, b/left_1.jpg", ""),
+        NUMBERS,
+    ),
+}
 
 
-def test_header_is_not_a_row_and_lines_count_from_it(tmp_path):
-    rows = read_text(tmp_path, f"{HEADER}\n{PATHS},0.1,0,0,1\n{PATHS},0.2,0,0,2\n")
-    assert [(row.line, row.numbers[0]) for row in rows] == [(2, 0.1), (3, 0.2)]
+@pytest.mark.parametrize("name", ONE_ROW)
+def test_a_row_in_every_dialect(tmp_path, name):
+    text, paths, numbers = ONE_ROW[name]
+    (row,) = read_text(tmp_path, text + (b"\n" if isinstance(text, bytes) else "\n"))
+    assert (row.paths, row.numbers) == (paths, numbers)
+
+
+def test_lines_count_the_header_and_empty_lines_and_end_in_any_way(tmp_path):
+    text = f"{HEADER}\r\n{PATHS},0.1,0,0,1\r\n\n   \n{PATHS},0.2,0,0,2\n\n"
+    rows = read_text(tmp_path, text)
+    assert [(row.line, row.numbers[0]) for row in rows] == [(2, 0.1), (5, 0.2)]
 
 
 @pytest.mark.parametrize("first", ["speed", "steering"])
@@ -54,45 +91,7 @@ def test_header_with_columns_in_another_order(tmp_path, first):
     names = [first, *(name for name in reversed(values) if name != first)]
     text = f"{','.join(names)}\n{','.join(values[name] for name in names)}\n"
     (row,) = read_text(tmp_path, text)
-    assert row.paths == (CENTER, LEFT, RIGHT)
-    assert row.numbers == (-0.5, 0.7, 0.1, 12.0)
-
-
-def test_header_with_a_column_of_a_fork_that_we_do_not_know(tmp_path):
-    (row,) = read_text(tmp_path, f"{HEADER},lap\n{PATHS},0.25,0,0,1,3\n")
-    assert row.numbers == (0.25, 0.0, 0.0, 1.0)
-
-
-def test_header_of_a_centre_only_recording(tmp_path):
-    text = f"center,steering,throttle,brake,speed\n{CENTER},0.25,0.5,0,7\n"
-    (row,) = read_text(tmp_path, text)
-    assert row.paths == (CENTER, "", "")
-    assert row.numbers == (0.25, 0.5, 0.0, 7.0)
-
-
-def test_centre_only_without_header(tmp_path):
-    (row,) = read_text(tmp_path, f"{CENTER},0.25,0.5,0,7\n")
-    assert (row.paths, row.numbers) == ((CENTER, "", ""), (0.25, 0.5, 0.0, 7.0))
-
-
-def test_centre_only_without_header_and_with_decimal_commas(tmp_path):
-    (row,) = read_text(tmp_path, f"{CENTER},0,25,1,0,30,19028\n")
-    assert (row.paths, row.numbers) == ((CENTER, "", ""), (0.25, 1.0, 0.0, 30.19028))
-
-
-def test_empty_columns_of_side_cameras(tmp_path):
-    (row,) = read_text(tmp_path, f"{CENTER},,,0.25,0.5,0,7\n")
-    assert (row.paths, row.numbers) == ((CENTER, "", ""), (0.25, 0.5, 0.0, 7.0))
-
-
-def test_blanks_before_left_and_right(tmp_path):
-    (row,) = read_text(tmp_path, "IMG/center_1.jpg, IMG/left_1.jpg, IMG/right_1.jpg, 0, 0, 0, 2\n")
-    assert row.paths == ("IMG/center_1.jpg", "IMG/left_1.jpg", "IMG/right_1.jpg")
-
-
-def test_byte_order_mark(tmp_path):
-    (row,) = read_text(tmp_path, b"\xef\xbb\xbf" + f"{PATHS},0,0,0,1\n".encode())
-    assert row.paths[0] == CENTER
+    assert (row.paths, row.numbers) == (ALL, (-0.5, 0.7, 0.1, 12.0))
 
 
 def test_folder_name_in_an_old_code_page(tmp_path):
@@ -100,26 +99,6 @@ def test_folder_name_in_an_old_code_page(tmp_path):
     (row,) = read_text(tmp_path, text)
     assert row.paths[0].endswith("\\IMG\\center_1.jpg")
     assert row.numbers[0] == 0.5
-
-
-def test_windows_line_ends(tmp_path):
-    rows = read_text(tmp_path, f"{PATHS},0.1,0,0,1\r\n{PATHS},0.2,0,0,2\r\n")
-    assert [row.numbers[3] for row in rows] == [1.0, 2.0]
-
-
-def test_empty_lines_are_passed_over_and_counted(tmp_path):
-    rows = read_text(tmp_path, f"{PATHS},0,0,0,1\n\n   \n{PATHS},0,0,0,2\n\n")
-    assert [row.line for row in rows] == [1, 4]
-
-
-def test_quoted_decimal_commas(tmp_path):
-    (row,) = read_text(tmp_path, f'{PATHS},"-0,25","0,5","0","30,19"\n')
-    assert row.numbers == (-0.25, 0.5, 0.0, 30.19)
-
-
-def test_semicolons_between_decimal_commas(tmp_path):
-    (row,) = read_text(tmp_path, f"{PATHS.replace(',', ';')};-0,25;0,5;0;30,19\n")
-    assert (row.paths[2], row.numbers) == (RIGHT, (-0.25, 0.5, 0.0, 30.19))
 
 
 def steering_numbers() -> st.SearchStrategy[float]:
@@ -167,17 +146,40 @@ def test_semicolons_round_trip_any_numbers(tmp_path_factory, numbers):
     assert row.numbers == numbers
 
 
-def test_decimal_commas_of_a_log_that_starts_at_speed(tmp_path):
-    """A brake of 0.21 at 5 mph, or none at 21.5: throttle and brake are not both pressed."""
-    (row,) = read_text(tmp_path, f"{PATHS},0,5,1,0,21,5\n")
-    assert row.numbers == (0.5, 1.0, 0.0, 21.5)
+GOOD = f"{PATHS},0,0,0,1\n"
+REFUSED = [
+    (f"{GOOD}{CENTER},{LEFT},{RIGHT},0\n", "row 2: 4 columns, expected 7"),
+    (f"{GOOD}{PATHS},0,0,0\n", "row 2: 6 columns, expected 7"),
+    (f"{GOOD}{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n", "row 2: 12 columns"),
+    (f"{PATHS},0.5,0.25,0,20.5,7\n", "row 1: '0.5,0.25,0,20.5,7' are not the four numbers"),
+    (HEADER.replace(",brake", "") + "\n", "row 1: the header has no column brake"),
+    *(
+        (f"{GOOD}{PATHS},{text},0,0,1\n", f"row 2: steering is {text!r}")
+        for text in ("NaN", "nan", "inf", "-Infinity", "", "left")
+    ),
+    (f"{PATHS},0,0,0,NaN\n", "row 1: speed is 'NaN'"),
+    (f"{PATHS},1.01,0,0,1", "row 1: steering is 1.01, beyond"),
+    (f"{PATHS},-25,0,0,1", "row 1: steering is -25, beyond"),
+    (f"{GOOD}{PATHS},0,99,0,1\n", "row 2: throttle is 99, beyond -1..1"),
+    (f"{GOOD}{PATHS},0,0,99,1\n", "row 2: brake is 99, beyond 0..1"),
+    (f"{GOOD}{PATHS},0,0,-0.5,1\n", "row 2: brake is -0.5, beyond 0..1"),
+    (f"{GOOD}{PATHS},0,0,0,-3\n", "row 2: speed is -3, beyond 0..200"),
+    (f"{GOOD}{PATHS},0,0,0,1e300\n", "row 2: speed is 1e+300, beyond 0..200"),
+    (f'{GOOD}{PATHS},"0","0","0","201,5"\n', "row 2: speed is 201.5, beyond 0..200"),
+    (GOOD + '"' + "x" * 200_000 + "\n", "row 2: not a CSV row"),
+    (GOOD * 7 + f'"{GOOD}' + GOOD * 99, "row 8: a quote opens here"),
+    (GOOD * 7 + f'"{GOOD}' + GOOD * 1_099, "row 8: not a CSV row"),
+    *((text, "the log has no rows") for text in ("", "\n\n", HEADER + "\n", "\ufeff")),
+]
 
 
-@pytest.mark.parametrize("columns", [4, 6])
-def test_wrong_number_of_columns_names_file_and_row(tmp_path, columns):
-    short = ",".join([*PATHS.split(","), "0", "0", "0"][:columns])
-    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{short}\n")
-    assert f"{tmp_path}/driving_log.csv, row 2: {columns} columns, expected 7" in message
+@pytest.mark.parametrize(("text", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_what_is_wrong_is_named_with_file_and_row(tmp_path, text, words):
+    message = refusal(tmp_path, text)
+    assert f"{tmp_path}/driving_log.csv" in message
+    assert words in message
+    if "beyond" in words and "steering" not in words:
+        assert "delete the row" in message
 
 
 def test_a_log_that_ends_within_a_row_says_which_row_to_delete(tmp_path):
@@ -187,55 +189,6 @@ def test_a_log_that_ends_within_a_row_says_which_row_to_delete(tmp_path):
     within = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0,0\n{PATHS},0,0,0,1\n")
     assert "ends within" not in within
     assert "row 2: 5 columns, expected 7" in within
-
-
-def test_too_many_columns_name_file_and_row(tmp_path):
-    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},0.5,0.25,0.5,20.5,7.5,9.5,1.5,2,3\n")
-    assert f"{tmp_path}/driving_log.csv, row 2: 12 columns" in message
-
-
-def test_extra_column_with_decimal_points_is_refused(tmp_path):
-    message = refusal(tmp_path, f"{PATHS},0.5,0.25,0,20.5,7\n")
-    assert "row 1" in message
-    assert "four numbers" in message
-
-
-def test_header_without_a_column_names_it(tmp_path):
-    assert "no column brake" in refusal(tmp_path, HEADER.replace(",brake", "") + "\n")
-
-
-@pytest.mark.parametrize("text", ["NaN", "nan", "inf", "-Infinity", "", "left"])
-def test_steering_that_is_no_finite_number_names_row_and_value(tmp_path, text):
-    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},{text},0,0,1\n")
-    assert f"row 2: steering is {text!r}" in message
-
-
-def test_speed_that_is_no_finite_number_names_it(tmp_path):
-    assert "speed is 'NaN'" in refusal(tmp_path, f"{PATHS},0,0,0,NaN\n")
-
-
-@pytest.mark.parametrize("steering", ["1.01", "-25"])
-def test_steering_beyond_one_names_the_row(tmp_path, steering):
-    assert f"row 1: steering is {steering}, beyond" in refusal(
-        tmp_path, f"{PATHS},{steering},0,0,1"
-    )
-
-
-@pytest.mark.parametrize("steering", ["1", "-1"])
-def test_full_lock_is_accepted(tmp_path, steering):
-    (row,) = read_text(tmp_path, f"{PATHS},{steering},0,0,1\n")
-    assert row.numbers[0] == float(steering)
-
-
-@pytest.mark.parametrize("text", ["", "\n\n", HEADER + "\n", "\ufeff"])
-def test_log_without_rows(tmp_path, text):
-    assert "the log has no rows" in refusal(tmp_path, text)
-
-
-def test_field_that_csv_cannot_read_names_the_row(tmp_path):
-    endless = '"' + "x" * 200_000
-    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{endless}\n")
-    assert "row 2: not a CSV row" in message
 
 
 @pytest.mark.parametrize("blank", [None, ROWS_AT_ONCE + 5])
@@ -258,45 +211,6 @@ def test_header_that_names_a_column_twice_is_refused(tmp_path, name):
     assert HEADER in message
 
 
-@pytest.mark.parametrize(
-    ("numbers", "found"),
-    [
-        ("0,99,0,1", "throttle is 99, beyond -1..1"),
-        ("0,0,99,1", "brake is 99, beyond 0..1"),
-        ("0,0,-0.5,1", "brake is -0.5, beyond 0..1"),
-        ("0,0,0,-3", "speed is -3, beyond 0..200"),
-        ("0,0,0,1e300", "speed is 1e+300, beyond 0..200"),
-        ('"0","0","0","201,5"', "speed is 201.5, beyond 0..200"),
-    ],
-)
-def test_a_number_beyond_its_range_names_row_value_and_range(tmp_path, numbers, found):
-    message = refusal(tmp_path, f"{PATHS},0,0,0,1\n{PATHS},{numbers}\n")
-    assert f"{tmp_path}/driving_log.csv, row 2: {found}" in message
-    assert "delete the row" in message
-
-
-def test_reversing_of_a_fork_is_accepted(tmp_path):
-    (row,) = read_text(tmp_path, f"{PATHS},0,-0.5,0,2\n")
-    assert row.numbers[1] == -0.5
-
-
-def test_decimal_commas_are_not_read_as_an_impossible_speed(tmp_path):
-    """30.19028 mph, not 19,028."""
-    (row,) = read_text(tmp_path, f"{PATHS},0,1,0,30,19028\n")
-    assert row.numbers == (0.0, 1.0, 0.0, 30.19028)
-
-
-def test_semicolons_in_a_folder_name(tmp_path):
-    (row,) = read_text(tmp_path, f"{PATHS.replace('IMG', 'a;b')},0,0,0,2\n")
-    assert row.paths[0] == CENTER.replace("IMG", "a;b")
-
-
-def rows_with_quotes(*where: int) -> str:
-    """Write 120 rows; the named ones (from 1) begin with a quote."""
-    rows = range(1, 121)
-    return "".join(f"{chr(34) * (row in where)}{PATHS},0,0,0,{row % 30}\n" for row in rows)
-
-
 def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path):
     """Row 8's quote ends at row 20's, and the thirteen rows would be read as one."""
     inside = f"{PATHS},0,0,0,1\n" * 7 + f'{CENTER},{LEFT},"{RIGHT},0,0,0,1\n'
@@ -305,20 +219,6 @@ def test_two_stray_quotes_that_swallow_rows_are_refused_where_they_open(tmp_path
     assert "row 8: a quote opens here" in message
     assert "row 20" in message
     assert "delete the row" in message
-
-
-def test_a_quote_that_never_closes_is_refused_where_it_opens(tmp_path):
-    assert "row 8: a quote opens here" in refusal(tmp_path, rows_with_quotes(8))
-
-
-def test_a_quote_that_runs_on_too_far_for_csv_is_refused_where_it_opens(tmp_path):
-    text = rows_with_quotes(8) + f"{PATHS},0,0,0,1\n" * 1_000
-    assert "row 8: not a CSV row" in refusal(tmp_path, text)
-
-
-def test_a_folder_with_a_comma_in_quotes_is_read(tmp_path):
-    (row,) = read_text(tmp_path, '"a, b/center_1.jpg","a, b/left_1.jpg",,0,0,0,1\n')
-    assert row.paths == ("a, b/center_1.jpg", "a, b/left_1.jpg", "")
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
