@@ -51,9 +51,9 @@ def exchange(*folders: str) -> None:
     as Markdown whether the log is equal to the bit, how far every tenth row's images differ, sizes
     and processor time (of the command and its ffmpeg).
     """
+    from datamodules.formats.donkeycar import export_tub
     from datamodules.formats.lerobot_export import export_lerobot
     from datamodules.formats.recording_writer import convert_to_recording
-    from datamodules.formats.tub_export import export_tub
 
     recording, rows = read_recordings(list(folders)), []
     with tempfile.TemporaryDirectory() as temporary:
