@@ -11,8 +11,7 @@ from rich.console import Console
 
 from simulator.drive_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
-from simulator.gamepad import Gamepads
-from simulator.hand_control import HandControl, Hands
+from simulator.hand_control import Gamepads, HandControl, Hands
 from simulator.record import Driven, print_report
 from simulator.recorder import Recorder, check_free, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
