@@ -108,7 +108,7 @@ def differences(then: object, now: object, name: str = "") -> tuple[list[Differe
 
 def place_of(run: Path) -> Path:
     """Return the folder where a run was started, at which its relative paths begin."""
-    from zoo.runs.config_files import read_hydra_file
+    from zoo.runs.run import read_hydra_file
 
     if not (run / ".hydra" / "hydra.yaml").exists():
         return Path.cwd()
@@ -150,7 +150,7 @@ def _absolute(value: object, place: Path, is_file: bool) -> object:
 
 def _trained_config(run: Path) -> DictConfig:
     """Return the config in a run's checkpoint, which a later `resume=` did not change."""
-    from zoo.runs.config_files import load_config
+    from zoo.runs.run import load_config
 
     config = load_config(run)
     last = run / "checkpoints" / "last.ckpt"

@@ -17,9 +17,10 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.drives.drive_log import DriveWriter, read_drive, write_summary
 from zoo.drives.drive_record import DriveRow
-from zoo.leaderboard.ranking import rank, read_runs
-from zoo.report.reported_run import read_run
-from zoo.runs.curves_files import read_curves
+from zoo.leaderboard.ranking import rank
+from zoo.leaderboard.scored import read_scored
+from zoo.report.reported_run import ReportedRun
+from zoo.runs.run import read_curves
 from zoo.sweep.sweep_record import new_record, read_record, write_record
 
 Damage = Callable[[Path], object]
@@ -145,7 +146,7 @@ def test_a_damaged_run_is_named_with_its_field_and_the_others_are_ranked(
     bad = write_run(tmp_path / "bad", 1.0, overrides=("x=2",))
     damage(bad / file)
 
-    runs, unranked = read_runs([bad, good])
+    runs, unranked = read_scored([bad, good])
 
     assert [one.folder for one in runs] == [good]
     assert len(rank(runs)) == 1
@@ -178,9 +179,9 @@ def test_files_with_fewer_and_other_keys_are_read(tmp_path: Path) -> None:
     found["whatever"] = {"else": [1, None, "x"]}
     (folder / METRICS).write_text(json.dumps(found))
     (folder / STATUS).write_text(json.dumps({"status": "finished", "mood": "good"}))
-    (run_read,), unranked = read_runs([folder])
+    (run_read,), unranked = read_scored([folder])
     assert not unranked
-    assert (run_read.autonomy, run_read.parameters, run_read.wall_s) == (0.9, None, 0.0)
+    assert (run_read.autonomy, run_read.wall_s) == (0.9, 0.0)
 
 
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
@@ -262,7 +263,7 @@ def test_a_damaged_drive_is_named(name: str, tmp_path: Path) -> None:
 def test_a_damaged_drive_is_named_by_the_report(trained: Path) -> None:
     drive = write_drive(trained / "drives" / "lake-0")
     DRIVES["summary's text"][1](drive / "drive.json")
-    run_read = read_run(trained)
+    run_read = ReportedRun.open(trained)
     assert run_read.drives == []
     (line,) = run_read.damaged_drives
     assert "drive.json: autonomy: " in line

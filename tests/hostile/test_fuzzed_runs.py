@@ -13,8 +13,9 @@ from tests.hostile.test_damaged_files import write_drive
 from tests.zoo.sweeps import write_run
 from zoo.benchmark.suite import read_suite
 from zoo.drives.drive_log import read_drive
-from zoo.leaderboard.ranking import load_run, rank, read_runs
-from zoo.runs.status_file import read_status_file
+from zoo.leaderboard.ranking import rank
+from zoo.leaderboard.scored import load_run, read_scored
+from zoo.runs.status import read_status_file
 from zoo.sweep.sweep_record import new_record, read_record, write_record
 
 
@@ -22,7 +23,7 @@ def read_ranked(run: Path) -> object:
     """Return a run as the leaderboard shows it."""
     read_status_file(run)
     load_run(run)
-    runs, _ = read_runs([run])
+    runs, _ = read_scored([run])
     return rank(runs)
 
 

@@ -8,8 +8,9 @@ import pytest
 
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
-from zoo.leaderboard.ranking import rank, read_runs
+from zoo.leaderboard.ranking import rank
 from zoo.leaderboard.ranking_page import write_page
+from zoo.leaderboard.scored import read_scored
 from zoo.report.write_up import write_report
 
 IMAGE = "<img src=x onerror=hacked=1>"
@@ -67,7 +68,7 @@ def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
 
 @needs_chromium
 def test_the_ranking_shows_hostile_names_as_text(runs: list[Path], tmp_path: Path) -> None:
-    found, unranked = read_runs(runs)
+    found, unranked = read_scored(runs)
     page = write_page(tmp_path / "page.html", HOSTILE, rank(found), unranked, tmp_path)
     shown = check_harmless(page, 0, 2, tmp_path / "profile")
     for text in (HOSTILE, IMAGE, NAME):
@@ -85,7 +86,7 @@ def test_the_report_shows_hostile_names_as_text(
 
 
 def test_each_page_allows_only_its_own_content(runs: list[Path], tmp_path: Path) -> None:
-    ranking = write_page(tmp_path / "page.html", "x", rank(read_runs(runs)[0]), [], tmp_path)
+    ranking = write_page(tmp_path / "page.html", "x", rank(read_scored(runs)[0]), [], tmp_path)
     for page in (ranking, write_report(runs[0])):
         text = page.read_text()
         policy = html.unescape(text.split('Content-Security-Policy" content="')[1].split('"')[0])

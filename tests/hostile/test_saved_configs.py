@@ -29,7 +29,7 @@ from zoo.correct.__main__ import correct
 from zoo.models.make_network import make_network
 from zoo.rerun import absolute_places, rerun
 from zoo.results import results
-from zoo.runs.config_files import load_config
+from zoo.runs.run import load_config
 from zoo.runs.saved_config import check_saved_config, find_refusals
 from zoo.sweep.__main__ import sweep
 

@@ -1,7 +1,7 @@
 """The result of `drivezoo benchmark`: its table, plot and page, and how it is printed."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -12,13 +12,12 @@ from rich.text import Text
 from zoo.base.terminal import printable
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.checked_result import read_result
-from zoo.benchmark.drivers import Driver
 from zoo.benchmark.marks import Reached, marks_table, missed_line
 from zoo.benchmark.result import (
     VERSION,
     BenchmarkResult,
+    Driver,
     DriveRecord,
-    DriverRecord,
     Interval,
     digest_of_drives,
     write_result,
@@ -72,7 +71,7 @@ def entry_result(
         roads=suite.roads,
         code=code_fingerprint(),
         entry=name,
-        checkpoints=[DriverRecord(**asdict(driver)) for driver in drivers],
+        checkpoints=list(drivers),
         drives=list(drives),
         **vars(summarize_drives(drives)),
         digest=digest_of_drives(drives),

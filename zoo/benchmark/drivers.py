@@ -11,7 +11,7 @@ from simulator.expert import Expert
 from zoo.base.errors import InputError, UsageError
 from zoo.base.regular_file import hash_file
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.result import DriverRecord
+from zoo.benchmark.result import Driver
 from zoo.benchmark.suite import Suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.checkpoints.command import Policy, as_policy
@@ -20,27 +20,6 @@ from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
 LATE_S = 0.4  # delay of the late expert's commands, in seconds
-
-
-@dataclass(frozen=True)
-class Driver:
-    """A checkpoint or a baseline, as `result.json` describes it.
-
-    Attributes:
-        file: path of the checkpoint, or name of the baseline.
-        sha256: hash of the checkpoint's file; None for a baseline.
-        model: class of the network, or name of the baseline.
-        parameters: number of parameters.
-        training_seed: random seed of the training; None where it is unknown.
-        data: fingerprint of the training data; empty where it is unknown.
-    """
-
-    file: str
-    sha256: str | None
-    model: str
-    parameters: int
-    training_seed: int | None
-    data: str
 
 
 def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
@@ -58,13 +37,14 @@ def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
             raise InputError(
                 f"mean: the suite {suite.name} has no mean_steering; add it to the suite's file"
             )
-        return [Driver(names[0], None, names[0], 0, None, "")]
+        facts = {"sha256": None, "parameters": 0, "training_seed": None, "data": ""}
+        return [Driver(file=names[0], model=names[0], **facts)]
     drivers = [read_driver(find_checkpoint(one)) for one in names]
     check_distinct(drivers)
     return drivers
 
 
-def check_distinct(drivers: Sequence[Driver | DriverRecord], place: str = "") -> None:
+def check_distinct(drivers: Sequence[Driver], place: str = "") -> None:
     """Raise InputError unless an entry's checkpoints are different ones of one network."""
     for number, one in enumerate(drivers):
         if one.model != drivers[0].model:

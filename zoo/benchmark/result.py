@@ -30,8 +30,17 @@ class Interval(Fields):
     high: Number | None
 
 
-class DriverRecord(Fields):
-    """A checkpoint or a baseline, see `zoo.benchmark.drivers.Driver`."""
+class Driver(Fields):
+    """A checkpoint or a baseline.
+
+    Attributes:
+        file: path of the checkpoint, or name of the baseline.
+        sha256: hash of the checkpoint's file; None for a baseline.
+        model: class of the network, or name of the baseline.
+        parameters: number of parameters.
+        training_seed: random seed of the training; None where it is unknown.
+        data: fingerprint of the training data; empty where it is unknown.
+    """
 
     file: str
     sha256: str | None
@@ -74,7 +83,7 @@ class BenchmarkResult(Fields):
     roads: str
     code: dict[str, str | None]
     entry: str
-    checkpoints: list[DriverRecord]
+    checkpoints: list[Driver]
     drives: list[DriveRecord]
     groups: dict[str, dict[str, Interval]]
     differences: dict[str, dict[str, Interval]] = Field(default_factory=dict)

@@ -1,7 +1,6 @@
 """Verification of a `result.json`: its figures fit its drives, and some drives are repeated."""
 
 import random
-from dataclasses import asdict
 from pathlib import Path, PureWindowsPath
 
 from rich.console import Console
@@ -11,9 +10,9 @@ from zoo.base.regular_file import hash_file
 from zoo.base.terminal import printable
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.checked_result import Road, check_suite, is_close, read_result, road_of
-from zoo.benchmark.drivers import Driver, read_driver
+from zoo.benchmark.drivers import read_driver
 from zoo.benchmark.drives import drive_suite
-from zoo.benchmark.result import NEEDED, DriveRecord, DriverRecord, code_name
+from zoo.benchmark.result import NEEDED, Driver, DriveRecord, code_name
 from zoo.benchmark.suite import find_suite, read_suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.runs.code_fingerprint import code_fingerprint
@@ -86,14 +85,14 @@ def difference_line(old: DriveRecord, new: DriveRecord) -> str:
     return f"{old.group} {old.track}: digest {old.digest} -> {new.digest}; {what}"
 
 
-def _driver(record: DriverRecord, folder: Path, path: Path) -> Driver:
+def _driver(record: Driver, folder: Path, path: Path) -> Driver:
     """Return the driver of a result.
 
     Its file has the name that the result gives it, or the first digits of its hash; it lies in the
     result's folder, or where it was. No other file is read.
     """
     if record.file in BASELINES and record.sha256 is None:
-        return Driver(**record.model_dump())
+        return record
     named = PureWindowsPath(record.file)  # its separators are those of all systems
     digits = (record.sha256 or "")[:16]
     beside = [folder / named.name, folder / f"{digits}{named.suffix}"]
@@ -106,7 +105,7 @@ def _driver(record: DriverRecord, folder: Path, path: Path) -> Driver:
             f"{beside[0].name} or {beside[1].name}"
         )
     driver = read_driver(file)
-    for name, own in asdict(driver).items():
+    for name, own in driver.model_dump().items():
         if name != "file" and getattr(record, name) != own:
             raise InputError(
                 f"{path}: checkpoints: {name}: is {getattr(record, name)}, but {file} has {own}; "

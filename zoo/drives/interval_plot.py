@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from zoo.runs.notebook_figure import NotebookFigure
-from zoo.runs.plots import BLUE, GREY
+from zoo.runs.plots import BLUE, GREY, NotebookFigure
 from zoo.runs.table import Bounded
 
 

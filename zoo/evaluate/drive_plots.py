@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from simulator.track import Track
 from zoo.drives.drive_record import Drive
-from zoo.runs.notebook_figure import NotebookFigure
-from zoo.runs.plots import BLUE, GREY, ORANGE
+from zoo.runs.plots import BLUE, GREY, ORANGE, NotebookFigure
 
 
 def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
@@ -38,8 +37,7 @@ def birds_eye(track: Track, drive: Drive, title: str) -> Figure:
     axis.annotate("start", way[0], xytext=(6, 6), textcoords="offset points")
     axis.set(aspect="equal", xlabel="m", ylabel="m", title=title)
     axis.autoscale_view()
-    for side in ("top", "right"):
-        axis.spines[side].set_visible(False)
+    axis.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -61,8 +59,7 @@ def error_over_distance(drive: Drive, title: str) -> Figure:
         axis.legend(frameon=False)
     axis.set(xlabel="distance driven (m)", ylabel="cross-track error (m, + right)", title=title)
     axis.margins(x=0)
-    for side in ("top", "right"):
-        axis.spines[side].set_visible(False)
+    axis.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -84,8 +81,7 @@ def figures_by_track(drives: Sequence[Mapping]) -> Figure:
         axis.set(xlabel=label, ylim=(len(tracks) - 0.5, -0.5))
         axis.set_yticks(range(len(tracks)), tracks)
         axis.grid(axis="x", alpha=0.2)
-        for side in ("top", "right"):
-            axis.spines[side].set_visible(False)
+        axis.spines[["top", "right"]].set_visible(False)
     axes[0].set_xlim(-4, 104)
     axes[1].set_xlim(left=0)
     return figure

@@ -5,7 +5,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from zoo.drives.bootstrap import bootstrap, mean
+from zoo.drives.bootstrap import Estimate, bootstrap, mean
+from zoo.runs.table import with_interval
 from zoo.worlds.scenario import Scenario
 
 
@@ -44,11 +45,9 @@ def guard_effect(guard: str, guarded: Sequence[dict], without: Sequence[dict]) -
 
 def guard_line(effect: dict) -> str:
     """Return a sentence about the effect of a guard."""
-    prevented = effect["prevented_per_drive"]
-    bounds = f" ({prevented['low']:.2f} to {prevented['high']:.2f})"
+    prevented = with_interval(Estimate(**effect["prevented_per_drive"]), "{:.2f}")
     return (
         f"guard: {effect['alarms']} alarms; interventions {effect['interventions']} with it, "
-        f"{effect['interventions_without']} without it; prevented per drive: "
-        f"{prevented['value']:.2f}{bounds if np.isfinite(prevented['low']) else ''}; mean speed "
-        f"{effect['speed_mph']:.1f} instead of {effect['speed_mph_without']:.1f} mph"
+        f"{effect['interventions_without']} without it; prevented per drive: {prevented}; mean "
+        f"speed {effect['speed_mph']:.1f} instead of {effect['speed_mph_without']:.1f} mph"
     )

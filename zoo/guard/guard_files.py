@@ -11,12 +11,9 @@ from zoo.base.terminal import printable
 from zoo.base.whole_file import json_text, write_whole
 from zoo.guard import guard_tables
 from zoo.guard.guard_drives import ScoredDrive
-from zoo.guard.guard_plot import score_histograms
 from zoo.guard.guard_result import GuardResult
-from zoo.guard.published import LINES
 from zoo.monitor.scores import METHODS
 from zoo.report import blocks
-from zoo.report.report_page import to_html
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
 
@@ -31,7 +28,7 @@ CAPTION = (
 
 def write_files(folder: Path, result: GuardResult) -> list[Path]:
     """Write the files and return their paths."""
-    plot = save_figure(score_histograms(result), folder / PLOT)
+    plot = save_figure(guard_tables.score_histograms(result), folder / PLOT)
     return [
         write_whole(folder / JSON, json_text(plain_result(result))),
         write_whole(folder / PAGE, _page(folder, result, plot)),
@@ -98,7 +95,7 @@ def _lines(result: GuardResult) -> list[str]:
     pairs = [] if result.pairs is None else [guard_tables.prevented_line(result.pairs)]
     return [
         CAPTION,
-        *LINES,
+        *guard_tables.LINES,
         *result.notes,
         guard_tables.failure_line(result),
         guard_tables.method_line(result),
@@ -122,7 +119,7 @@ def _page(folder: Path, result: GuardResult, plot: Path) -> str:
     title = f"Warnings before failures: {Path(result.checkpoint).name}"
     code = code_fingerprint()
     footer = f"{result.checkpoint}; code {code.get('commit') or code.get('hash')}"
-    return to_html(title, sections, footer, folder)
+    return blocks.to_html(title, sections, footer, folder)
 
 
 def _plain_drive(drive: ScoredDrive) -> dict:

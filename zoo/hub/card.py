@@ -12,19 +12,17 @@ from pathlib import Path
 
 import yaml
 
-from datamodules.view import View
 from zoo.base.errors import InputError
 from zoo.base.new_folder import command_folder
 from zoo.base.whole_file import write_whole
-from zoo.checkpoints.checkpoint import build_checkpoint, read_checkpoint_file
+from zoo.checkpoints.checkpoint import Checkpoint, build_checkpoint, read_checkpoint_file
 from zoo.checkpoints.new_checkpoint import checkpoint_bytes, lean_contents, without_folders
 from zoo.evaluate.drives_table import with_deviation
 from zoo.hub.hub_options import CARD, HUB
-from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text
+from zoo.report.blocks import Block, Bullets, Code, Rows, Section, Text, to_markdown
 from zoo.report.card_section import INTENDED_USE
-from zoo.report.markdown import to_markdown
 from zoo.runs.table import Table
-from zoo.verdict.evidence import read_evidence
+from zoo.verdict.evidence import Evidence, read_evidence
 
 TAGS = ["drivezoo", "behavioural-cloning", "self-driving", "simulator"]
 # Metrics of the header, of those that a track's figures can have.
@@ -36,31 +34,31 @@ class Described:
     """What a card describes.
 
     Attributes:
-        file, sha256, size: name, hash and bytes of the shared checkpoint.
-        network, parameters, view: class of the network, its size and its input.
-        card: card within the checkpoint, without private paths.
-        metrics: contents of the run's `metrics.json`; empty without one.
-        command: command of the training; None if it is unknown.
+        file, data: name and contents of the shared checkpoint.
+        checkpoint: checkpoint of the training.
+        card: card within the shared checkpoint, without private paths.
+        evidence: metrics and command of the run.
         repo: repository, `user/name`; None for none.
         license: abbreviation of the weights' licence; None for none.
     """
 
     file: str
-    sha256: str
-    size: int
-    network: str
-    parameters: int
-    view: View
+    data: bytes
+    checkpoint: Checkpoint
     card: Mapping
-    metrics: Mapping
-    command: str | None
+    evidence: Evidence
     repo: str | None
     license: str | None
 
     @property
+    def sha256(self) -> str:
+        """Return the hash of the shared checkpoint."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    @property
     def tracks(self) -> dict[str, Mapping]:
         """Return the figures of each track that the run drove."""
-        tracks = (self.metrics.get("drive") or {}).get("tracks") or {}
+        tracks = (self.evidence.metrics.get("drive") or {}).get("tracks") or {}
         return {name: one for name, one in tracks.items() if one and one.get("autonomy")}
 
 
@@ -78,23 +76,17 @@ def shared_files(path: Path, repo: str | None, license_name: str | None) -> dict
     contents = read_checkpoint_file(path)
     checkpoint = build_checkpoint(contents, path)
     lean = lean_contents(contents)
-    data = checkpoint_bytes(lean)
-    evidence = read_evidence(path, checkpoint.config)
     name = re.sub(r"\W", "_", str(checkpoint.config["model"].get("name") or "network"))[:60]
     described = Described(
         file=f"{name}.ckpt",
-        sha256=hashlib.sha256(data).hexdigest(),
-        size=len(data),
-        network=type(checkpoint.network).__name__,
-        parameters=sum(one.numel() for one in checkpoint.network.parameters()),
-        view=checkpoint.view,
+        data=checkpoint_bytes(lean),
+        checkpoint=checkpoint,
         card=lean["drivezoo"],
-        metrics=evidence.metrics,
-        command=evidence.again({}),
+        evidence=read_evidence(path, checkpoint.config),
         repo=repo,
         license=license_name,
     )
-    return {described.file: data, CARD: card_text(described).encode()}
+    return {described.file: described.data, CARD: card_text(described).encode()}
 
 
 def write_files(files: Mapping[str, bytes], out: str) -> list[Path]:
@@ -160,15 +152,17 @@ def _title(of: Described) -> str:
 
 
 def _what(of: Described) -> list[Block]:
-    height, width, _ = of.view.shape
-    top, bottom = of.view.crop
+    network, view = of.checkpoint.network, of.checkpoint.view
+    parameters = sum(one.numel() for one in network.parameters())
+    height, width, _ = view.shape
+    top, bottom = view.crop
     points = [
-        f"Network: {of.network}, {of.parameters:,} parameters. It steers a car from the images of "
-        "one camera.",
+        f"Network: {type(network).__name__}, {parameters:,} parameters. It steers a car from the "
+        "images of one camera.",
         f"View: {top} rows cropped at the top and {bottom} at the bottom of 160 x 320 pixels, "
-        f"colour {of.view.colour}, resized to {height} x {width}.",
-        f"File: {of.file}, {of.size:,} bytes, SHA-256 {of.sha256}. It holds weights and settings, "
-        "and no code.",
+        f"colour {view.colour}, resized to {height} x {width}.",
+        f"File: {of.file}, {len(of.data):,} bytes, SHA-256 {of.sha256}. It holds weights and "
+        "settings, and no code.",
     ]
     points += [
         f"The network's code is not in the file: {one['name']} (SHA-256 begins with "
@@ -202,14 +196,14 @@ def _scores(of: Described) -> list[Block]:
             cells.append(with_deviation(figures[key], form, drives) if figures.get(key) else "-")
         rows.append([name, *cells])
     headers = ["track", "autonomy", "drives without intervention", "interventions", "mean error"]
-    speed = (of.metrics.get("drive") or {}).get("speed_mph")
+    speed = (of.evidence.metrics.get("drive") or {}).get("speed_mph")
     where = "Drives of its run in drivezoo's embedded simulator"
     text = f"{where}, at {speed:g} mph." if speed else f"{where}."
     return [Text(text), Rows(Table.of(headers, rows))]
 
 
 def _training(of: Described) -> list[Block]:
-    data, code = of.card["data"], of.metrics.get("code") or {}
+    data, code = of.card["data"], of.evidence.metrics.get("code") or {}
     rows = f"{data['rows']:,} rows" if data.get("rows") else "rows of an unknown number"
     points = [f"Recording: {rows} with fingerprint {data.get('fingerprint') or 'unknown'}."]
     if (seed := of.card["config"].get("seed")) is not None:
@@ -217,6 +211,6 @@ def _training(of: Described) -> list[Block]:
     if code:
         points.append(f"Code: {code.get('hash')}, commit {code.get('commit') or 'unknown'}.")
     blocks: list[Block] = [Bullets(points)]
-    if of.command:
-        blocks.append(Code(without_folders(of.command)))
+    if command := of.evidence.again({}):
+        blocks.append(Code(without_folders(command)))
     return blocks

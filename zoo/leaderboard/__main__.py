@@ -10,7 +10,7 @@ from zoo.cli.run_command import run_command
 from zoo.runs.result_files import TableFiles
 
 if TYPE_CHECKING:
-    from zoo.leaderboard.ranking_table import Ranking
+    from zoo.leaderboard.ranking_page import Ranking
 
 OUTPUTS = Path("outputs")
 PAGE = "leaderboard.html"
@@ -32,8 +32,7 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
     Raises:
         InputError: a folder does not exist, or contains neither runs nor drives.
     """
-    from zoo.leaderboard.ranking_page import write_page
-    from zoo.leaderboard.ranking_table import Ranking
+    from zoo.leaderboard.ranking_page import Ranking, write_page
     from zoo.leaderboard.run_folders import (
         common_folder,
         drive_folders,

@@ -3,34 +3,27 @@
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from zoo.base.terminal import printable
-from zoo.cli.closing_lines import print_written
 from zoo.drives.bootstrap import Estimate, mean_over_seeds
 from zoo.drives.drive_record import EMBEDDED
 from zoo.drives.metric_registry import LOWER, Metric
 from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import with_deviation
-from zoo.leaderboard.ranked_drive import read_drives
-from zoo.leaderboard.ranking import BENCHMARK, Count, Entry, Unranked, protocols, rank, read_runs
+from zoo.leaderboard.ranking import Entry
+from zoo.leaderboard.scored import Count, Unranked
 from zoo.runs.fitted_table import ENOUGH, FRAME, fits, fitted_table, width_of
-from zoo.runs.table import Cell, Column, Table, interval_figures, two_lines, with_interval
-from zoo.runs.table_files import Result
-from zoo.runs.trained_recordings import recording_names
+from zoo.runs.run import recording_names
+from zoo.runs.table import Cell, Column, interval_figures, two_lines, with_interval
 
 if TYPE_CHECKING:
     import rich.table
 
-CAPTION = (
-    "Ranking by autonomy. In brackets: 95 % interval over training seeds (Student's t); ±: sample "
-    "standard deviation over training seeds."
-)
-FEW = 3  # settings that stand for the run's folder in a TeX table
 ALWAYS_SHOWN = 2  # figures that long names never push out: autonomy and the number of drives
 WIDTH = 140  # of a table that is not printed on a terminal
 # Overrides that get no column: paths, and the seed, which has a column of its own.
@@ -320,104 +313,3 @@ def unranked_lines(unranked: Sequence[Unranked], under: Path | None) -> list[str
             more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
             lines.append(printable(f"{len(found)} {text}: {', '.join(named)}{more}"))
     return lines
-
-
-@dataclass(frozen=True, repr=False)
-class Ranking(Result):
-    """Ranked runs and drives.
-
-    Attributes:
-        entries: rows of the ranking, the best first.
-        unranked: runs without figures.
-        different: how the runs were driven, where it is not the same for all.
-        under: folder to which the runs' folders are shown relative.
-        title: title of the printed table.
-        written: paths of the files written, the page first.
-    """
-
-    entries: list[Entry]
-    unranked: list[Unranked]
-    different: list[str]
-    under: Path
-    title: str = ""
-    written: list[Path] = field(default_factory=list)
-
-    @classmethod
-    def read(
-        cls, folders: Sequence[Path], under: Path, drives: Sequence[Path] = (), title: str = ""
-    ) -> "Ranking":
-        """Rank the runs of some folders, and drives together with them."""
-        runs, unranked = read_runs(folders)
-        driven, unread = read_drives(drives)
-        runs = [*runs, *driven]
-        return cls(rank(runs), [*unranked, *unread], protocols(runs), under, title)
-
-    def __repr__(self) -> str:
-        best = f"; the best: {run_name(self.entries[0], self.under)}" if self.entries else ""
-        return f"Ranking of {len(self.entries)} entries{best}"
-
-    def show(self) -> None:
-        """Print the ranking and what was written."""
-        console = wide_console()
-        print_ranking(self, self.title, console, self.written[0].name)
-        print_written(self.written, following(self.entries), console)
-
-    def result_table(self) -> Table:
-        """Return a row for each entry, the best first."""
-        entries, shown = self.entries, figure_columns(self.entries)
-        settings, short = setting_columns(entries), short_figures(shown)
-        few = 0 < len(settings) <= FEW
-        columns = [
-            *(replace(one, short=not few) for one in named_columns(entries, self.under)),
-            *(replace(one, short=few) for one in settings),
-            seeds_column(entries),
-            *(figure_column(entries, one, one.key in short) for one in shown),
-        ]
-        return Table(columns, CAPTION)
-
-
-def following(entries: Sequence[Entry]) -> list[str]:
-    """Return the next command: the best driver on other roads, since few tracks chose it.
-
-    Of results of the benchmark: whether the best is better than the next on the same roads.
-    """
-    if entries and entries[0].first.source == BENCHMARK:
-        same = [
-            one.first
-            for one in entries
-            if one.first.tracks.keys() == entries[0].first.tracks.keys()
-        ]
-        return ["compare", *(str(one.folder) for one in same[:2])] if len(same) > 1 else []
-    if not entries or entries[0].first.source not in ("", EMBEDDED):
-        return []
-    best = entries[0].first
-    is_run = best.val_mse is not None
-    if not is_run and best.name == "-":  # the drive's file does not name the checkpoint
-        return []
-    return ["benchmark", str(best.folder) if is_run else best.name, "suite=quick"]
-
-
-def print_ranking(ranking: Ranking, title: str, console: Console, page: str) -> None:
-    """Print the table, and a line for each kind of unranked run.
-
-    Args:
-        ranking: ranking to print.
-        title: title of the table.
-        console: output of the table and the lines below it.
-        page: file name of the HTML page, which has all columns.
-    """
-    if ranking.entries:
-        table, left_out = ranking_table(ranking.entries, title, ranking.under, console.width)
-        console.print(table)
-        if left_out:
-            line = left_out_line(left_out, console.width, page)
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
-    if ranking.different:
-        different = "; ".join(ranking.different)
-        console.print(
-            f"compare with care, the drives had different conditions: {different}",
-            highlight=False,
-            markup=False,
-        )
-    for line in unranked_lines(ranking.unranked, ranking.under):
-        console.print(line, highlight=False, markup=False)

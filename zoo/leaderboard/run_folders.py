@@ -41,7 +41,7 @@ def remedy_without_runs(roots: Iterable[Path]) -> str:
 
 def drive_folders(root: Path) -> list[Path]:
     """Return the folders of evaluations, benchmarks and drives below a folder without runs."""
-    from zoo.leaderboard.ranked_drive import is_benchmark, is_drive, is_evaluation
+    from zoo.leaderboard.scored import is_benchmark, is_drive, is_evaluation
 
     if any(run_folders([root])):
         return []

@@ -1,36 +1,71 @@
-"""The blocks of a report; `zoo.report.report_page` and `zoo.report.markdown` render them."""
+"""The blocks of a report, and the page and the Markdown that are rendered from them."""
 
-from collections.abc import Callable, Iterable
+import base64
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from zoo.runs.table import Table
+from zoo.runs.page import Page
+from zoo.runs.table import Table, markdown_cell
+from zoo.runs.table import markdown_escape as plain
 
 
 class MissingError(Exception):
     """A part of the report that cannot be created; the message is a sentence with the reason."""
 
 
+class Block:
+    """A block of a section; `static/report.html` has its HTML."""
+
+    def markdown(self, folder: Path) -> str:
+        """Return the block as Markdown, for a file in a folder."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class Text:
+class Text(Block):
     """A paragraph."""
 
     text: str
 
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        return plain(self.text)
+
 
 @dataclass(frozen=True)
-class Missing:
+class Missing(Block):
     """A line in place of a part that cannot be created."""
 
     reason: str
 
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        return f"*{plain(self.reason)}*"
+
 
 @dataclass(frozen=True)
-class Bullets:
+class Heading(Block):
+    """The heading of a part of a section."""
+
+    text: str
+
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        return f"### {plain(self.text)}"
+
+
+@dataclass(frozen=True)
+class Bullets(Block):
     """A list of short points."""
 
     items: list[str]
+
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        return "\n".join(f"- {plain(item)}" for item in self.items)
 
 
 @dataclass(frozen=True)
@@ -43,14 +78,19 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class Tiles:
+class Tiles(Block):
     """The headline's figures, the most important one first."""
 
     tiles: list[Tile]
 
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        rows = [(tile.label, tile.value, tile.note) for tile in self.tiles]
+        return Table.of(["figure", "value", "details"], rows).markdown()
+
 
 @dataclass(frozen=True)
-class Rows:
+class Rows(Block):
     """A table.
 
     Attributes:
@@ -62,6 +102,10 @@ class Rows:
     table: Table
     left: int = 1
     bold: frozenset[int] = frozenset()
+
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        return self.table.markdown(self.left, self.bold)
 
 
 @dataclass(frozen=True)
@@ -87,38 +131,52 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Images:
+class Images(Block):
     """Images in rows of `columns`."""
 
     images: list[Image]
     columns: int = 1
 
+    def markdown(self, folder: Path) -> str:
+        """Return images one below another, or side by side in a table with images as headings."""
+        links = [f"![{Path(one.name).stem}](<{one.name}>)" for one in self.images]
+        pairs = list(zip(links, (one.caption for one in self.images), strict=True))
+        if self.columns == 1:
+            return "\n\n".join(f"{link}\n\n{plain(caption)}" for link, caption in pairs)
+        cells = [f"{link}<br>{markdown_cell(caption)}" for link, caption in pairs]
+        cells += [""] * (-len(cells) % self.columns)
+        rows = [cells[at : at + self.columns] for at in range(0, len(cells), self.columns)]
+        lines = [rows[0], ["---"] * self.columns, *rows[1:]]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
 
 @dataclass(frozen=True)
-class Film:
+class Film(Block):
     """A film: embedded in the page if `data` is set, else a link to its file."""
 
     path: Path
     caption: str
     data: bytes | None = None
 
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        return f"[{plain(self.caption)}](<{relative(self.path, folder)}>)"
+
 
 @dataclass(frozen=True)
-class Code:
+class Code(Block):
     """A command or a text in a fixed-width font."""
 
     text: str
 
-
-@dataclass(frozen=True)
-class Heading:
-    """The heading of a part of a section."""
-
-    text: str
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        fence = "````" if "```" in self.text else "```"
+        return f"{fence}\n{self.text.rstrip()}\n{fence}"
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Block):
     """A coloured box at the top of the page with the report's main result.
 
     Attributes:
@@ -135,16 +193,24 @@ class Box:
     items: list[str]
     commands: list[tuple[str, str]]
 
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        typed = [f"{plain(purpose)}:\n\n    {command}" for purpose, command in self.commands]
+        bullets = Bullets(self.items).markdown(folder)
+        return _joined([f"**{plain(self.title)}**", *map(plain, self.lines), bullets, *typed])
+
 
 @dataclass(frozen=True)
-class Fold:
+class Fold(Block):
     """Blocks that are hidden until the reader clicks the title."""
 
     title: str
-    blocks: list["Block"]
+    blocks: list[Block]
 
-
-Block = Text | Missing | Bullets | Tiles | Rows | Images | Film | Code | Heading | Box | Fold
+    def markdown(self, folder: Path) -> str:
+        """Return Markdown, see `Block`."""
+        inner = "\n\n".join(block.markdown(folder) for block in self.blocks)
+        return f"<details><summary>{plain(self.title)}</summary>\n\n{inner}\n\n</details>"
 
 
 @dataclass(frozen=True)
@@ -160,13 +226,14 @@ class Section:
         return self.title.lower().replace(" ", "-")
 
 
-def walk(blocks: list[Block]) -> list[Block]:
-    """Return all blocks, with those inside folds."""
-    found = []
+def images_of(blocks: Sequence[Block]) -> list[Image]:
+    """Return all images of blocks, with those inside folds."""
+    found: list[Image] = []
     for block in blocks:
-        found.append(block)
-        if isinstance(block, Fold):
-            found += walk(block.blocks)
+        if isinstance(block, Images):
+            found += block.images
+        elif isinstance(block, Fold):
+            found += images_of(block.blocks)
     return found
 
 
@@ -183,3 +250,48 @@ def gather(parts: Iterable[Callable[[Any], list[Block]]], run: Any) -> list[Bloc
             line = Missing(str(missing))
             blocks += [] if line in blocks else [line]
     return blocks
+
+
+def to_markdown(title: str, sections: list[Section], folder: Path) -> str:
+    """Return the text of `report.md`.
+
+    Args:
+        title: title of the report.
+        sections: sections; the first has no heading, because it follows the title.
+        folder: folder of `report.md`; paths of films are relative to it.
+    """
+    parts = [f"# {plain(title)}"]
+    for number, section in enumerate(sections):
+        parts.append(f"## {section.title}" if number else "")
+        parts += [block.markdown(folder) for block in section.blocks]
+    return _joined(parts) + "\n"
+
+
+def to_html(title: str, sections: list[Section], footer: str, folder: Path) -> str:
+    """Return the text of `index.html`, with embedded images and films.
+
+    Args:
+        title: title of the report.
+        sections: sections; the first has no heading.
+        footer: text at the end of the page.
+        folder: folder of the page; links to films that are too large for it are relative to it.
+    """
+    page = Page(
+        Path(__file__).with_name("static") / "report.html",
+        sources="img-src data:; media-src data: 'self' file:; ",
+        filters={
+            "base64": lambda data: base64.b64encode(data).decode(),
+            "relative": lambda path: relative(path, folder),
+        },
+        tests={"a": lambda block, name: type(block).__name__ == name},
+    )
+    return page.render(title=title, sections=sections, footer=footer)
+
+
+def relative(path: Path, folder: Path) -> str:
+    """Return the link from a folder to a file."""
+    return Path(os.path.relpath(path, folder)).as_posix()
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return "\n\n".join(part for part in parts if part)

@@ -6,7 +6,7 @@ from omegaconf import OmegaConf
 from datamodules.findings import KEYBOARD_SHARE
 from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Bullets, Code, Fold, Heading, MissingError, Rows, Text, gather
-from zoo.report.reported_run import Run
+from zoo.report.reported_run import ReportedRun
 from zoo.report.training_section import worse_than_nothing
 from zoo.runs.table import Table
 from zoo.verdict.evidence import training_command
@@ -19,17 +19,17 @@ INTENDED_USE = (
 )
 
 
-def settings_blocks(run: Run) -> list[Block]:
+def settings_blocks(run: ReportedRun) -> list[Block]:
     """Return the run's command, options, versions and config."""
     return gather((_command, _choices, _versions, _config), run)
 
 
-def card_blocks(run: Run) -> list[Block]:
+def card_blocks(run: ReportedRun) -> list[Block]:
     """Return intended use, data, metrics, limits and licence, as far as the run shows them."""
     return gather((_use, _learnt_from, _measured, _limits, _licence), run)
 
 
-def _command(run: Run) -> list[Block]:
+def _command(run: ReportedRun) -> list[Block]:
     command = training_command([str(one) for one in run.overrides], {})
     return [
         Text(
@@ -40,7 +40,7 @@ def _command(run: Run) -> list[Block]:
     ]
 
 
-def _choices(run: Run) -> list[Block]:
+def _choices(run: ReportedRun) -> list[Block]:
     chosen = [[group, _text(run.choices[group])] for group in GROUPS if run.choices.get(group)]
     if chosen and (root := run.config["data"].get("root")):  # data=lake does not name its folder
         chosen.append(["data.root", _text(root)])
@@ -51,23 +51,23 @@ def _text(choice: object) -> str:
     return ", ".join(map(str, choice)) if isinstance(choice, list) else str(choice)
 
 
-def _versions(run: Run) -> list[Block]:
+def _versions(run: ReportedRun) -> list[Block]:
     rows = [[package, version] for package, version in run.figures("versions").items()]
     return [Fold("Versions", [Rows(Table.of(["package", "version"], rows), left=2)])]
 
 
-def _config(run: Run) -> list[Block]:
+def _config(run: ReportedRun) -> list[Block]:
     return [Fold("Complete config", [Code(OmegaConf.to_yaml(OmegaConf.create(run.config)))])]
 
 
-def _use(run: Run) -> list[Block]:
+def _use(run: ReportedRun) -> list[Block]:
     return [
         Heading("Intended use"),
         Text(INTENDED_USE),
     ]
 
 
-def _learnt_from(run: Run) -> list[Block]:
+def _learnt_from(run: ReportedRun) -> list[Block]:
     data = run.config["data"]
     cameras = ", ".join(data["cameras"])
     augment = ", ".join(data.get("augment") or {}) or "none"
@@ -81,7 +81,7 @@ def _learnt_from(run: Run) -> list[Block]:
     ]
 
 
-def _measured(run: Run) -> list[Block]:
+def _measured(run: ReportedRun) -> list[Block]:
     points = [
         f"{track}: autonomy {_autonomy(figures)}, cross-track error "
         f"{figures['cte_mean_m'][0]:.2f} m on average, {run.farthest_m(track):.2f} m at most"
@@ -103,7 +103,7 @@ def _autonomy(figures: dict) -> str:
     return f"{text}, drives without intervention {kept}"
 
 
-def _limits(run: Run) -> list[Block]:
+def _limits(run: ReportedRun) -> list[Block]:
     points = [*_limits_of_driving(run), *_limits_of_data(run)]
     worse = worse_than_nothing(run)
     if worse:
@@ -120,7 +120,7 @@ def _limits(run: Run) -> list[Block]:
     return [Heading("Limits"), Bullets(points)]
 
 
-def _limits_of_driving(run: Run) -> list[str]:
+def _limits_of_driving(run: ReportedRun) -> list[str]:
     if not run.tracks:
         return ["It has not been driven: nothing here shows that it stays on a road."]
     points = [
@@ -140,7 +140,7 @@ def _limits_of_driving(run: Run) -> list[str]:
     return points
 
 
-def _limits_of_data(run: Run) -> list[str]:
+def _limits_of_data(run: ReportedRun) -> list[str]:
     points = []
     try:
         zeros = float(np.mean(run.recording.steering == 0))
@@ -159,7 +159,7 @@ def _limits_of_data(run: Run) -> list[str]:
     return points
 
 
-def _licence(run: Run) -> list[Block]:
+def _licence(run: ReportedRun) -> list[Block]:
     licence = (
         "The code (drivezoo) has the MIT licence. The weights have no licence of their own: the "
         "person who publishes them chooses one that the recording's terms allow. Recordings of the "

@@ -1,27 +1,29 @@
 """The section on the training data."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from datamodules.driving_log import CAMERAS
 from datamodules.findings import report_recordings
+from datamodules.recording import Recording
 from datamodules.samples import make_samples
+from datamodules.stretches import LEAST_CHANGE, STRETCH_S, find_stretches, steering_returns
 from zoo.report.blocks import Block, Heading, Images, MissingError, Rows, Text, gather
-from zoo.report.recovery_stretch import find_recovery
 from zoo.report.report_images import labelled_frame, read_frame, smaller
-from zoo.report.reported_run import Run
+from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
 SHOWN = 6  # number of frames of the recovery
 
 
-def data_blocks(run: Run) -> list[Block]:
+def data_blocks(run: ReportedRun) -> list[Block]:
     """Return rows, split, similarity, histogram and images, or a line for each missing part."""
     return gather((_recordings, _split, _balance, _cameras, _flipped, _recovery, _fed), run)
 
 
-def _recordings(run: Run) -> list[Block]:
+def _recordings(run: ReportedRun) -> list[Block]:
     recording = run.recording
     rows = []
     for one in report_recordings(recording):
@@ -52,7 +54,7 @@ def _recordings(run: Run) -> list[Block]:
     return blocks
 
 
-def _split(run: Run) -> list[Block]:
+def _split(run: ReportedRun) -> list[Block]:
     data, settings = run.figures("data"), run.config["data"]
     sizes = ", ".join(f"{count:,} {part}" for part, count in data["split"].items())
     left_out = data["rows"] - sum(data["split"].values())
@@ -87,7 +89,7 @@ def _split(run: Run) -> list[Block]:
     return blocks
 
 
-def _balance(run: Run) -> list[Block]:
+def _balance(run: ReportedRun) -> list[Block]:
     data = run.config["data"]
     cap, threshold = data.get("straight_cap"), data["straight_threshold"]
     limit = "no limit on straight driving"
@@ -103,7 +105,7 @@ def _balance(run: Run) -> list[Block]:
     return [Heading("Balance"), Images([image])]
 
 
-def _cameras(run: Run) -> list[Block]:
+def _cameras(run: ReportedRun) -> list[Block]:
     recording, data = run.recording, run.config["data"]
     samples = _samples(run, np.arange(len(recording)))
     used = [camera for camera in CAMERAS if camera in data["cameras"]]
@@ -136,7 +138,7 @@ def _cameras(run: Run) -> list[Block]:
     ]
 
 
-def _flipped(run: Run) -> list[Block]:
+def _flipped(run: ReportedRun) -> list[Block]:
     recording, data = run.recording, run.config["data"]
     flip = data["flip"]
     if not flip:
@@ -160,7 +162,7 @@ def _flipped(run: Run) -> list[Block]:
     ]
 
 
-def _recovery(run: Run) -> list[Block]:
+def _recovery(run: ReportedRun) -> list[Block]:
     recording = run.recording
     found = find_recovery(recording)
     rows = found.rows[np.linspace(0, len(found.rows) - 1, SHOWN).round().astype(int)]
@@ -180,7 +182,7 @@ def _recovery(run: Run) -> list[Block]:
     ]
 
 
-def _fed(run: Run) -> list[Block]:
+def _fed(run: ReportedRun) -> list[Block]:
     names = ", ".join(run.config["data"].get("augment") or {}) or "none"
     image = run.plot(
         "fed_batch",
@@ -191,7 +193,7 @@ def _fed(run: Run) -> list[Block]:
     return [Heading("Network input"), Images([smaller(image)])]
 
 
-def _samples(run: Run, rows: np.ndarray):
+def _samples(run: ReportedRun, rows: np.ndarray):
     data = run.config["data"]
     cameras = [one for one in CAMERAS if one in data["cameras"]]
     if not cameras:
@@ -201,3 +203,51 @@ def _samples(run: Run, rows: np.ndarray):
 
 def _signed(steering: float) -> str:
     return f"{steering + 0.0:+.3f}"
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """Consecutive rows of a recording (int64 [n]), and a text on how they were chosen."""
+
+    rows: np.ndarray
+    why: str
+
+
+def find_recovery(recording: Recording) -> Recovery:
+    """Return the most likely recovery of a recording, which holds no cross-track error.
+
+    A driver who records recoveries pauses the recording on the way to the lane's edge, and resumes
+    it for the way back. So search the stretches right after a pause first, then all stretches. The
+    chosen stretch has the largest recovery response: the largest |steering| in its first half minus
+    the mean of its last quarter.
+
+    Raises:
+        MissingError: no stretch is long enough, or the steering hardly changes in all of them.
+    """
+    stretches = find_stretches(recording)
+    starts, length = stretches.first, stretches.length
+    if not len(starts):
+        raise MissingError(f"No stretch of the recording lasts {STRETCH_S:g} s without a pause.")
+    for chosen, which in (
+        (starts[stretches.after_pause], " that follow a pause in the recording"),
+        (starts, " of the recording"),
+    ):
+        best, change = _best(recording, chosen, length)
+        if best is None or change < LEAST_CHANGE:
+            continue
+        why = (
+            f"This is the largest recovery response in the stretches of {STRETCH_S:g} s{which} "
+            f"(number: {len(chosen):,}): the steering returns by {change:.2f}. The log does not "
+            "contain the cross-track error."
+        )
+        if chosen is starts:
+            why += " No recovery follows a pause, so this may be a sharp bend."
+        return Recovery(np.arange(best, best + length), why)
+    raise MissingError("The steering hardly changes anywhere in the recording.")
+
+
+def _best(recording: Recording, starts: np.ndarray, length: int) -> tuple[int | None, float]:
+    if not len(starts):
+        return None, 0.0
+    change = steering_returns(recording, starts, length)
+    return int(starts[change.argmax()]), float(change.max())

@@ -21,7 +21,7 @@ from zoo.report.blocks import (
     gather,
 )
 from zoo.report.report_images import jpeg, read_frame
-from zoo.report.reported_run import Run
+from zoo.report.reported_run import ReportedRun
 
 if TYPE_CHECKING:
     from zoo.drives.drive_record import Drive
@@ -31,12 +31,12 @@ SLOW_MACS = 1_000_000_000  # multiply-adds above which a saliency map takes half
 FEW = 3  # number of worst moments of such a slow network
 
 
-def drive_blocks(run: Run) -> list[Block]:
+def drive_blocks(run: ReportedRun) -> list[Block]:
     """Return the figures of all drives, then each track's film, plots and worst moments."""
     return gather((_scores, _tracks, _in_training), run)
 
 
-def _scores(run: Run) -> list[Block]:
+def _scores(run: ReportedRun) -> list[Block]:
     from zoo.evaluate.drives_table import drives_table
 
     if not run.tracks:
@@ -66,7 +66,7 @@ def _scores(run: Run) -> list[Block]:
     ]
 
 
-def _tracks(run: Run) -> list[Block]:
+def _tracks(run: ReportedRun) -> list[Block]:
     blocks: list[Block] = [Missing(f"A drive cannot be read: {one}.") for one in run.damaged_drives]
     if run.tracks and not run.drives:
         missing = Missing("The run's folder no longer holds the drives.")
@@ -92,7 +92,7 @@ def _tracks(run: Run) -> list[Block]:
     return blocks
 
 
-def _film(run: Run, path: Path, budget: int) -> Block:
+def _film(run: ReportedRun, path: Path, budget: int) -> Block:
     if not path.is_file():
         return Missing("The drive was not filmed (score.film; film=true in drivezoo evaluate).")
     speed = (run.config.get("score") or {}).get("film_speed") or 1
@@ -124,7 +124,7 @@ def _name(drive: "Drive", file: str) -> str:
     return f"{drive.folder.name}_{file}"
 
 
-def _worst(run: Run, track: str, drives: "list[Drive]") -> list[Block]:
+def _worst(run: ReportedRun, track: str, drives: "list[Drive]") -> list[Block]:
     """Return the worst moments of a track's drives, each with its saliency map."""
     from zoo.checkpoints.policy import CheckpointPolicy
     from zoo.models.make_network import multiply_adds
@@ -184,7 +184,7 @@ def _moment(drive: "Drive", row: int, drives: int) -> str:
     return ("Intervention. " if drive.intervention[row] else "") + ", ".join(parts)
 
 
-def _in_training(run: Run) -> list[Block]:
+def _in_training(run: ReportedRun) -> list[Block]:
     found = run.metrics.get("closed_loop")
     if not found:
         return []

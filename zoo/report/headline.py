@@ -2,20 +2,20 @@
 
 from zoo.evaluate.drives_table import with_deviation
 from zoo.report.blocks import Block, Box, Missing, MissingError, Text, Tile, Tiles
-from zoo.report.reported_run import Run
+from zoo.report.reported_run import ReportedRun
 from zoo.verdict.evidence import evidence_of_run
 from zoo.verdict.judgement import ALMOST, DRIVES, FAILS, UNKNOWN, judge
 
 KINDS = {DRIVES: "good", ALMOST: "warn", FAILS: "bad", UNKNOWN: "warn"}
 
 
-def title(run: Run) -> str:
+def title(run: ReportedRun) -> str:
     """Return the report's title: the experiment's name, or the model's."""
     name = run.choices.get("experiment") or run.config["model"]["name"]
     return f"{name}, quick" if run.config.get("quick") else str(name)
 
 
-def headline_blocks(run: Run) -> list[Block]:
+def headline_blocks(run: ReportedRun) -> list[Block]:
     """Return the verdict, a summary, and the figures of driving and of the open loop."""
     blocks: list[Block] = [*_verdict(run), Text(_what(run))]
     if run.ended_early:
@@ -24,7 +24,7 @@ def headline_blocks(run: Run) -> list[Block]:
     return blocks + ([Tiles(tiles)] if tiles else [])
 
 
-def _verdict(run: Run) -> list[Block]:
+def _verdict(run: ReportedRun) -> list[Block]:
     """Return a box with the verdict; nothing for a run that has not finished."""
     if not run.metrics or run.ended_early:
         return []
@@ -43,7 +43,7 @@ def _verdict(run: Run) -> list[Block]:
     ]
 
 
-def _what(run: Run) -> str:
+def _what(run: ReportedRun) -> str:
     metrics, root = run.metrics, run.config["data"].get("root")
     size = f" with {metrics['parameters']:,} parameters" if metrics else ""
     summary = f"A network that steers a car from camera images: {run.config['model']['name']}{size}"
@@ -59,7 +59,7 @@ def _what(run: Run) -> str:
     return f"{summary}."
 
 
-def _driving(run: Run) -> list[Tile]:
+def _driving(run: ReportedRun) -> list[Tile]:
     scored = run.metrics.get("drive") or {}
     speed = f" at {scored['speed_mph']:g} mph" if scored.get("speed_mph") else ""
     first, second = [], []
@@ -83,7 +83,7 @@ def _driving(run: Run) -> list[Tile]:
     return first + second
 
 
-def _open_loop(run: Run) -> list[Tile]:
+def _open_loop(run: ReportedRun) -> list[Tile]:
     found = run.metrics.get("open_loop") or {}
     part = next((one for one in ("test", "val") if one in found), None)
     if part is None:

@@ -9,7 +9,7 @@ from torch import nn
 from zoo.checkpoints.checkpoint import Checkpoint
 from zoo.models.memory import Memory, frame_outputs
 from zoo.report.blocks import Block, Rows, Text, gather
-from zoo.report.reported_run import Run
+from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
 
@@ -67,12 +67,12 @@ def network_layers(network: nn.Module, shape: tuple[int, int, int]) -> list[Laye
     return layers
 
 
-def network_blocks(run: Run) -> list[Block]:
+def network_blocks(run: ReportedRun) -> list[Block]:
     """Return a summary of the network and the table of its layers."""
     return gather((_table,), run)
 
 
-def _table(run: Run) -> list[Block]:
+def _table(run: ReportedRun) -> list[Block]:
     from zoo.models.make_network import multiply_adds, paper
 
     checkpoint: Checkpoint = run.checkpoint

@@ -3,7 +3,7 @@
 from rich.console import Console
 
 from zoo.report.blocks import Block, Heading, Images, Missing, Rows, Text, gather
-from zoo.report.reported_run import Run
+from zoo.report.reported_run import ReportedRun
 from zoo.runs.table import Table
 
 OPEN_LOOP = (
@@ -12,17 +12,17 @@ OPEN_LOOP = (
 )
 
 
-def training_blocks(run: Run) -> list[Block]:
+def training_blocks(run: ReportedRun) -> list[Block]:
     """Return the training's duration and curves."""
     return gather((_took, _curves), run)
 
 
-def open_loop_blocks(run: Run) -> list[Block]:
+def open_loop_blocks(run: ReportedRun) -> list[Block]:
     """Return the open-loop figures with two baselines, and plots of predicted against true."""
     return gather((_figures, _scatter), run)
 
 
-def _took(run: Run) -> list[Block]:
+def _took(run: ReportedRun) -> list[Block]:
     epochs, metrics = run.figures("epochs"), run.metrics
     best, rate = metrics.get("best_epoch"), metrics.get("samples_per_second")
     threads = metrics["threads"]
@@ -36,7 +36,7 @@ def _took(run: Run) -> list[Block]:
     return [Text(". ".join(part for part in parts if part))]
 
 
-def _curves(run: Run) -> list[Block]:
+def _curves(run: ReportedRun) -> list[Block]:
     image = run.plot(
         "training_curves",
         "Training loss and validation MSE by epoch. The training loss is computed on balanced, "
@@ -74,7 +74,7 @@ def print_metrics(table: Table, console: Console) -> None:
     console.print(shown)
 
 
-def _figures(run: Run) -> list[Block]:
+def _figures(run: ReportedRun) -> list[Block]:
     figures, baselines = run.figures("open_loop"), run.figures("baselines")
     table = metrics_table(run.metrics["model"], figures, baselines)
     own = frozenset(number for number, (part, *_) in enumerate(table.cells) if part)
@@ -89,14 +89,14 @@ def _figures(run: Run) -> list[Block]:
     ]
 
 
-def _verdict(run: Run) -> list[Block]:
+def _verdict(run: ReportedRun) -> list[Block]:
     worse = worse_than_nothing(run)
     if not worse:
         return []
     return [Text(f"On {' and '.join(worse)} rows the MSE is not below that of always zero.")]
 
 
-def worse_than_nothing(run: Run) -> list[str]:
+def worse_than_nothing(run: ReportedRun) -> list[str]:
     """Return the held-out parts whose MSE is not below that of always zero."""
     figures, baselines = run.metrics.get("open_loop") or {}, run.metrics.get("baselines") or {}
     return [
@@ -106,7 +106,7 @@ def worse_than_nothing(run: Run) -> list[str]:
     ]
 
 
-def _scatter(run: Run) -> list[Block]:
+def _scatter(run: ReportedRun) -> list[Block]:
     images, figures = [], run.figures("open_loop")
     for part in ("val", "test"):
         if part in figures:

@@ -8,7 +8,7 @@ from zoo.base.whole_file import refuse_links_out, write_whole
 
 if TYPE_CHECKING:
     from zoo.report.blocks import Section
-    from zoo.report.reported_run import Run
+    from zoo.report.reported_run import ReportedRun
 
 FOLDER, PAGE, MARKDOWN = "report", "index.html", "report.md"
 # The sections' imports take seconds, so functions import them: --help and a typo stay quick.
@@ -23,10 +23,10 @@ def write_report(folder: Path) -> Path:
         InputError: the folder is not a run's, a link in it leads out of it, or the report cannot
             be written.
     """
-    from zoo.report.reported_run import read_run
+    from zoo.report.reported_run import ReportedRun
 
     folder = Path(folder)
-    run = read_run(folder)
+    run = ReportedRun.open(folder)
     refuse_links_out(folder)
     try:
         return _write(run, folder / FOLDER)
@@ -35,25 +35,22 @@ def write_report(folder: Path) -> Path:
         raise InputError(f"{folder / FOLDER}: cannot be written ({reason})") from None
 
 
-def _write(run: "Run", folder: Path) -> Path:
-    from zoo.report.blocks import Images, walk
+def _write(run: "ReportedRun", folder: Path) -> Path:
+    from zoo.report.blocks import images_of, to_html, to_markdown
     from zoo.report.headline import title
-    from zoo.report.markdown import to_markdown
-    from zoo.report.report_page import to_html
 
     sections = report_sections(run)
     folder.mkdir(exist_ok=True)
     for section in sections:
-        for block in walk(section.blocks):
-            for image in block.images if isinstance(block, Images) else ():
-                write_whole(folder / image.name, image.data)
+        for image in images_of(section.blocks):
+            write_whole(folder / image.name, image.data)
     name = title(run)
     write_whole(folder / MARKDOWN, to_markdown(name, sections, folder))
     page = to_html(name, sections, _footer(run), folder)
     return write_whole(folder / PAGE, page)
 
 
-def report_sections(run: "Run") -> "list[Section]":
+def report_sections(run: "ReportedRun") -> "list[Section]":
     """Return all sections in order; a section that fails becomes a line with the error."""
     from zoo.report.blocks import Missing, Section
     from zoo.report.card_section import card_blocks, settings_blocks
@@ -85,7 +82,7 @@ def report_sections(run: "Run") -> "list[Section]":
     return sections
 
 
-def _footer(run: "Run") -> str:
+def _footer(run: "ReportedRun") -> str:
     version = (run.metrics.get("versions") or {}).get("drivezoo")
     when = (run.status.get("time") or "")[:10]
     return " ".join(part for part in ("drivezoo", version, when) if part)

@@ -13,6 +13,16 @@ from zoo.base.whole_file import write_whole
 BLUE, ORANGE, GREY = "#2a6fbb", "#d9822b", "#8a8a8a"
 
 
+class NotebookFigure(Figure):
+    """A figure that is an image as the last value of a notebook's cell, also without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        """Return the figure as PNG, which notebooks look for."""
+        file = io.BytesIO()
+        self.savefig(file, format="png")
+        return file.getvalue()
+
+
 def steering_histogram(before: np.ndarray, after: np.ndarray, threshold: float) -> Figure:
     """Plot histograms of the steering before and after balancing, side by side.
 

@@ -1,4 +1,4 @@
-"""Write `status.json`: whether a run is running, finished, pruned or failed, and why."""
+"""Write and read `status.json`: whether a run is running, finished, pruned or failed, and why."""
 
 import json
 import os
@@ -13,9 +13,12 @@ from pathlib import Path
 import psutil
 from filelock import FileLock
 
+from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError, PrunedError
 from zoo.base.whole_file import remove_parts, write_whole
 from zoo.base.written_files import mark_folder, note_files
+from zoo.runs.metrics_file import read_metrics_file
+from zoo.runs.record_fields import Fields, Number, Whole, check_fields, plain
 
 NAME = "status.json"
 # Files of a run that others write: Hydra, Lightning and this module's lock.
@@ -25,6 +28,18 @@ OTHER_FILES = (
 )
 # Every BEAT_S a run touches its file; after GONE_S without it, other machines count it as dead.
 BEAT_S, GONE_S = 20.0, 180.0
+
+
+class Status(Fields):
+    """The contents of `status.json`, as `write_status` writes it."""
+
+    status: str | None = None
+    reason: str | None = None
+    pid: Whole | None = None
+    host: str | None = None
+    process_started: Number | None = None
+    time: str | None = None
+    finished_epochs: Whole | None = None
 
 
 @contextmanager
@@ -107,8 +122,6 @@ def _note_loggers(folder: Path) -> None:
 
 def read_metrics(folder: Path) -> dict:
     """Return the contents of `metrics.json`; an empty dict if it is missing or damaged."""
-    from zoo.runs.metrics_file import read_metrics_file
-
     try:
         return read_metrics_file(folder)
     except InputError:
@@ -136,10 +149,20 @@ def write_status(folder: Path, status: str, **more: object) -> None:
     write_whole(folder / NAME, json.dumps(contents, indent=2))
 
 
+def read_status_file(folder: Path) -> dict:
+    """Return a run's status as plain containers; an empty dict without a file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    path = folder / NAME
+    if not path.exists():
+        return {}
+    return plain(check_fields(Status, read_json(path), path))
+
+
 def read_status(folder: Path) -> dict:
     """Return the contents of `status.json`; an empty dict if it is missing or damaged."""
-    from zoo.runs.status_file import read_status_file
-
     try:
         return read_status_file(folder)
     except InputError:

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from zoo.base.errors import InputError
-from zoo.leaderboard.ranking import read_run
+from zoo.leaderboard.scored import finished_run
 from zoo.runs.status import is_alive, read_status, write_status
 from zoo.sweep.sweep_record import varying
 
@@ -38,7 +38,7 @@ class Job:
 def result_text(folder: Path) -> str:
     """Return how the job in a folder ended: its figures, or the reason of its failure."""
     status = read_status(folder)
-    run = read_run(folder) if status.get("status") == "finished" else None
+    run = finished_run(folder) if status.get("status") == "finished" else None
     if run is None:
         return ": ".join(filter(None, [status.get("status"), status.get("reason")]))
     figures = [] if run.autonomy is None else [f"autonomy {run.autonomy:.1%}"]

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.errors import InputError
 from zoo.drives.interventions import driving_score
-from zoo.leaderboard.ranking import Run, read_run
+from zoo.leaderboard.scored import Scored, finished_run
 from zoo.runs.status import read_status
 from zoo.sweep.grid import recordings_of, run_jobs, sweep_console
 from zoo.sweep.jobs import Job
@@ -242,7 +242,7 @@ def _open_study(settings: SearchSettings, attempt: int = 1) -> "optuna.Study":
 
 def _value(folder: Path, monitor: str) -> float | None:
     """Return a run's figure: from its last drive, or else from its best epoch."""
-    run = read_run(folder)
+    run = finished_run(folder)
     if run is None:
         return None
     scored = {
@@ -256,7 +256,7 @@ def _value(folder: Path, monitor: str) -> float | None:
     return (max if _is_better_high(monitor) else min)(by_epoch, default=None)
 
 
-def _score(run: Run) -> float | None:
+def _score(run: Scored) -> float | None:
     """Return the mean score over the tracks; None without a drive."""
     keys = ("interventions", "driven_s", "cte_mean_m")
     if not run.tracks or any(key not in figures for figures in run.tracks.values() for key in keys):

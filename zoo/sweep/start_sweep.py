@@ -18,8 +18,8 @@ from zoo.base.written_files import note_files
 from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import conf_folder, quote, quote_paths
 from zoo.cli.parts import typed_parts
-from zoo.leaderboard.ranking_page import write_page
-from zoo.leaderboard.ranking_table import Ranking, following, print_ranking, wide_console
+from zoo.leaderboard.ranking_page import Ranking, following, print_ranking, write_page
+from zoo.leaderboard.ranking_table import wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
 from zoo.runs.status import read_status

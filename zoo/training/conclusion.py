@@ -22,9 +22,10 @@ from zoo.cli.console_progress import working
 from zoo.evaluate.track_scores import RunScore, score_run
 from zoo.report.training_section import metrics_table, print_metrics
 from zoo.report.write_up import write_report
-from zoo.runs import curves_files, plots
+from zoo.runs import plots
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.metrics_file import write_metrics_file
+from zoo.runs.run import Run
 from zoo.training.candidates import Choice
 from zoo.training.open_loop import (
     baseline_metrics,
@@ -224,4 +225,4 @@ def read_curves(folder: Path) -> dict[str, dict[int, float]]:
     A resumed run repeats the interrupted epoch: its later figure counts.
     """
     curves: dict[str, dict[int, float]] = {"train/loss": {}, "val/mse": {}}
-    return curves | curves_files.read_curves(folder, curves)
+    return curves | Run(folder).curves(curves)

@@ -39,9 +39,9 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{chosen[0]}: a resumed run keeps its config groups; set single values, such as "
             "trainer.max_epochs=60, or start a new run"
         )
-    from zoo.runs.config_files import load_config
     from zoo.runs.metrics_file import read_metrics_file
-    from zoo.runs.status_file import read_status_file
+    from zoo.runs.run import load_config
+    from zoo.runs.status import read_status_file
 
     refuse_links_out(folder)
     saved = load_config(folder)

@@ -117,7 +117,7 @@ def no_verdict(source: str) -> str:
 
 def read_overrides(folder: Path) -> tuple[str, ...] | None:
     """Return the overrides that started a run; None if unknown."""
-    from zoo.runs.config_files import read_overrides_file
+    from zoo.runs.run import read_overrides_file
 
     try:
         return tuple(read_overrides_file(folder))

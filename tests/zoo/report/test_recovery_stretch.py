@@ -9,7 +9,7 @@ from datamodules.recording import Recording
 from datamodules.stretches import STRETCH_S
 from tests.recordings import FPS, recording_in_memory
 from zoo.report.blocks import MissingError
-from zoo.report.recovery_stretch import find_recovery
+from zoo.report.data_section import find_recovery
 
 LENGTH = round(STRETCH_S * FPS)
 BEND, BACK = 60, 200  # rows where a sharp bend and a recovery begin

@@ -17,9 +17,7 @@ from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
 from zoo.evaluate.track_scores import KeptDrive
-from zoo.report.blocks import Image, Images, Rows, Section, Text
-from zoo.report.markdown import to_markdown
-from zoo.report.report_page import to_html
+from zoo.report.blocks import Image, Images, Rows, Section, Text, to_html, to_markdown
 from zoo.report.write_up import write_report
 from zoo.runs.table import Table
 from zoo.worlds.run_drives import all_drives

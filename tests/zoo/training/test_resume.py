@@ -17,7 +17,7 @@ from tests.recordings import Written
 from tests.zoo.commands import command, environment, run
 from tests.zoo.sweeps import change_status
 from tests.zoo.trainings import SMALL, data_of, zoo_here
-from zoo.leaderboard.ranking import read_runs
+from zoo.leaderboard.scored import read_scored
 from zoo.runs.status import read_status, write_status
 
 Zoo = Callable[..., int]
@@ -113,7 +113,7 @@ def test_a_finished_run_that_fails_to_train_further_keeps_its_figures_and_rank(
     assert metrics(two_epochs) == before
     status = read_status(two_epochs)
     assert (status["status"], status["finished_epochs"]) == ("failed", 2)
-    (run,), unranked = read_runs([two_epochs])
+    (run,), unranked = read_scored([two_epochs])
     assert (run.folder, unranked) == (two_epochs, [])
     assert zoo("resume=run", "trainer.max_epochs=3") == 0
     assert "finished_epochs" not in read_status(two_epochs)
@@ -129,7 +129,7 @@ def test_ctrl_c_while_training_further_names_the_figures_that_stand(
     assert "metrics.json" in line
     assert f"resume={two_epochs}" in line
     assert metrics(two_epochs) == before
-    (ranked,), _ = read_runs([two_epochs])
+    (ranked,), _ = read_scored([two_epochs])
     assert ranked.folder == two_epochs
     assert zoo("resume=run", "callbacks.stop=null") == 0
     assert metrics(two_epochs)["epochs"] == 4, "it goes on with what was asked for"
