@@ -102,8 +102,8 @@ def reduced(recording: Recording, split: Split, share: float) -> Split:
 
 
 def student_laps(study: Study) -> dict[str, str]:
-    """Record the laps of simulated students that do not exist yet."""
-    for control in REACTION_S:
+    """Record the laps of simulated students that the chosen entries lack."""
+    for control in {entry.labels["recording"] for entry in study.chosen()} & REACTION_S.keys():
         folder = Path(study.config["runs"], "recordings", control)
         if not (folder / "driving_log.csv").is_file():
             words = [f"control={control}", f"laps={study.options.laps}", "seed=1", "track=lake"]
