@@ -57,8 +57,12 @@ def decode_image(data: bytes) -> np.ndarray:
     return image
 
 
-def decode_pixels(data: bytes) -> np.ndarray:
+def decode_pixels(data: bytes, flags: int = cv2.IMREAD_COLOR_RGB) -> np.ndarray:
     """Return the image in JPEG or PNG bytes in its own size, uint8 [H, W, 3] RGB.
+
+    Args:
+        data: contents of a file.
+        flags: OpenCV's flags of other sizes and colours.
 
     Raises:
         ValueError: the bytes are no JPEG or PNG; or the image lacks its end, which OpenCV would
@@ -70,7 +74,7 @@ def decode_pixels(data: bytes) -> np.ndarray:
     if fault := find_size_fault(width, height) or find_scan_fault(data):
         raise ValueError(fault)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:  # a size that OpenCV refuses
         raise ValueError(error.err) from None
     if image is None:

@@ -1,23 +1,12 @@
 """Rows of a recording that are worth a look: the sharpest bends, jumps, and frames that differ."""
 
-import io
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.ndimage import median_filter
 
-from datamodules.image import (
-    HEAD,
-    MOST_IMAGE_BYTES,
-    NO_IMAGE,
-    TAIL,
-    find_fault,
-    find_scan_fault,
-    find_size_fault,
-    image_size,
-    jpeg_size,
-)
+from datamodules.image import MOST_IMAGE_BYTES, decode_pixels
 from datamodules.recording import Recording
 from datamodules.split import rows_per_second
 from datamodules.stretches import find_breaks
@@ -107,14 +96,7 @@ def thumbnail(path: str) -> np.ndarray:
         ValueError: it is no whole JPEG or PNG.
     """
     data = read_regular(path, MOST_IMAGE_BYTES)
-    fault = find_fault(data[:HEAD], data[-TAIL:])
-    if fault or (fault := find_size_fault(*(jpeg_size(data) or image_size(io.BytesIO(data))))):
-        raise ValueError(fault)
-    if fault := find_scan_fault(data):
-        raise ValueError(fault)
-    small = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
-    if small is None:
-        raise ValueError(NO_IMAGE)
+    small = decode_pixels(data, cv2.IMREAD_REDUCED_GRAYSCALE_8)
     return cv2.resize(small, THUMBNAIL, interpolation=cv2.INTER_AREA)
 
 

@@ -1,10 +1,12 @@
 """Faces below verges down to lower ground, bridges, and the ends of an open road."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from simulator.scenery.ground import PALE_ROCK, Ground
-from simulator.scenery.mesh import Mesh, grid_triangles
+from simulator.scenery.mesh import Mesh, grid_mesh
 from simulator.scenery.road import (
     bands_of_run,
     half_width,
@@ -123,17 +125,9 @@ def _face(ground: Ground, top: np.ndarray, normal: np.ndarray) -> Mesh:
     steps = np.linalg.norm(np.diff(top, axis=0), axis=1)
     along = np.concatenate([[0], np.cumsum(steps)]) / 6.0
     uv = np.stack(np.broadcast_arrays(along[:, None], points[..., 2] / 6.0), -1)
-    triangles = grid_triangles(len(top), 2)
-    shown = high[triangles // 2].any(1)
     colour = ROCK if ground.around.ground == "forest" else PALE_ROCK
-    return Mesh(
-        "rock",
-        points.reshape(-1, 3),
-        np.repeat(normal, 2, 0),
-        np.tile(colour, (2 * len(top), 1)),
-        uv.reshape(-1, 2),
-        triangles[shown],
-    )
+    face = grid_mesh("rock", points, normal[:, None], colour, uv)
+    return replace(face, triangles=face.triangles[high[face.triangles // 2].any(1)])
 
 
 def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
@@ -151,15 +145,8 @@ def _road_end(track: Track, ground: Ground, at: int) -> list[Mesh]:
     away = np.array([0.0, half, most])
     points = centre + away[:, None] * spokes[:, None]
     points[..., 2] += np.array([0.0, 0.0, 0.2])
-    count = points.size // 3
-    place = Mesh(
-        "ground",
-        points.reshape(-1, 3),
-        np.tile([0.0, 0.0, 1.0], (count, 1)),
-        np.tile(SOILS[ground.around.ground], (count, 1)),
-        points[..., :2].reshape(-1, 2) / 6.0,
-        grid_triangles(len(turn), len(away)),
-    )
+    soil = SOILS[ground.around.ground]
+    place = grid_mesh("ground", points, (0.0, 0.0, 1.0), soil, points[..., :2] / 6.0)
     run = points_along(*runs(track)[at])
     cross = _cross_face(track, ground, run, at)
     rim = _face(ground, points[:, -1], spokes)
@@ -182,16 +169,7 @@ def _barrier(foot: np.ndarray, right: np.ndarray, ahead: np.ndarray, half: float
         points = foot + across[:, None, None] * right + np.stack([low, high])[None]
         uv = np.full((len(across), 2, 2), 0.5)
         uv[..., 0] = across[:, None] / 2.0
-        meshes.append(
-            Mesh(
-                material,
-                points.reshape(-1, 3),
-                np.tile(normal, (2 * len(across), 1)),
-                np.tile(CONCRETE, (2 * len(across), 1)),
-                uv.reshape(-1, 2),
-                grid_triangles(len(across), 2),
-            )
-        )
+        meshes.append(grid_mesh(material, points, normal, CONCRETE, uv))
     return meshes
 
 
@@ -220,14 +198,7 @@ def _deck(track: Track, along: np.ndarray) -> Mesh:
     grid = np.stack(points, 1)
     around = np.array([0.0, DECK_M, DECK_M, DECK_M + 9, DECK_M + 9, 2 * DECK_M + 9])
     uv = np.stack(np.broadcast_arrays(along[:, None] / 4.0, around / 4.0), -1)
-    return Mesh(
-        "concrete",
-        grid.reshape(-1, 3),
-        np.stack(normals, 1).reshape(-1, 3),
-        np.tile(np.array(CONCRETE) * 0.85, (grid.size // 3, 1)),
-        uv.reshape(-1, 2),
-        grid_triangles(len(along), len(profile)),
-    )
+    return grid_mesh("concrete", grid, np.stack(normals, 1), np.array(CONCRETE) * 0.85, uv)
 
 
 def _pillars(track: Track, ground: Ground, along: np.ndarray) -> list[Mesh]:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
-from simulator.scenery.mesh import Mesh, grid_triangles
+from simulator.scenery.mesh import Mesh, grid_mesh
 from simulator.scenery.verges import GRASS, ROCK, SAND, SOILS, verge_room
 from simulator.track import Track
 
@@ -93,14 +93,9 @@ class Ground:
         down_y, down_x = np.gradient(z, CELL_M)
         normals = np.stack([-down_x, -down_y, np.ones_like(z)], -1)
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        ground = Mesh(
-            "ground",
-            np.concatenate([xy, z[..., None]], -1).reshape(-1, 3),
-            normals.reshape(-1, 3),
-            self._colours(flat, normals[..., 2].reshape(-1)),
-            flat / 9.0,
-            grid_triangles(*z.shape),
-        )
+        colours = self._colours(flat, normals[..., 2].reshape(-1)).reshape(*z.shape, 3)
+        points = np.concatenate([xy, z[..., None]], -1)
+        ground = grid_mesh("ground", points, normals, colours, xy / 9.0)
         return [ground, *(self._lake(*lake) for lake in self.around.lakes)]
 
     @cached_property
@@ -209,17 +204,10 @@ class Ground:
     def _lake(self, x: float, y: float, radius: float) -> Mesh:
         step = 16.0
         line = np.arange(-radius - step, radius + 2 * step, step)
-        xy = np.stack(np.meshgrid(x + line, y + line), -1).reshape(-1, 2)
-        count = len(xy)
-        level = np.full((count, 1), self.around.water_level)
-        return Mesh(
-            "concrete",
-            np.concatenate([xy, level], -1),
-            np.tile([0.0, 0.0, 1.0], (count, 1)),
-            np.tile(WATER, (count, 1)),
-            xy / 24.0,
-            grid_triangles(len(line), len(line)),
-        )
+        xy = np.stack(np.meshgrid(x + line, y + line), -1)
+        level = np.full((*xy.shape[:2], 1), self.around.water_level)
+        points = np.concatenate([xy, level], -1)
+        return grid_mesh("concrete", points, (0.0, 0.0, 1.0), WATER, xy / 24.0)
 
 
 def _smooth(x: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from simulator.scenery.edges import DECK_M, WALL_END_M
-from simulator.scenery.mesh import Mesh, grid_triangles
+from simulator.scenery.mesh import Mesh, grid_mesh
 from simulator.scenery.plants import Standing
 from simulator.scenery.textures import MEANS
 from simulator.track import Track
@@ -157,12 +157,4 @@ def sky_mesh() -> Mesh:
         [np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], -1
     )
     by_step = np.stack([np.interp(steps, elevation, colours[:, c]) for c in range(3)], -1)
-    count = points.size // 3
-    return Mesh(
-        "sky",
-        points.reshape(-1, 3),
-        np.tile([0.0, 0.0, 1.0], (count, 1)),
-        np.repeat(by_step, len(around), 0),
-        np.zeros((count, 2)),
-        grid_triangles(len(steps), len(around)),
-    )
+    return grid_mesh("sky", points, (0.0, 0.0, 1.0), by_step[:, None], np.zeros(2))

@@ -34,6 +34,24 @@ def grid_triangles(rows: int, columns: int) -> np.ndarray:
     return np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2).reshape(-1, 3)
 
 
+def grid_mesh(
+    material: str,
+    points: np.ndarray,
+    normals: np.ndarray | Sequence[float],
+    colours: np.ndarray | Sequence[float],
+    uv: np.ndarray,
+) -> Mesh:
+    """Return the mesh of a grid of points, float [R, C, 3]; the others broadcast to it."""
+
+    def flat(values: np.ndarray | Sequence[float], size: int) -> np.ndarray:
+        return np.array(np.broadcast_to(values, (*points.shape[:2], size))).reshape(-1, size)
+
+    triangles = grid_triangles(*points.shape[:2])
+    return Mesh(
+        material, flat(points, 3), flat(normals, 3), flat(colours, 3), flat(uv, 2), triangles
+    )
+
+
 def join(meshes: Sequence[Mesh]) -> Mesh:
     """Join meshes of the same material into one."""
     starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])

@@ -6,7 +6,7 @@ import numpy as np
 
 from simulator.scenery.edges import surface
 from simulator.scenery.ground import Ground
-from simulator.scenery.mesh import Mesh, grid_triangles
+from simulator.scenery.mesh import Mesh, grid_mesh
 from simulator.scenery.textures import PLANTS
 from simulator.track import Track
 
@@ -165,11 +165,9 @@ def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
     )
     rough = rng.uniform(0.85, 1.15, (up, around, 1))
     rough[:, -1] = rough[:, 0]
-    points = (unit * rough * size).reshape(-1, 3)
+    points = unit * rough * size
     points += [*xy, float(ground.height(xy[None])[0])]
-    normals = (unit / size).reshape(-1, 3)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = unit / size
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     grey = np.array([0.62, 0.56, 0.45]) * rng.uniform(0.8, 1.15)
-    uv = np.stack(np.meshgrid(angle, height), -1).reshape(-1, 2)
-    colours = np.tile(grey, (len(points), 1))
-    return Mesh("rock", points, normals, colours, uv, grid_triangles(up, around))
+    return grid_mesh("rock", points, normals, grey, np.stack(np.meshgrid(angle, height), -1))

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from simulator.scenery.mesh import Mesh, grid_triangles, join_materials
+from simulator.scenery.mesh import Mesh, grid_mesh, join_materials
 from simulator.scenery.verges import VERGE_END_M, Band, carriageway, verge_bands, verge_room
 from simulator.track import Track
 
@@ -159,18 +159,10 @@ def band_mesh(
         slope = (band.rise_end - band.rise_start) / (end - start)[:, None]
     normal = np.array([0.0, 0.0, 1.0]) - slope * side * right
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    count = len(along) * columns
     uv = np.stack(np.broadcast_arrays(along[:, None] / band.repeat, offset / band.repeat), -1)
     if band.material == "stripes":
         uv[..., 1] = 0.5
-    return Mesh(
-        band.material,
-        points.reshape(-1, 3),
-        np.repeat(normal, columns, 0),
-        np.broadcast_to(np.array(band.colour), (count, 3)).copy(),
-        uv.reshape(-1, 2),
-        grid_triangles(len(along), columns),
-    )
+    return grid_mesh(band.material, points, normal[:, None], band.colour, uv)
 
 
 def _sample(track: Track, along: np.ndarray) -> np.ndarray:

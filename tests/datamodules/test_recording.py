@@ -37,21 +37,13 @@ def test_images_are_found_here_wherever_the_log_was_made(tmp_path, style, header
             assert written.image(row, name).samefile(recording.images[row, camera])
 
 
-def test_labels_are_those_written(recorded):
-    recording = read_recordings(str(recorded.folder))
-    np.testing.assert_array_equal(recording.steering, recorded.steering)
-    np.testing.assert_array_equal(recording.throttle, recorded.throttle)
-    np.testing.assert_array_equal(recording.brake, recorded.brake)
-    np.testing.assert_array_equal(recording.speed_mph, recorded.speed_mph)
-
-
-def test_labels_with_decimal_commas_are_those_written(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=90, decimal_comma=True)
-    assert len(written.log.read_text().splitlines()[1].split(",")) > 7
+@pytest.mark.parametrize("decimal_comma", [False, True])
+def test_labels_are_those_written(tmp_path, decimal_comma):
+    written = write_recording(tmp_path / "lake", rows=90, decimal_comma=decimal_comma)
+    assert (len(written.log.read_text().splitlines()[1].split(",")) > 7) == decimal_comma
     recording = read_recordings(str(written.folder))
-    np.testing.assert_array_equal(recording.steering, written.steering)
-    np.testing.assert_array_equal(recording.brake, written.brake)
-    np.testing.assert_array_equal(recording.speed_mph, written.speed_mph)
+    for name in ("steering", "throttle", "brake", "speed_mph"):
+        np.testing.assert_array_equal(getattr(recording, name), getattr(written, name))
 
 
 @pytest.mark.parametrize("name", ["my lake", "lr=0.1,x", "[lake] {1}", "Straße %20 'n'"])
@@ -78,28 +70,33 @@ def test_several_folders_keep_which_is_which(tmp_path):
     assert recording.place(3) == f"{two.folder}/driving_log.csv, row 2"
 
 
-def test_centre_only_by_empty_columns(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2, cameras=("center",))
+def five_columns(folder: Path) -> None:
+    log = folder / "driving_log.csv"
+    rows = [line.replace(",,,", ",") for line in log.read_text().splitlines()]
+    log.write_text("\n".join(["center,steering,throttle,brake,speed", *rows]))
+
+
+def without_side_images(folder: Path) -> None:
+    for image in folder.glob("IMG/[lr]*.jpg"):
+        image.unlink()
+
+
+@pytest.mark.parametrize(
+    ("cameras", "change"),
+    [
+        (("center",), lambda folder: None),
+        (("center",), five_columns),
+        (("center", "left", "right"), without_side_images),
+    ],
+    ids=["empty columns", "five columns", "deleted images"],
+)
+def test_a_centre_only_recording_has_no_side_images(tmp_path, cameras, change):
+    written = write_recording(tmp_path / "lake", rows=2, cameras=cameras)
+    change(written.folder)
     recording = read_recordings(str(written.folder))
     assert recording.images[:, 1:].tolist() == [[None, None]] * 2
     np.testing.assert_array_equal(recording.steering, written.steering)
-
-
-def test_centre_only_by_a_header_of_five_columns(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2, cameras=("center",))
-    rows = [line.replace(",,,", ",") for line in written.log.read_text().splitlines()]
-    written.log.write_text("\n".join(["center,steering,throttle,brake,speed", *rows]))
-    recording = read_recordings(str(written.folder))
-    assert recording.images[:, 1:].tolist() == [[None, None]] * 2
     np.testing.assert_array_equal(recording.speed_mph, written.speed_mph)
-
-
-def test_centre_only_by_deleted_side_images(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2)
-    for image in written.folder.glob("IMG/[lr]*.jpg"):
-        image.unlink()
-    recording = read_recordings(str(written.folder))
-    assert recording.images[:, 1:].tolist() == [[None, None]] * 2
 
 
 def test_images_elsewhere(tmp_path):
@@ -115,37 +112,41 @@ def test_images_named_in_vain(tmp_path):
     assert f"{tmp_path}/nowhere: no such folder" in message
 
 
-def test_lower_case_img(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2)
-    (written.folder / "IMG").rename(written.folder / "img")
-    recording = read_recordings(str(written.folder))
-    assert Path(recording.images[0, 0]).parent.name == "img"
+def beside_the_log(folder: Path) -> Path:
+    for image in folder.glob("IMG/*.jpg"):
+        image.rename(folder / image.name)
+    return folder
 
 
-def test_images_beside_the_log(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2)
-    for image in written.folder.glob("IMG/*.jpg"):
-        image.rename(written.folder / image.name)
-    recording = read_recordings(str(written.folder))
-    assert Path(recording.images[0, 0]).parent == written.folder
+def in_a_folder_per_lap(folder: Path) -> Path:
+    (folder / "lap 1").mkdir()
+    log = folder / "driving_log.csv"
+    log.write_text(log.read_text().replace("\\IMG\\", "\\lap 1\\IMG\\"))
+    return (folder / "IMG").rename(folder / "lap 1" / "IMG")
 
 
-def test_images_in_a_folder_per_lap(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2, style="windows")
-    (written.folder / "lap 1").mkdir()
-    (written.folder / "IMG").rename(written.folder / "lap 1" / "IMG")
-    log = written.log.read_text().replace("\\IMG\\", "\\lap 1\\IMG\\")
-    written.log.write_text(log)
-    recording = read_recordings(str(written.folder))
-    assert Path(recording.images[0, 0]).parent == written.folder / "lap 1" / "IMG"
+def where_the_log_says(folder: Path) -> Path:
+    """Move the images to the place that the log of this machine names."""
+    there = (folder / "IMG").rename(folder.parent / "there")
+    log = folder / "driving_log.csv"
+    log.write_text(log.read_text().replace(FOLDERS["linux"], f"{there}/"))
+    return there
 
 
-def test_images_where_the_log_says_on_the_machine_that_recorded_it(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=2, style="linux")
-    there = (written.folder / "IMG").rename(tmp_path / "there")
-    written.log.write_text(written.log.read_text().replace(FOLDERS["linux"], f"{there}/"))
-    recording = read_recordings(str(written.folder))
-    assert Path(recording.images[0, 0]).parent == there
+@pytest.mark.parametrize(
+    ("style", "move"),
+    [
+        ("windows", lambda folder: (folder / "IMG").rename(folder / "img")),
+        ("windows", beside_the_log),
+        ("windows", in_a_folder_per_lap),
+        ("linux", where_the_log_says),
+    ],
+    ids=["lower case", "beside the log", "a folder per lap", "where the log says"],
+)
+def test_images_are_found_where_they_were_moved(tmp_path, style, move):
+    written = write_recording(tmp_path / "lake", rows=2, style=style)
+    there = move(written.folder)
+    assert Path(read_recordings(str(written.folder)).images[0, 0]).parent == there
 
 
 def test_missing_folder(tmp_path):
@@ -220,17 +221,12 @@ def test_bad_row_names_its_file(tmp_path):
     assert f"{written.log}, row 2: speed is 'NaN'" in refusal(str(written.folder))
 
 
-def test_missing_image_names_file_row_and_image(tmp_path):
+def test_a_missing_image_is_named_with_file_and_row_or_skipped(tmp_path):
     written = write_recording(tmp_path / "lake", rows=4)
     written.image(2, "left").unlink()
     message = refusal(str(written.folder))
     assert f"{written.log}, row 3: no image left_{written.stems[2]}.jpg" in message
     assert "(1 of 4 rows" in message
-
-
-def test_missing_image_may_be_skipped(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=4)
-    written.image(2, "left").unlink()
     recording = read_recordings(str(written.folder), on_bad_image="skip")
     assert recording.line.tolist() == [1, 2, 4]
     np.testing.assert_array_equal(recording.steering, np.delete(written.steering, 2))
@@ -255,32 +251,19 @@ def test_all_images_missing(tmp_path, on_bad_image):
     assert "center_" in message
 
 
-def test_fingerprint_stays_when_the_folder_moves(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=5)
-    before = read_recordings(str(written.folder)).fingerprint()
-    moved = written.folder.rename(tmp_path / "moved")
-    assert read_recordings(str(moved)).fingerprint() == before
-
-
-def test_fingerprint_stays_when_the_log_names_another_machine(tmp_path):
+def test_a_fingerprint_is_that_of_labels_and_names_wherever_the_folder_is(tmp_path):
     one = write_recording(tmp_path / "one", rows=5, style="windows")
     two = write_recording(tmp_path / "two", rows=5, style="linux")
-    fingerprints = {read_recordings(str(each.folder)).fingerprint() for each in (one, two)}
-    assert len(fingerprints) == 1
-
-
-@pytest.mark.parametrize("column", ["steering", "speed_mph"])
-def test_fingerprint_changes_with_a_label(tmp_path, column):
-    written = write_recording(tmp_path / "lake", rows=5)
-    before = read_recordings(str(written.folder)).fingerprint()
-    edit_log(written.folder, f"{getattr(written, column)[3]:.7G}", "0.987")
-    assert read_recordings(str(written.folder)).fingerprint() != before
-
-
-def test_fingerprint_changes_when_a_row_goes(tmp_path):
-    written = write_recording(tmp_path / "lake", rows=5)
-    recording = read_recordings(str(written.folder))
-    assert recording.keep(np.arange(5) != 2).fingerprint() != recording.fingerprint()
+    recording = read_recordings(str(one.folder))
+    before = recording.fingerprint()
+    assert read_recordings(str(two.folder)).fingerprint() == before, "the log of another machine"
+    assert recording.keep(np.arange(5) != 2).fingerprint() != before
+    moved = one.folder.rename(tmp_path / "moved")
+    assert read_recordings(str(moved)).fingerprint() == before
+    for column in ("steering", "speed_mph"):
+        edit_log(moved, f"{getattr(one, column)[3]:.7G}", "0.987")
+        assert read_recordings(str(moved)).fingerprint() != before
+        edit_log(moved, "0.987", f"{getattr(one, column)[3]:.7G}")
 
 
 def test_times_are_those_in_the_file_names(recorded):
