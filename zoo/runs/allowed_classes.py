@@ -30,6 +30,7 @@ class Allowed:
 
 MODULE = "torch.nn.modules.module.Module"
 TRANSFORM = "albumentations.core.transforms_interface.BasicTransform"
+STEERING = "zoo.training.steering_module"
 CALLBACK = "lightning.pytorch.callbacks.callback.Callback"
 # By the keys above a `_target_`; * stands for any name.
 ALLOWED = {
@@ -42,6 +43,7 @@ ALLOWED = {
         package="torch.optim.lr_scheduler",
         base="torch.optim.lr_scheduler.LRScheduler",
     ),
+    ("module",): Allowed(own=(STEERING,), part=f"{STEERING}.SteeringModule"),
     ("trainer",): Allowed(package="lightning", base="lightning.pytorch.trainer.trainer.Trainer"),
     ("data",): Allowed(own=("datamodules.driving",)),
     ("data", "augment", "*"): Allowed(

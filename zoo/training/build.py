@@ -1,5 +1,6 @@
 """Build the objects of an experiment from its config."""
 
+import inspect
 import logging
 import os
 import warnings
@@ -31,7 +32,7 @@ from zoo.training.embedded_recording import with_recording
 from zoo.training.layers_of_weights import with_layers
 from zoo.training.plan import TrainingPlan
 from zoo.training.run_loggers import naming_arguments
-from zoo.training.steering_module import SteeringModule
+from zoo.training.steering_module import OWN, SteeringModule
 from zoo.training.window_settings import settle_windows
 
 QUICK_EPOCHS = 3
@@ -121,23 +122,29 @@ def build_module(
         raise InputError(f"optim.lr={rate} is not a number above 0")
     loss = _instantiate("loss", config.loss)
     _check_spread(network, loss)
-    module = SteeringModule(
-        network,
-        loss=loss,
-        optimizer=_instantiate("optim", optim),
-        schedule=_instantiate("schedule", config.schedule),
-        l2=config.optim.l2,
-        backbone_lr=config.optim.backbone_lr,
-        seed=config.seed,
-        card=card,
-        skips_front=plan.features is not None,
-        compile_loss=partial(compile_step, console=console) if plan.compiled_batch else None,
-        compiled_batch=plan.compiled_batch,
-    )
-    try:
-        module.configure_optimizers()  # to report wrong settings before training starts
-    except (TypeError, ValueError) as error:
-        raise InputError(f"optim or schedule: {error}; correct its settings") from None
+    chosen = config.get("module") or {"_target_": OWN}
+    make = _instantiate("module", chosen, _partial_=True)
+    if not (inspect.isclass(make.func) and issubclass(make.func, SteeringModule)):
+        raise InputError(f"module: {chosen['_target_']} does not derive from {OWN}")
+    with part_errors(part_of(chosen["_target_"])):
+        module = make(
+            network,
+            loss=loss,
+            optimizer=_instantiate("optim", optim),
+            schedule=_instantiate("schedule", config.schedule),
+            l2=config.optim.l2,
+            backbone_lr=config.optim.backbone_lr,
+            seed=config.seed,
+            card=card,
+            skips_front=plan.features is not None,
+            compile_loss=partial(compile_step, console=console) if plan.compiled_batch else None,
+            compiled_batch=plan.compiled_batch,
+        )
+    if type(module) is SteeringModule:  # a schedule of the user's may need the trainer
+        try:
+            module.configure_optimizers()  # to report wrong settings before training starts
+        except (TypeError, ValueError) as error:
+            raise InputError(f"optim or schedule: {error}; correct its settings") from None
     return module
 
 

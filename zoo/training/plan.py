@@ -23,6 +23,7 @@ from zoo.base.errors import InputError
 from zoo.training.compilation import resolve_compile
 from zoo.training.frozen_layers import plan_cached_features
 from zoo.training.host_settings import multiplies_bf16
+from zoo.training.steering_module import OWN
 
 # Below this, a step costs less than synchronizing two threads: 52,000 samples/s with one thread,
 # 30,000 with two, and 1,200 with two on cores that another program uses.
@@ -106,9 +107,10 @@ def make_plan(
     grouped = config.trainer.get("group_batches", True)
     if not isinstance(grouped, bool):
         raise InputError(f"trainer.group_batches={grouped} is not true or false")
+    is_own = (config.get("module") or {}).get("_target_", OWN) == OWN
     is_overhead = device.type != "cpu" or parameters < TINY_PARAMETERS
     compiled_batch = None
-    if resolve_compile(config.trainer.get("compile", False), device, console):
+    if is_own and resolve_compile(config.trainer.get("compile", False), device, console):
         share = share_of(data.batch_size, trainer.global_rank, world)
         compiled_batch = share.stop - share.start
     return TrainingPlan(
@@ -119,7 +121,7 @@ def make_plan(
         batch_device=batch_device,
         # Windows take more memory: a group has about as many images as one of single frames.
         batches_per_step=max(1, GROUP // data.windows.sequence)
-        if is_overhead and grouped and _may_group(trainer)
+        if is_overhead and grouped and is_own and _may_group(trainer)
         else 1,
         compiled_batch=compiled_batch,
         features=plan_cached_features(config, network, data, device, console),

@@ -26,7 +26,7 @@ class ResumePoint:
 
     def check_optimizer(self, module: SteeringModule) -> None:
         """Raise InputError if the new optimizer has other groups than the saved one."""
-        groups = module.configure_optimizers()["optimizer"].param_groups
+        groups = module.make_optimizer(module.parameter_groups()).param_groups
         now = [len(group["params"]) for group in groups]
         if self.group_sizes != now:
             raise InputError(

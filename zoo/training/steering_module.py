@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import lightning
 import numpy as np
@@ -13,11 +14,16 @@ from zoo.base.errors import InputError
 from zoo.models.memory import Memory
 from zoo.training.open_loop import open_loop_metrics
 
+OWN = "zoo.training.steering_module.SteeringModule"
 CHECK_EVERY = 20  # steps between checks of the loss: each check waits for the device
 
 
 class SteeringModule(lightning.LightningModule):
     """A LightningModule that trains a network of the zoo on batches of `DrivingData`.
+
+    A subclass in a user's part, chosen with `module=NAME`, replaces `make_optimizer`,
+    `make_schedule` or `targets_of`, or any method of Lightning's. Each of its batches is a step of
+    Lightning's, and is not compiled.
 
     Args:
         network: network from uint8 images (and speed) to steering (and throttle).
@@ -68,7 +74,8 @@ class SteeringModule(lightning.LightningModule):
         self._loss_count: Tensor | int = 0
         self.validation: tuple[np.ndarray, np.ndarray] | None = None
         self.skips_front, self._compiled_batch = skips_front, compiled_batch
-        self._compiled = compile_loss(self._plain_loss()) if compile_loss else None
+        self._loss = self._plain_loss()
+        self._compiled = compile_loss(self._loss) if compile_loss else None
 
     def forward(self, batch: Batch) -> Tensor:
         """Return the outputs, float32 [N, outputs], steering first; of a window's newest frame."""
@@ -78,12 +85,19 @@ class SteeringModule(lightning.LightningModule):
     def _plain_loss(self) -> Callable[[Batch], Tensor]:
         """Return a function from a batch to its loss, without `self`, to compile."""
         network, loss, skips_front = self.network, self.loss, self.skips_front
+        is_own = type(self) is SteeringModule
+        targets_of = partial(network_targets, network) if is_own else self.targets_of
 
         def batch_loss(batch: Batch) -> Tensor:
             predicted = predict(network, batch, skips_front)
-            return loss(*loss_rows(network, predicted, batch["targets"]))
+            rows = predicted.flatten(0, 1) if isinstance(network, Memory) else predicted
+            return loss(rows, targets_of(batch))
 
         return batch_loss
+
+    def targets_of(self, batch: Batch) -> Tensor:
+        """Return the targets of the loss, [rows, columns of the network in training]."""
+        return network_targets(self.network, batch)
 
     def on_train_epoch_start(self) -> None:
         """Start counting samples and loss of the epoch."""
@@ -126,7 +140,7 @@ class SteeringModule(lightning.LightningModule):
             compiled = self._compiled and count == self._compiled_batch
             loss = (self._compiled if compiled else self._loss)(batch)
         if self.trainer.world_size > 1:
-            return self._rank_loss(loss, true_rows(self.network, batch["targets"]), count)
+            return self._rank_loss(loss, self.targets_of(batch), count)
         # Not summed in place: a compiled step owns the loss that it returns.
         self._loss_sum = self._loss_sum + loss.detach() * count
         self._loss_count += count
@@ -151,10 +165,6 @@ class SteeringModule(lightning.LightningModule):
     def train_samples(self) -> int:
         """Return the number of samples that all processes have trained on."""
         return self._samples_before + int(self._loss_count)
-
-    def _loss(self, batch: Batch) -> Tensor:
-        predicted = predict(self.network, batch, self.skips_front)
-        return self.loss(*loss_rows(self.network, predicted, batch["targets"]))
 
     def on_train_batch_end(self, *_: object) -> None:
         """Count the time of the step."""
@@ -236,17 +246,27 @@ class SteeringModule(lightning.LightningModule):
 
     def configure_optimizers(self) -> dict:
         """Return the optimizer and its scheduler, as Lightning expects them."""
-        optimizer = self.optimizer(self._parameter_groups())
-        if self.schedule is None:
-            return {"optimizer": optimizer}
-        scheduler = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
-        if isinstance(scheduler["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
-            scheduler["monitor"] = "val/mse"
-        return {"optimizer": optimizer, "lr_scheduler": scheduler}
+        optimizer = self.make_optimizer(self.parameter_groups())
+        schedule = self.make_schedule(optimizer)
+        return {"optimizer": optimizer} | ({"lr_scheduler": schedule} if schedule else {})
 
-    def _parameter_groups(self) -> list[dict]:
+    def make_optimizer(self, groups: list[dict]) -> torch.optim.Optimizer:
+        """Return the optimizer of parameter groups, see `parameter_groups`."""
+        return self.optimizer(groups)
+
+    def make_schedule(self, optimizer: torch.optim.Optimizer) -> dict | None:
+        """Return Lightning's `lr_scheduler`; its `interval` is `epoch`, or `step` for batches."""
+        if self.schedule is None:
+            return None
+        schedule = {"scheduler": self.schedule(optimizer), "interval": "epoch"}
+        if isinstance(schedule["scheduler"], torch.optim.lr_scheduler.ReduceLROnPlateau):
+            schedule["monitor"] = "val/mse"
+        return schedule
+
+    def parameter_groups(self) -> list[dict]:
         """Return parameter groups: weights decay, biases do not; a backbone may have its own rate.
 
+        Without `l2` no group has a `weight_decay`: the optimizer's own counts for all.
         Each group costs a call of the optimizer, so there are as few as possible.
         """
         backbone = getattr(self.network, "backbone", None)
@@ -263,7 +283,7 @@ class SteeringModule(lightning.LightningModule):
             {
                 "params": parameters,
                 # The gradient of l2 * w^2 is 2 * l2 * w; torch's weight_decay w adds w itself.
-                "weight_decay": 2 * self.l2 if decays else 0.0,
+                **({"weight_decay": 2 * self.l2 if decays else 0.0} if self.l2 else {}),
                 **({"lr": self.backbone_lr} if is_backbone else {}),
             }
             for (is_backbone, decays), parameters in groups.items()
@@ -289,16 +309,10 @@ def predict(network: nn.Module, batch: Batch, skips_front: bool = False) -> Tens
     return network(images)
 
 
-def true_rows(network: nn.Module, targets: Tensor) -> Tensor:
-    """Return the targets of all rows that a network predicts for a batch, [rows, 2]."""
-    if not isinstance(network, Memory):
-        return targets
-    targets = targets[:, None] if targets.ndim == 2 else targets
-    return targets[:, network.targets].flatten(0, 1)
-
-
-def loss_rows(network: nn.Module, predicted: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
-    """Return predicted and true outputs for a loss, [rows, outputs] each."""
+def network_targets(network: nn.Module, batch: Batch) -> Tensor:
+    """Return the true outputs of all rows that a network predicts for a batch, [rows, outputs]."""
+    targets = batch["targets"]
     if isinstance(network, Memory):
-        predicted = predicted.flatten(0, 1)
-    return predicted, true_rows(network, targets)[:, : network.outputs]
+        targets = targets[:, None] if targets.ndim == 2 else targets
+        targets = targets[:, network.targets].flatten(0, 1)
+    return targets[:, : network.outputs]

@@ -6,7 +6,7 @@ from torch import nn
 
 from tests.zoo.models.test_memory import NAMES, memory_of, windows
 from zoo.losses import SteeringWeightedMSE
-from zoo.training.steering_module import SteeringModule, loss_rows, true_rows
+from zoo.training.steering_module import SteeringModule, network_targets
 
 ROWS = {
     "pilotnet_stack": [3],
@@ -37,10 +37,9 @@ def test_each_prediction_is_compared_with_the_row_that_it_is_for(name: str) -> N
     network = network_of(name)
     batch = batch_of(network)
     predicted = network(batch["images"])
-    flat, true = loss_rows(network, predicted, batch["targets"])
-    assert flat.shape == true.shape == (2 * len(ROWS[name]), 1)
+    true = network_targets(network, batch)
+    assert predicted.flatten(0, 1).shape == true.shape == (2 * len(ROWS[name]), 1)
     assert true[:, 0].tolist() == batch["targets"][:, ROWS[name], 0].flatten().tolist()
-    assert true_rows(network, batch["targets"]).shape == (len(true), 2)
 
 
 @pytest.mark.parametrize("name", NAMES)
