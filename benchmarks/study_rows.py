@@ -58,7 +58,7 @@ def recorded(config: object) -> str:
     Raises:
         InputError: the recording was changed.
     """
-    from zoo.training.embedded_recording import with_recording
+    from zoo.training.run_config import with_recording
 
     return str(with_recording(OmegaConf.create(config), console).data.root)
 

@@ -12,19 +12,18 @@ SOURCE = '''"""A docstring
 of two lines."""
 
 # A comment.
-X = """text
-# of code"""
+NUMBER = 2
 
 
 def double(x):
     """Double."""
-    return 2 * x  # code
+    return NUMBER * x  # code
 '''
 
 
 def test_docstrings_comments_and_blanks_are_no_code() -> None:
     counts = count_code.count_lines(SOURCE)
-    assert counts == {"files": 1, "docstrings": 3, "comments": 1, "code": 4, "blank": 3} or counts
+    assert counts == {"files": 1, "docstrings": 3, "comments": 1, "code": 3, "blank": 3}
 
 
 def test_the_pages_table_is_written_by_the_script() -> None:

@@ -31,7 +31,8 @@ def preview(*overrides: str) -> None:
     from zoo.callbacks.training_images import figure_of_fed_batch, figure_of_steering
     from zoo.cli.compose import compose_config, escape_interpolation, quote_paths
     from zoo.runs import plots
-    from zoo.training.build import build_data, settle_config
+    from zoo.training.build import build_data
+    from zoo.training.run_config import settle_config
 
     console = Console(soft_wrap=True)
     written = [Path("outputs/preview") / f"{name}.png" for name in NAMES]

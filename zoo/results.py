@@ -111,7 +111,7 @@ def results(
         InputError: a folder has no figures of a finished run.
     """
     if metrics:
-        from zoo.drives.metrics_page import metrics_page
+        from zoo.drives.metrics import metrics_page
 
         print(metrics_page(), end="")
         return None

@@ -18,8 +18,7 @@ from zoo.benchmark.summary import summarize_drives
 from zoo.cli.parts import take_parts
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import DRIVES, HIGHER, LOWER, NEITHER, REPLAYS
-from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
-from zoo.drives.metrics_page import metrics_page
+from zoo.drives.metrics import METRICS, leaderboard_metrics, measure, metrics_page
 from zoo.evaluate.drives_table import mean_and_spread, print_drives
 from zoo.evaluate.robustness import PERTURBATIONS, perturbations_named, sweeps
 from zoo.new.part_files import TEMPLATES

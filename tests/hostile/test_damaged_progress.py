@@ -16,7 +16,7 @@ from zoo.cli.run_command import run_command
 from zoo.correct.correct_options import CorrectOptions
 from zoo.correct.correct_rounds import Progress, Round, open_progress
 from zoo.runs.saved_config import RECIPE
-from zoo.training.embedded_recording import with_recording
+from zoo.training.run_config import with_recording
 
 Damage = Callable[[Path], object]
 TRACKS = ("rounds", 0, "tracks", "lake")

@@ -3,6 +3,10 @@
 import re
 import shlex
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 MOST = 4000  # characters of an error's line; the middle of a longer one is left out
 
@@ -51,6 +55,11 @@ def error_line(name: str, error: object) -> str:
     if len(line) > MOST:
         line = f"{line[: MOST // 2]} ... {line[-MOST // 2 :]}"
     return f"{name}: {line}"
+
+
+def print_line(console: "Console", line: str) -> None:
+    """Print a text as it is: without colours for numbers, and with its square brackets."""
+    console.print(line, highlight=False, markup=False)
 
 
 def guard_rich() -> None:

@@ -26,6 +26,7 @@ from zoo.drives.metric_registry import (
     leaderboard_metrics,
     measure,
     metric,
+    metrics_page,
 )
 from zoo.drives.tally import LONGEST_STEP_S
 
@@ -43,6 +44,7 @@ __all__ = [
     "leaderboard_metrics",
     "measure",
     "metric",
+    "metrics_page",
 ]
 
 NVIDIA = "Bojarski et al. 2016, End to End Learning for Self-Driving Cars, arXiv:1604.07316"

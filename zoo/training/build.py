@@ -21,55 +21,20 @@ from datamodules.driving import DrivingData
 from datamodules.features import load_features
 from datamodules.view import View
 from zoo.base.errors import InputError, UsageError
+from zoo.base.terminal import print_line
 from zoo.base.written_files import note_files
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
 from zoo.cli.parts import import_part, part_errors, part_of
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
-from zoo.training.compilation import compile_step
-from zoo.training.embedded_recording import with_recording
-from zoo.training.layers_of_weights import with_layers
-from zoo.training.plan import TrainingPlan
+from zoo.training.plan import TrainingPlan, compile_step
 from zoo.training.run_loggers import naming_arguments
 from zoo.training.steering_module import OWN, SteeringModule
-from zoo.training.window_settings import settle_windows
 
-QUICK_EPOCHS = 3
 PLACES = ("root", "images", "cache", "split")  # keys of `data` that hold paths
 # Keys of `trainer` that are not arguments of Lightning's Trainer.
 OWN_KEYS = ("compile", "group_batches")
-
-
-def settle_config(config: DictConfig, console: Console) -> DictConfig:
-    """Return the config to train with.
-
-    It sets `model.layers` and the windows, applies `quick`, and records `data.record`.
-    """
-    return with_recording(with_quick(settle_windows(with_layers(config))), console)
-
-
-def with_quick(config: DictConfig) -> DictConfig:
-    """Return a config whose epochs and samples are capped if `quick=true`.
-
-    Raises:
-        InputError: `quick_samples` is not a whole number above 0.
-    """
-    if not config.quick:
-        return config
-    config = config.copy()
-    samples = config.quick_samples
-    if type(samples) is not int or samples < 1:
-        raise InputError(f"quick_samples={samples} is not a whole number above 0")
-    for node, key, most in (
-        (config.trainer, "max_epochs", QUICK_EPOCHS),
-        (config.data, "samples_per_epoch", samples),
-    ):
-        if node[key] is None:
-            node[key] = most
-        elif isinstance(node[key], int | float):  # anything else is refused later
-            node[key] = min(node[key], most)
-    return config
 
 
 def build_data(config: DictConfig) -> DrivingData:
@@ -103,7 +68,7 @@ def build_network(
         load_weights(network, str(weights))
     elif config.model.weights is not None:
         loaded = load_weights(network, str(config.model.weights))
-        console.print(f"weights: {loaded}", highlight=False, markup=False)
+        print_line(console, f"weights: {loaded}")
     # The images' layout: weights in another layout would be converted at every step.
     return network.to(memory_format=torch.channels_last)
 

@@ -13,6 +13,7 @@ from rich.console import Console
 
 from simulator.track_names import short_name
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_line
 from zoo.base.whole_file import write_whole
 from zoo.callbacks.closed_loop import DRIVEN
 from zoo.checkpoints.checkpoint import read_checkpoint_file
@@ -95,7 +96,7 @@ def choose_best(
             _print_drives(score, drives, console)
             take(checkpoints, drives[0]["file"])
     line = f"best.ckpt is of epoch {choice.epoch}: {choice.why}"
-    console.print(line, highlight=False, markup=False)
+    print_line(console, line)
     return choice
 
 
@@ -209,4 +210,4 @@ def _print_drives(score: RunScore, drives: Sequence[dict], console: Console) -> 
             f"intervention{'' if count == 1 else 's'}, mean error {one['cte_mean_m']:.2f} m"
         )
     for line in lines:
-        console.print(line, highlight=False, markup=False)
+        print_line(console, line)

@@ -14,6 +14,7 @@ from datamodules.driving import DrivingData
 from datamodules.findings import find_oddities
 from datamodules.leak import Leak
 from datamodules.split import PARTS
+from zoo.base.terminal import print_line
 from zoo.callbacks.closed_loop import best_drive
 from zoo.checkpoints.checkpoint import read_checkpoint_file
 from zoo.checkpoints.checkpoint_path import short_name
@@ -115,16 +116,15 @@ def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     print_metrics(metrics_table(name, open_loop.figures, open_loop.baselines), console)
     zeros = {part: one["always zero"]["mae"] for part, one in open_loop.baselines.items()}
     if worse := [part for part, own in open_loop.figures.items() if own["mae"] > zeros[part]]:
-        console.print(
+        print_line(
+            console,
             f"MAE above that of always zero ({', '.join(worse)} rows): most recorded steering is "
             "near 0, so that any steering costs there; the balanced MAE counts bends as much",
-            highlight=False,
-            markup=False,
         )
     if (response := open_loop.responses.get("test")) is not None:
-        console.print(
+        print_line(
+            console,
             f"recovery response, test rows: {response:+.3f} (above 0: steers back)",
-            highlight=False,
         )
 
 
@@ -194,17 +194,17 @@ def print_conclusion(
     """Write the report; print the training's cost, the files written and the verdict, if any."""
     best = metrics["best_epoch"]
     if metrics["samples_per_second"]:
-        console.print(
+        print_line(
+            console,
             f"{metrics['epochs']} epochs, {metrics['samples_per_second']:,.0f} samples/s, "
             f"{metrics['wall_s']:.0f} s total" + (f"; best after epoch {best}" if best else ""),
-            highlight=False,
         )
     try:
         with working("writing the report", console):
             written = [write_report(folder)]
     except Exception as error:  # any error: the training is complete, and must not be lost
         reason = " ".join(str(error).split()) or type(error).__name__
-        console.print(f"report not written: {reason}", highlight=False, markup=False)
+        print_line(console, f"report not written: {reason}")
         written = []
     best_path = folder / "checkpoints" / "best.ckpt"
     written = [best_path, *written] if best_path.is_file() else written

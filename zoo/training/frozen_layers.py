@@ -17,6 +17,7 @@ from torch import nn
 from datamodules.driving import DrivingData
 from datamodules.features import FeaturePlan, Front, plan_features
 from zoo.base.errors import InputError
+from zoo.base.terminal import print_line
 
 KEY = "model.cache_features"
 # `auto` uses at most this many bytes of a disk or memory, and at most half of the free bytes.
@@ -67,7 +68,7 @@ def plan_cached_features(
                 f"{KEY}=true: augment=[{listed}] changes every image, and features exist only for "
                 f"recorded and mirrored images; set augment=[], or {KEY}=false"
             )
-        _print(
+        print_line(
             console,
             f"frozen blocks are computed again in every epoch, because of augment=[{listed}]; "
             "with augment=[] they are computed once",
@@ -80,7 +81,7 @@ def plan_cached_features(
                 f"{data.windows.sequence} data.ahead={data.windows.ahead} make windows; set "
                 f"{KEY}=false"
             )
-        _print(console, "frozen blocks are computed again in every epoch, because of windows")
+        print_line(console, "frozen blocks are computed again in every epoch, because of windows")
         return None
     plan = plan_features(
         data.recording,
@@ -146,7 +147,7 @@ def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console)
         InputError: `model.cache_features=true`, and there is no space.
     """
     if setting == "auto" and draws < plan.images:
-        _print(
+        print_line(
             console,
             f"frozen blocks are computed when needed: the training reads {draws:,} images of "
             f"{plan.images:,} ({KEY}=true computes all of them, for other runs)",
@@ -159,7 +160,7 @@ def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console)
         remedy = "a smaller model.size, fewer data.cameras, or data.cache=FOLDER on another disk"
         if setting is True:
             raise InputError(f"{KEY}=true: {words}; set {remedy}, or {KEY}=false")
-        _print(
+        print_line(
             console,
             f"frozen blocks are computed again in every epoch: caching them would take "
             f"{words}; set {remedy}",
@@ -167,19 +168,15 @@ def _is_wanted(setting: object, plan: FeaturePlan, draws: int, console: Console)
         return False
     size = f"{plan.images:,} images, {plan.front.image_bytes / 1e3:.1f} kB each"
     if plan.missing:
-        _print(
+        print_line(
             console,
             f"frozen blocks: computing the features of {plan.missing:,} of {size}, "
             f"{_size(needed)} {where}",
         )
     else:
-        _print(console, f"frozen blocks: the features of {size}, are in {plan.folder}")
+        print_line(console, f"frozen blocks: the features of {size}, are in {plan.folder}")
     return True
 
 
 def _size(count: int) -> str:
     return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"
-
-
-def _print(console: Console, line: str) -> None:
-    console.print(line, highlight=False, markup=False)

@@ -139,7 +139,7 @@ def _stops_early(config: DictConfig) -> bool:
 
 def _max_epochs(config: DictConfig) -> float:
     """Return how many epochs a config asks for; infinity for a value that is no number."""
-    from zoo.training.build import with_quick
+    from zoo.training.run_config import with_quick
 
     most = with_quick(config).trainer.max_epochs
     return most if isinstance(most, int | float) else float("inf")

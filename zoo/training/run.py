@@ -5,13 +5,17 @@ from pathlib import Path
 
 import lightning
 import numpy as np
+import torch
 from lightning.pytorch.callbacks import ModelCheckpoint
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
+from torch import nn
 
 from datamodules.driving import DrivingData
+from datamodules.leak import Leak
 from datamodules.recording import read_source
-from datamodules.split import rows_per_second, write_split
+from datamodules.split import PARTS, rows_per_second, write_split
+from zoo.base.terminal import print_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint import make_card, read_checkpoint_file
 from zoo.cli.console_progress import working
@@ -26,7 +30,6 @@ from zoo.training.build import (
     build_network,
     build_trainer,
     keep_earlier_log,
-    settle_config,
 )
 from zoo.training.candidates import choose_best, restore_monitored
 from zoo.training.conclusion import (
@@ -39,14 +42,19 @@ from zoo.training.conclusion import (
     write_metrics,
 )
 from zoo.training.distributed import ending_together
+from zoo.training.frozen_layers import random_front_lines
 from zoo.training.host_settings import set_up_process
-from zoo.training.interruptions import naming_lost_files, resume_command, stopped_error
-from zoo.training.layers_of_weights import with_layers
+from zoo.training.interruptions import (
+    ResumePoint,
+    find_resume_point,
+    naming_lost_files,
+    resume_command,
+    stopped_error,
+)
 from zoo.training.openmp_threads import spinning_while_quiet
 from zoo.training.plan import make_plan
-from zoo.training.resume_point import ResumePoint, find_resume_point
+from zoo.training.run_config import settle_config, with_layers
 from zoo.training.run_loggers import log_config, log_results
-from zoo.training.start_lines import print_start
 from zoo.training.steering_module import SteeringModule
 from zoo.verdict.evidence import no_verdict
 
@@ -106,7 +114,7 @@ def _run(
     if source := read_source(data.recording.names):
         recorded["source"] = source
         if score is not None:
-            console.print(no_verdict(source), highlight=False, markup=False)
+            print_line(console, no_verdict(source))
         score = None  # the embedded tracks show another camera and another car
     card = make_card(OmegaConf.to_container(config, resolve=True), data.view, recorded)
     resumed = find_resume_point(folder, card, console) if resume else None
@@ -116,7 +124,7 @@ def _run(
     trainer = build_trainer(config, folder, has_validation=len(data.split.val) > 0)
     print_start(card, network, data, leaks, trainer.strategy.root_device, console)
     plan = make_plan(config, data, network, trainer, console)
-    console.print(plan.line(), highlight=False, markup=False)
+    print_line(console, plan.line())
     module = build_module(config, network, plan, card, console)
     if resumed is not None:
         resumed.check_optimizer(module)
@@ -144,6 +152,38 @@ def _run(
         print_conclusion(folder, metrics, found if verdict else None, console)
         log_results(trainer, card["config"], metrics, folder, console)
     return open_loop.figures.get("val", {}).get("mse", float("nan"))
+
+
+def print_start(
+    card: dict,
+    network: nn.Module,
+    data: DrivingData,
+    leaks: dict[str, Leak],
+    device: torch.device,
+    console: Console,
+) -> None:
+    """Print the network, the split, and train/validation similarity."""
+    height, width, _ = data.view.shape
+    model, parameters = card["config"]["model"], sum(p.numel() for p in network.parameters())
+    split = ", ".join(f"{len(getattr(data.split, part)):,} {part}" for part in PARTS)
+    for line in (
+        f"{model['name']}: {parameters:,} parameters, sees {width} x {height} "
+        f"{data.view.colour}, on {device}",
+        f"split by {card['config']['data']['split']}: {split} rows; {len(data.samples):,} "
+        "training samples",
+        *_leak_lines(leaks),
+        *random_front_lines(model["weights"], network),
+    ):
+        print_line(console, line)
+
+
+def _leak_lines(leaks: dict[str, Leak]) -> list[str]:
+    return [
+        f"leak: a {part} frame is {leak.seconds:.2f} s from the nearest training frame; it differs "
+        f"from the most similar one {leak.likeness:.0%} as much as from any other (medians; near "
+        "0 % they are copies, whose errors say little)"
+        for part, leak in leaks.items()
+    ]
 
 
 def _prepare_folder(

@@ -18,6 +18,7 @@ from lightning.pytorch.loggers import (
 from omegaconf import DictConfig
 from rich.console import Console
 
+from zoo.base.terminal import print_line
 from zoo.checkpoints.checkpoint_path import short_name
 from zoo.drives.intervals import wilson_interval
 
@@ -69,10 +70,9 @@ def log_results(
             _log_result(logger, config, scores, folder / "report", trainer.global_step)
         except Exception as error:  # any error of a library or a server
             reason = " ".join(str(error).split()) or type(error).__name__
-            console.print(
+            print_line(
+                console,
                 f"{type(logger).__name__}: has no scores of this run: {reason}",
-                highlight=False,
-                markup=False,
             )
 
 

@@ -5,7 +5,7 @@ import torch
 
 from zoo.models import layers
 from zoo.models.layers import Dropout
-from zoo.training.compilation import find_compiler
+from zoo.training.plan import find_compiler
 
 SHAPE = (8, 24, 31, 98)
 

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from zoo.base.errors import InputError
 from zoo.training import compilation
-from zoo.training.compilation import compile_step, resolve_compile
+from zoo.training.plan import compile_step, resolve_compile
 
 CPU = torch.device("cpu")
 

@@ -13,7 +13,7 @@ from simulator.record import RecordOptions
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config, conf_folder
-from zoo.training.embedded_recording import with_recording
+from zoo.training.run_config import with_recording
 
 # A few seconds of the lake, there and back.
 SHORT = (
@@ -114,7 +114,7 @@ def test_a_long_recording_is_drawn_on_each_core(
         assert Path(passes[0].out).is_dir()
 
     monkeypatch.setattr("simulator.record.record_laps", recorded)
-    monkeypatch.setattr("zoo.training.embedded_recording.usable_cores", lambda: 3)
+    monkeypatch.setattr("zoo.training.run_config.usable_cores", lambda: 3)
     options = [f"jobs={jobs}", f"out={tmp_path / 'lake'}", f"passes=[{{laps: {laps}}}]"]
     config = compose_config([f"data.record.{one}" for one in options])
     with_recording(OmegaConf.create(config), Console(quiet=True))

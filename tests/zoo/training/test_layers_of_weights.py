@@ -18,7 +18,7 @@ from zoo.checkpoints.checkpoint import load_checkpoint, make_card
 from zoo.cli.compose import compose_config
 from zoo.keras.initial_weights import load_weights
 from zoo.models.sequential import Sequential
-from zoo.training.layers_of_weights import with_layers
+from zoo.training.run_config import with_layers
 
 KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
 USUAL = [one for one in SMALL if not one.startswith("model")]

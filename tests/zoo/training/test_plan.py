@@ -17,7 +17,7 @@ from tests.zoo.trainings import SMALL, data_of, planned, train_here, zoo_here
 from zoo.cli.compose import compose_config
 from zoo.training import plan
 from zoo.training.build import build_data
-from zoo.training.compilation import find_compiler
+from zoo.training.plan import find_compiler
 
 
 @pytest.fixture(autouse=True)

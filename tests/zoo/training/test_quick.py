@@ -9,7 +9,7 @@ from simulator.record import next_command
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.cli.config_help import ABOUT
-from zoo.training.build import with_quick
+from zoo.training.run_config import with_quick
 
 ROOT = Path(__file__).parents[3]
 

@@ -5,7 +5,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
-from zoo.training.window_settings import settle_windows
+from zoo.training.run_config import settle_windows
 
 
 def config_of(model: dict, **data: object) -> DictConfig:

@@ -1,0 +1,266 @@
+"""The config that a run trains with, settled from the config that the user typed.
+
+`settle_config` reads the layers and the scale of `model=keras` from the file of weights, gives
+`data` and `model` the same windows, applies `quick`, and records `data=lake` once, on first use.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from filelock import FileLock
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from datamodules.recording import read_recordings
+from datamodules.view import View
+from zoo.base.cores import usable_cores
+from zoo.base.errors import InputError
+from zoo.base.new_folder import RECORDINGS, print_unfinished, whole_folder
+from zoo.base.terminal import print_line
+from zoo.base.whole_file import write_whole
+from zoo.checkpoints.checkpoint import find_checkpoint, read_checkpoint_file
+from zoo.cli.compose import escape_interpolation
+from zoo.cli.conf_files import choice_files
+from zoo.keras.initial_weights import KERAS_SUFFIXES
+from zoo.models.make_network import view_of
+from zoo.runs.saved_config import RECIPE
+
+QUICK_EPOCHS = 3
+# For networks without the key.
+SINGLE_FRAME = {"sequence": 1, "stride": 1, "ahead": 0}
+TARGET = "zoo.models.sequential.Sequential"
+MOST_JOBS = 8  # processes that draw if the user names no number: each opens its tracks
+
+
+def settle_config(config: DictConfig, console: Console) -> DictConfig:
+    """Return the config to train with.
+
+    It sets `model.layers` and the windows, applies `quick`, and records `data.record`.
+    """
+    return with_recording(with_quick(settle_windows(with_layers(config))), console)
+
+
+def with_quick(config: DictConfig) -> DictConfig:
+    """Return a config whose epochs and samples are capped if `quick=true`.
+
+    Raises:
+        InputError: `quick_samples` is not a whole number above 0.
+    """
+    if not config.quick:
+        return config
+    config = config.copy()
+    samples = config.quick_samples
+    if type(samples) is not int or samples < 1:
+        raise InputError(f"quick_samples={samples} is not a whole number above 0")
+    for node, key, most in (
+        (config.trainer, "max_epochs", QUICK_EPOCHS),
+        (config.data, "samples_per_epoch", samples),
+    ):
+        if node[key] is None:
+            node[key] = most
+        elif isinstance(node[key], int | float):  # anything else is refused later
+            node[key] = min(node[key], most)
+    return config
+
+
+def settle_windows(config: DictConfig) -> DictConfig:
+    """Return a config in which `data` and `model` have the same windows.
+
+    A value of `data` is written into `model`; null takes the value of `model`.
+
+    Raises:
+        InputError: `data` asks for windows that the network does not take.
+    """
+    config = config.copy()
+    for key, single in SINGLE_FRAME.items():
+        asked = config.data.get(key)
+        if key in config.model:
+            settled = config.model[key] if asked is None else asked
+            config.model[key] = settled
+        elif asked is None or asked == single:
+            settled = single
+        else:
+            names = ", ".join(models_with(key)) or "none yet"
+            raise InputError(
+                f"data.{key}={asked}: model={config.model.name} does not take it; set "
+                f"data.{key}=null, or a model that takes it: {names}"
+            )
+        OmegaConf.update(config, f"data.{key}", settled, force_add=True)
+    return config
+
+
+def models_with(key: str) -> list[str]:
+    """Return the names of the models whose YAML has a key."""
+    files = choice_files("model")
+    return [name for name in sorted(files) if key in OmegaConf.load(files[name])]
+
+
+def with_layers(config: DictConfig) -> DictConfig:
+    """Return a config whose `model.layers` and `model.scale` are set, from `model.weights`.
+
+    A config of another model, or with layers, is returned as it is.
+
+    Raises:
+        InputError: there are no weights, they have no layers, or the view is not theirs.
+    """
+    model = config.model
+    if model.get("_target_") != TARGET or model.get("layers") is not None:
+        return config
+    if model.weights is None:
+        raise InputError(
+            "model=keras has no layers of its own; set model.weights=FILE, a .h5, .keras or .json "
+            "of Keras or a checkpoint of drivezoo import"
+        )
+    plain = OmegaConf.to_container(model, resolve=True)
+    view = view_of(plain, OmegaConf.to_container(config.data.crop))
+    try:
+        path = find_checkpoint(str(model.weights))
+        read = _of_keras if path.suffix.lower() in KERAS_SUFFIXES else _of_checkpoint
+        layers, scale = read(path, view, plain.get("scale"))
+    except InputError as error:
+        raise InputError(f"model.weights={error}") from None
+    config = config.copy()
+    config.model.layers, config.model.scale = layers, list(scale)
+    return config
+
+
+def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
+    from zoo.keras.keras_file import read_keras_apart
+    from zoo.keras.keras_layers import convert
+
+    imported = "or run drivezoo import on it, and set model.weights to the checkpoint"
+    try:
+        found = convert(read_keras_apart(path), scale=scale)
+    except InputError as error:
+        raise InputError(f"{error}; here, scale is model.scale; {imported}") from None
+    rows, columns, channels = found.input_shape
+    if found.input_shape != view.shape:
+        size = f"data.crop=[0,0] model.size=[{rows},{columns}]"
+        colour = "gray" if channels == 1 else "rgb"
+        raise InputError(
+            f"{path}: its input is {rows} x {columns} x {channels}, the view gives "
+            f"{' x '.join(map(str, view.shape))}; set {size} model.colour={colour}, with the crop "
+            f"and the colour of its training, {imported}"
+        )
+    if found.scale is None:
+        raise InputError(
+            f"{path}: does not tell how it scales pixels; set model.scale=[127.5,1] for "
+            f"pixel / 127.5 - 1, or [1,0] for none, {imported}"
+        )
+    return found.layers, list(found.scale)
+
+
+def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, list]:
+    if path.suffix.lower() != ".ckpt":
+        raise InputError(f"{path}: holds no layers; name a .h5, .keras, .json or .ckpt file")
+    card = read_checkpoint_file(path)["drivezoo"]
+    config = card.get("config")
+    model = config.get("model") if isinstance(config, dict) else None
+    if not isinstance(model, dict) or not isinstance(model.get("layers"), list):
+        raise InputError(
+            f"{path}: is a checkpoint of {(model or {}).get('name')!s:.60}, without model.layers; "
+            "set model to its name"
+        )
+    try:
+        own = View.from_dict(card["view"])
+    except (KeyError, TypeError, InputError):
+        raise InputError(f"{path}: has no view; name another checkpoint") from None
+    if own != view:
+        size = "null" if own.size is None else f"[{own.size[0]},{own.size[1]}]"
+        raise InputError(
+            f"{path}: was trained on another view; set data.crop=[{own.crop[0]},{own.crop[1]}] "
+            f"model.colour={own.colour} model.size={size} model.resize={own.resize}"
+        )
+    return model["layers"], scale or model.get("scale") or [127.5, 1.0]
+
+
+def with_recording(config: DictConfig, console: Console) -> DictConfig:
+    """Return a config whose `data.root` is set; record `data.record` if it is not.
+
+    If two runs start at the same time, only one records. A stopped recording is repeated.
+
+    Raises:
+        InputError: an option of `data.record` is wrong, the folder cannot be written, it was
+            recorded with other options, or its rows have another fingerprint.
+    """
+    wanted = config.data.get("record")
+    if wanted is None or config.data.root is not None:
+        return config
+    recipe = OmegaConf.to_container(wanted, resolve=True)
+    folder = Path(recipe.pop("out"))
+    # Neither is an option of the drives: the fingerprint is of the rows, and any number of
+    # processes writes the same files.
+    fingerprint, jobs = recipe.pop("fingerprint", None), recipe.pop("jobs", None)
+    try:
+        if not (folder / RECIPE).is_file():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with FileLock(f"{folder}.lock"):
+                if not (folder / RECIPE).is_file():  # another process may have recorded it
+                    _record(folder, recipe, jobs, console)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot record there ({error.strerror}); set data.record.out=FOLDER"
+        ) from None
+    _check_recipe(folder, recipe)
+    if fingerprint is not None:
+        _check_fingerprint(folder, str(fingerprint))
+    config = config.copy()
+    config.data.root = escape_interpolation(str(folder))
+    return config
+
+
+def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> None:
+    """Record into a hidden folder, which gets its name when the recording is complete."""
+    # Training on other recordings must work without Panda3D.
+    from simulator.record import RecordOptions, record_laps
+
+    if folder.exists():
+        raise InputError(
+            f"{folder}: exists but holds no {RECIPE}; remove it, or name your own recording "
+            "with data.root=FOLDER"
+        )
+    print_unfinished(folder)
+    print_line(
+        console,
+        f"recording {len(recipe['passes'])} drives with the embedded simulator, once, in {folder}",
+    )
+    try:
+        with whole_folder(folder, RECORDINGS) as unfinished:
+            common = {"out": str(unfinished), "relative": True}
+            passes = [RecordOptions(**common, **one) for one in recipe["passes"]]
+            if jobs is None:  # half a lap takes less time than starting another process is worth
+                jobs = min(usable_cores(), MOST_JOBS) if sum(one.laps for one in passes) >= 1 else 1
+            record_laps([replace(one, jobs=jobs) for one in passes], console)
+            write_whole(unfinished / RECIPE, json.dumps(recipe, indent=1))
+    except InputError as error:
+        raise InputError(f"data.record: {error}") from None
+    except TypeError as error:
+        raise InputError(f"data.record.passes: {error}; see drivezoo simulator record") from None
+
+
+def _check_recipe(folder: Path, recipe: dict) -> None:
+    from zoo.base.bounded_files import read_json
+
+    path, wanted = folder / RECIPE, json.loads(json.dumps(recipe))
+    found = read_json(path)
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: should be keys and values; remove {folder} to record again")
+    other = [
+        key for key in {**wanted, **found} if key not in found or found[key] != wanted.get(key)
+    ]
+    if other:
+        raise InputError(
+            f"{path}: {other[0]} is not data.record.{other[0]}: {folder} was recorded with other "
+            "options than data.record now has; remove it, or set data.record.out to another folder"
+        )
+
+
+def _check_fingerprint(folder: Path, wanted: str) -> None:
+    found = read_recordings(str(folder)).fingerprint()
+    if found != wanted:
+        raise InputError(
+            f"{folder}: the recording's fingerprint is {found}, data.record.fingerprint is "
+            f"{wanted}: its rows were changed, or other code recorded them; remove {folder} to "
+            "record again, or set data.record.fingerprint=null to train on it"
+        )
