@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
     "contracts"
 ]
-(LAYERS,) = [one["layers"] for one in CONTRACTS if one["type"] == "layers"]
+(LAYERS,) = [contract["layers"] for contract in CONTRACTS if contract["type"] == "layers"]
 # Those that import nothing of ours, then zoo's rooms, and the modules that need none.
 ROOMS = [f"zoo.{layer.split()[0]}" for layer in reversed(LAYERS[1:])]
 ORDER = ["simulator", "datamodules", *ROOMS, "zoo"]
@@ -37,13 +37,13 @@ def room_of(module: str) -> str:
 
 def imports_of(path: Path) -> list[str]:
     """Return the modules of ours that a file imports, at its top or within functions."""
-    found = []
+    names = []
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module:
-            found += [f"{node.module}.{one.name}" for one in node.names]
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Import):
-            found += [one.name for one in node.names]
-    return [one for one in found if one.split(".")[0] in ("zoo", "datamodules", "simulator")]
+            names += [alias.name for alias in node.names]
+    return [name for name in names if name.split(".")[0] in ("zoo", "datamodules", "simulator")]
 
 
 def read_house() -> tuple[Counter, Counter, Counter]:
@@ -62,9 +62,9 @@ def _count(path: Path, files: Counter, lines: Counter, arrows: Counter) -> None:
     lines[room] += len(path.read_text().splitlines())
     if path.name == "__init__.py" and room == "zoo":
         return
-    for one in imports_of(path):
-        if room_of(one) != room:
-            arrows[room, room_of(one)] += 1
+    for imported in imports_of(path):
+        if room_of(imported) != room:
+            arrows[room, room_of(imported)] += 1
 
 
 def draw(target: Path) -> None:

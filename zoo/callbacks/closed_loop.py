@@ -149,9 +149,9 @@ class ClosedLoop(lightning.Callback):
             replace(scenario, start=number * spread / self.starts) for number in range(self.starts)
         ]
         drives = all_drives(policy, scenarios, world=self.world)
-        error = np.abs(np.concatenate([one.cross_track_m for one in drives]))
-        interventions = sum(int(one.intervention.sum()) for one in drives)
-        driven_s = sum(float(one.time_s[-1]) for one in drives)
+        error = np.abs(np.concatenate([drive.cross_track_m for drive in drives]))
+        interventions = sum(int(drive.intervention.sum()) for drive in drives)
+        driven_s = sum(float(drive.time_s[-1]) for drive in drives)
         self.last_s = time.perf_counter() - began
         self.spent_s += self.last_s
         self.drives += 1

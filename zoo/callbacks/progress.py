@@ -51,7 +51,7 @@ class TrainingProgress(lightning.Callback):
     ) -> None:
         """Count the samples and update the bar."""
         group = batch if isinstance(batch, list) else [batch]
-        self.done += sum(len(one["images"]) for one in group) * trainer.world_size
+        self.done += sum(len(part["images"]) for part in group) * trainer.world_size
         now = time.perf_counter()
         if self.progress is None or now < self.next_refresh:
             return

@@ -63,8 +63,8 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
     Raises:
         InputError: a named part does not exist.
     """
-    typed = [one for one in arguments if one.startswith(f"{KEY}=")]
-    names = [name for one in typed for name in _split(one.partition("=")[2])]
+    typed = [argument for argument in arguments if argument.startswith(f"{KEY}=")]
+    names = [name for argument in typed for name in _split(argument.partition("=")[2])]
     if typed and not names:
         raise UsageError(f"{typed[0]}: names no part; write {KEY}=FILE.py")
     name_parts(names)
@@ -75,7 +75,7 @@ def take_parts(arguments: Sequence[str]) -> list[str]:
                 "@perturbation or @world",
                 file=sys.stderr,
             )
-    return [one for one in arguments if one not in typed]
+    return [argument for argument in arguments if argument not in typed]
 
 
 def _offers(part: Part) -> bool:
@@ -86,7 +86,7 @@ def _offers(part: Part) -> bool:
     if re.search(r"^\s*class \w", text, re.MULTILINE) or _REGISTERS.search(text):
         return True
     yamls = sorted(part.conf.glob("*/*.yaml")) if part.conf else []
-    return any(f"{part.module}." in one.read_text(errors="replace") for one in yamls)
+    return any(f"{part.module}." in path.read_text(errors="replace") for path in yamls)
 
 
 def name_parts(names: Iterable[str]) -> None:
@@ -99,10 +99,10 @@ def name_parts(names: Iterable[str]) -> None:
     before = os.environ.get(VARIABLE, "")
     if not given and not before:
         return
-    absolute = [_absolute(one, f"{KEY}={one}") for one in given]
-    for one in absolute:
-        if os.pathsep in one:
-            raise InputError(f"{KEY}={one}: a path with {os.pathsep} cannot be used; rename it")
+    absolute = [_absolute(name, f"{KEY}={name}") for name in given]
+    for name in absolute:
+        if os.pathsep in name:
+            raise InputError(f"{KEY}={name}: a path with {os.pathsep} cannot be used; rename it")
     kept = filter(None, before.split(os.pathsep))
     os.environ[VARIABLE] = os.pathsep.join(dict.fromkeys([*kept, *absolute]))
     named_parts()
@@ -110,7 +110,7 @@ def name_parts(names: Iterable[str]) -> None:
 
 def typed_parts() -> list[str]:
     """Return the `parts=...` that the user typed, for commands that are printed."""
-    return [one for one in sys.orig_argv if one.startswith(f"{KEY}=")]
+    return [argument for argument in sys.orig_argv if argument.startswith(f"{KEY}=")]
 
 
 def named_parts() -> tuple[Part, ...]:
@@ -133,7 +133,7 @@ def registering_parts(group: str) -> tuple[list[Part], list[Part]]:
         group: group of the packages' entry points.
     """
     named = _parts_of(os.environ.get(VARIABLE, ""), Path.cwd())
-    return [one for one in named if _registers(one)], list(_installed(group))
+    return [part for part in named if _registers(part)], list(_installed(group))
 
 
 @functools.lru_cache
@@ -146,7 +146,7 @@ def _registers(part: Part) -> bool:
 def part_of(target: object) -> Part | None:
     """Return the part whose module a `_target_` names, or None."""
     module = target.rpartition(".")[0] if isinstance(target, str) else ""
-    return next((one for one in named_parts() if one.holds(module)), None)
+    return next((part for part in named_parts() if part.holds(module)), None)
 
 
 def part_class(target: object) -> type | None:
@@ -159,11 +159,11 @@ def part_class(target: object) -> type | None:
     if part is None:
         return None
     module, _, name = str(target).rpartition(".")
-    found = getattr(import_part(part, module), name, None)
+    kind = getattr(import_part(part, module), name, None)
     # Refuse `my_net.nn.Sequential` and what the part imported: the module must define the class.
-    if not inspect.isclass(found) or found.__module__ != module:
+    if not inspect.isclass(kind) or kind.__module__ != module:
         raise InputError(f"{part.name}: defines no class {name}; correct _target_={target!s:.200}")
-    return found
+    return kind
 
 
 def import_part(part: Part, module: str) -> object:
@@ -174,8 +174,8 @@ def import_part(part: Part, module: str) -> object:
     """
     if part.file is not None:
         loaded = getattr(sys.modules.get(module), "__file__", None)
-        found = None if loaded else importlib.util.find_spec(module)
-        place = loaded or (found and found.origin) or "built in"
+        spec = None if loaded else importlib.util.find_spec(module)
+        place = loaded or (spec and spec.origin) or "built in"
         if Path(place).resolve() != part.file:
             raise InputError(
                 f"{part.file}: Python has another module {module} ({place}); rename the file"
@@ -207,15 +207,15 @@ def part_failure(error: BaseException) -> InputError | None:
         parts = named_parts()
     except InputError:  # the first error was that a part does not exist
         return None
-    found = ((part, _lines_in(part, error)) for part in parts)
-    return next((_in_one_line(error, part, lines) for part, lines in found if lines), None)
+    passed = ((part, _lines_in(part, error)) for part in parts)
+    return next((_in_one_line(error, part, lines) for part, lines in passed if lines), None)
 
 
 def _lines_in(part: Part, error: BaseException) -> list[int | None]:
     """Return the lines of a part's file through which an error passed."""
     file = str(part.file or getattr(sys.modules.get(part.module), "__file__", "") or part.name)
     frames = traceback.extract_tb(error.__traceback__)
-    return [one.lineno for one in frames if one.filename == file]
+    return [frame.lineno for frame in frames if frame.filename == file]
 
 
 def _in_one_line(error: BaseException, part: Part, lines: list[int | None]) -> InputError:
@@ -234,7 +234,7 @@ def unknown_part(target: object) -> str:
 
 
 def _split(names: str) -> list[str]:
-    return [one for one in (part.strip() for part in names.strip("[]").split(",")) if one]
+    return [name for name in (part.strip() for part in names.strip("[]").split(",")) if name]
 
 
 def _absolute(name: str, place: str) -> str:
@@ -249,7 +249,7 @@ def _absolute(name: str, place: str) -> str:
         if file.suffix != ".py" or not file.stem.isidentifier():
             raise InputError(f"{place}: is no Python module; rename it, such as my_net.py")
         return str(file)
-    is_module = all(one.isidentifier() for one in name.split(".")) and not name.endswith(".py")
+    is_module = all(word.isidentifier() for word in name.split(".")) and not name.endswith(".py")
     if not is_module or importlib.util.find_spec(name.partition(".")[0]) is None:
         raise InputError(f"{place}: no such file or module; name a .py file, or its folder")
     return name
@@ -258,12 +258,12 @@ def _absolute(name: str, place: str) -> str:
 @functools.lru_cache
 def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
     parts: dict[Part, None] = {}
-    for one in filter(None, named.split(os.pathsep)):
-        name = _absolute(one, f"{VARIABLE}: {one}")
+    for given in filter(None, named.split(os.pathsep)):
+        name = _absolute(given, f"{VARIABLE}: {given}")
         is_path = Path(name).is_absolute()
-        if is_path and not Path(os.path.expanduser(one)).is_absolute():  # noqa: PTH111
+        if is_path and not Path(os.path.expanduser(given)).is_absolute():  # noqa: PTH111
             # Another folder, such as a downloaded one, may have a file of that name.
-            raise InputError(f"{VARIABLE}: {one}: is not a whole path; write {name}")
+            raise InputError(f"{VARIABLE}: {given}: is not a whole path; write {name}")
         if not is_path:
             parts[Part(name, conf=_conf_in(_package_folder(name)))] = None
             continue
@@ -280,7 +280,9 @@ def _parts_of(named: str, here: Path) -> tuple[Part, ...]:
 def _modules_in(folder: Path) -> list[Path]:
     """Return the files in a folder that can hold parts: no tests, no `__init__.py`."""
     files = sorted(folder.glob("[!_]*.py"))
-    return [one for one in files if one.stem.isidentifier() and not one.stem.startswith("test_")]
+    return [
+        path for path in files if path.stem.isidentifier() and not path.stem.startswith("test_")
+    ]
 
 
 @functools.cache
@@ -289,11 +291,15 @@ def _installed(group: str) -> tuple[Part, ...]:
 
     # Python also reads the packages' files in the current folder, which may be a downloaded one.
     here = Path.cwd()
-    found = [one for one in entry_points(group=group) if one.dist]
+    entries = [entry for entry in entry_points(group=group) if entry.dist]
     modules = sorted(
-        {one.module for one in found if Path(str(one.dist.locate_file(""))).resolve() != here}
+        {
+            entry.module
+            for entry in entries
+            if Path(str(entry.dist.locate_file(""))).resolve() != here
+        }
     )
-    return tuple(Part(one, conf=_conf_in(_package_folder(one))) for one in modules)
+    return tuple(Part(name, conf=_conf_in(_package_folder(name))) for name in modules)
 
 
 def _package_folder(module: str) -> Path | None:

@@ -101,17 +101,20 @@ def bootstrap(
     # How often each draw takes each training seed, as a share: [draws, seeds].
     shares = [rng.multinomial(n, np.full(n, 1 / n), draws) / n for n in values.shape[:-1]]
     seeds_alone = [
-        shares[axis] @ values.mean(axis=tuple(one for one in each_axis if one != axis))
+        shares[axis] @ values.mean(axis=tuple(other for other in each_axis if other != axis))
         for axis in each_axis
     ]
     of_roads, of_both = [], []
     for part in np.array_split(np.arange(draws), math.ceil(draws * values[0].size / MOST_VALUES)):
         drawn = rng.integers(roads, size=(len(part), roads))
         of_roads.append(_reduced(statistic, per_road[drawn]))
-        means = _seed_means(values, [one[part] for one in shares])
+        means = _seed_means(values, [share[part] for share in shares])
         of_both.append(_reduced(statistic, np.take_along_axis(means, drawn, axis=-1)))
-    alone = [*(_reduced(statistic, one) for one in seeds_alone), np.concatenate(of_roads)]
-    factor = _widening([float(one.var()) for one in alone], values.shape)
+    alone = [
+        *(_reduced(statistic, estimates) for estimates in seeds_alone),
+        np.concatenate(of_roads),
+    ]
+    factor = _widening([float(estimates.var()) for estimates in alone], values.shape)
     low, high = np.quantile(np.concatenate(of_both), [_TAIL, 1 - _TAIL])
     smallest, greatest = limits
     return Estimate(
@@ -172,8 +175,8 @@ def _seed_means(values: np.ndarray, shares: list[np.ndarray]) -> np.ndarray:
     """Return each draw's means over its training seeds: [draws, roads]."""
     first, *others = shares
     means: np.ndarray = np.tensordot(first, values, axes=1)
-    for one in others:
-        means = np.einsum("ds,ds...->d...", one, means)
+    for share in others:
+        means = np.einsum("ds,ds...->d...", share, means)
     return means
 
 
@@ -191,11 +194,11 @@ def _widening(variances: list[float], counts: tuple[int, ...]) -> float:
         variances: variance of the draws that resample one axis alone, for each axis.
         counts: length of each axis.
     """
-    resampled = [(one, n) for one, n in zip(variances, counts, strict=True) if n > 1]
-    total = sum(one for one, _ in resampled)
+    resampled = [(variance, n) for variance, n in zip(variances, counts, strict=True) if n > 1]
+    total = sum(variance for variance, _ in resampled)
     if not total:
         return 1.0
-    unbiased = [(one * n / (n - 1), n - 1) for one, n in resampled]
-    sum_unbiased = sum(one for one, _ in unbiased)
-    freedom = sum_unbiased**2 / sum(one**2 / degrees for one, degrees in unbiased)
+    unbiased = [(variance * n / (n - 1), n - 1) for variance, n in resampled]
+    sum_unbiased = sum(variance for variance, _ in unbiased)
+    freedom = sum_unbiased**2 / sum(variance**2 / degrees for variance, degrees in unbiased)
     return math.sqrt(sum_unbiased / total) * float(special.stdtrit(freedom, 1 - _TAIL)) / _NORMAL

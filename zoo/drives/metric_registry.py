@@ -120,14 +120,14 @@ def metric(
 
 def measure(drive: Drive) -> dict[str, float]:
     """Return the metrics of a drive by name; the same seed gives the same, but for `latency_ms`."""
-    figures = {name: one.function(drive) for name, one in METRICS.items()}
+    figures = {name: metric.function(drive) for name, metric in METRICS.items()}
     return {name: value for name, value in figures.items() if value is not None}
 
 
 def leaderboard_metrics() -> list[Metric]:
     """Return the metrics that the leaderboard shows, in the order of its columns."""
-    shown = [one for one in METRICS.values() if one.column is not None]
-    return sorted(shown, key=lambda one: one.column or 0)
+    shown = [metric for metric in METRICS.values() if metric.column is not None]
+    return sorted(shown, key=lambda metric: metric.column or 0)
 
 
 _PAGE = """# The metrics of a drive
@@ -153,10 +153,12 @@ shown in percent in tables.
 def metrics_page() -> str:
     """Return the page as Markdown: a table of all metrics, then a definition of each."""
     rows = [
-        f"| [`{one.name}`](#{one.name}) | {one.label} | {one.unit} | {one.range} "
-        f"| {one.direction} | {one.source} |\n"
-        for one in METRICS.values()
+        f"| [`{metric.name}`](#{metric.name}) | {metric.label} | {metric.unit} | {metric.range} "
+        f"| {metric.direction} | {metric.source} |\n"
+        for metric in METRICS.values()
     ]
-    definitions = [f"\n## `{one.name}`\n\n{getdoc(one.function)}\n" for one in METRICS.values()]
+    definitions = [
+        f"\n## `{metric.name}`\n\n{getdoc(metric.function)}\n" for metric in METRICS.values()
+    ]
     head = "\n| key | metric | unit | range | direction | source |\n|---|---|---|---|---|---|\n"
     return "".join([_PAGE, head, *rows, *definitions])

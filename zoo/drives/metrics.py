@@ -95,7 +95,7 @@ def interventions(drive: Drive) -> int:
     heading="metres per intervention",
     without="no intervention",
     pool=lambda drives: (
-        sum(one["driven_m"] for one in drives) / sum(one["interventions"] for one in drives)
+        sum(drive["driven_m"] for drive in drives) / sum(drive["interventions"] for drive in drives)
     ),
 )
 def m_per_intervention(drive: Drive) -> float:

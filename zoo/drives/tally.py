@@ -51,7 +51,7 @@ class LatencyHistogram:
             return math.nan
         seen = itertools.accumulate(self._counts)
         wanted = max(1, math.ceil(percent / 100 * self.total))
-        bins = 1 + next(index for index, one in enumerate(seen) if one >= wanted)
+        bins = 1 + next(index for index, count in enumerate(seen) if count >= wanted)
         return round(bins * _BIN_MS, 2)
 
 

@@ -178,7 +178,7 @@ def build_trainer(config: DictConfig, folder: Path, has_validation: bool) -> lig
 
 def _check_drives(callbacks: list[lightning.Callback]) -> None:
     """Raise InputError if a driving figure is monitored but no callback drives."""
-    if any(isinstance(one, ClosedLoop) for one in callbacks):
+    if any(isinstance(callback, ClosedLoop) for callback in callbacks):
         return
     for callback in callbacks:
         monitor = getattr(callback, "monitor", None) or ""
@@ -246,8 +246,8 @@ def _instantiate(key: str, settings: dict | DictConfig, **more: object) -> objec
 def _call_target(key: str, settings: dict | DictConfig, more: dict[str, object]) -> object:
     """Return what the `_target_` returns; raise InputError that names the key."""
     # Hydra resolves ${ in a path even if it is escaped: such paths are passed at the call.
-    late = {name: one for name, one in more.items() if isinstance(one, str) and "${" in one}
-    more = {name: one for name, one in more.items() if name not in late}
+    late = {name: value for name, value in more.items() if isinstance(value, str) and "${" in value}
+    more = {name: value for name, value in more.items() if name not in late}
     try:
         if late:
             partial = instantiate(settings, **more, _partial_=True, _convert_="all")

@@ -102,13 +102,13 @@ def choose_best(
 
 def find_candidates(checkpoints: Path, monitor: str | None) -> list[Candidate]:
     """Return a run's distinct checkpoints, the monitored one first."""
-    found: dict[int, Candidate] = {}
+    candidates: dict[int, Candidate] = {}
     for file, what in SOURCES.items():
         path = checkpoints / file
         if path.is_file():
             epoch = int(read_checkpoint_file(path)["epoch"]) + 1
-            found.setdefault(epoch, Candidate(file, what or monitored_as(monitor), epoch))
-    return list(found.values())
+            candidates.setdefault(epoch, Candidate(file, what or monitored_as(monitor), epoch))
+    return list(candidates.values())
 
 
 def monitored_as(monitor: str | None) -> str:
@@ -156,8 +156,8 @@ def _drive(
         track=score.tracks[0], seed=START_SEED, laps=_laps(score), guard=None
     )
     scenarios = [scenario] * len(candidates)
-    found = all_drives(
-        [str(checkpoints / one.file) for one in candidates],
+    driven = all_drives(
+        [str(checkpoints / candidate.file) for candidate in candidates],
         scenarios,
         KeptDrive(),
         score.workers,
@@ -166,10 +166,10 @@ def _drive(
     )
     keys = ("autonomy", "interventions", "cte_mean_m", "driven_s")
     drives = [
-        asdict(one) | {key: figures[key] for key in keys} | {"score": _score(figures)}
-        for one, figures in zip(candidates, found, strict=True)
+        asdict(candidate) | {key: figures[key] for key in keys} | {"score": _score(figures)}
+        for candidate, figures in zip(candidates, driven, strict=True)
     ]
-    return sorted(drives, key=lambda one: -one["score"])  # stable: ties keep their order
+    return sorted(drives, key=lambda drive: -drive["score"])  # stable: ties keep their order
 
 
 def _score(figures: dict) -> float:
@@ -180,7 +180,7 @@ def _decide(monitored: Candidate, drives: Sequence[dict]) -> Choice:
     best = drives[0]
     why = f"{best['what']}, and it drives best of {len(drives)} candidates"
     if best["file"] != monitored.file:
-        own = next(one for one in drives if one["file"] == monitored.file)
+        own = next(drive for drive in drives if drive["file"] == monitored.file)
         why = (
             f"{best['what']}; it drives better than the {monitored.what} of epoch "
             f"{monitored.epoch} (autonomy {best['autonomy']:.1%} against {own['autonomy']:.1%}, "
@@ -203,11 +203,11 @@ def _print_drives(score: RunScore, drives: Sequence[dict], console: Console) -> 
     lines = [
         f"candidates for best.ckpt, {laps} of the {track} each, from another start than the score:"
     ]
-    for one in sorted(drives, key=lambda one: one["epoch"]):
-        count = one["interventions"]
+    for row in sorted(drives, key=lambda row: row["epoch"]):
+        count = row["interventions"]
         lines.append(
-            f"  epoch {one['epoch']:>3}, {one['what']}: autonomy {one['autonomy']:.1%}, {count} "
-            f"intervention{'' if count == 1 else 's'}, mean error {one['cte_mean_m']:.2f} m"
+            f"  epoch {row['epoch']:>3}, {row['what']}: autonomy {row['autonomy']:.1%}, {count} "
+            f"intervention{'' if count == 1 else 's'}, mean error {row['cte_mean_m']:.2f} m"
         )
     for line in lines:
         print_line(console, line)

@@ -81,7 +81,7 @@ class OpenLoop:
 def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -> OpenLoop:
     """Predict each part's rows; of `val` and `test` also the side cameras' rows."""
     train_mean = float(data.recording.steering[data.split.train].mean())
-    found = OpenLoop({}, {}, {}, {})
+    open_loop = OpenLoop({}, {}, {}, {})
     for part in PARTS:
         batches = data.evaluation_batches(part)
         if not len(batches.rows):
@@ -89,13 +89,13 @@ def evaluate_rows(module: SteeringModule, data: DrivingData, console: Console) -
         with working(f"predicting {part} rows", console):
             predicted = predict_steering(module, batches)
             true = data.recording.steering[batches.rows]
-            found.figures[part] = open_loop_metrics(predicted, true)
-            found.baselines[part] = baseline_metrics(true, train_mean)
+            open_loop.figures[part] = open_loop_metrics(predicted, true)
+            open_loop.baselines[part] = baseline_metrics(true, train_mean)
             if part != "train":
                 sides = (predict_steering(module, side) for side in batches.sides())
-                found.responses[part] = side_response(*sides)
-                found.steering[part] = predicted, true
-    return found
+                open_loop.responses[part] = side_response(*sides)
+                open_loop.steering[part] = predicted, true
+    return open_loop
 
 
 def save_plots(open_loop: OpenLoop, folder: Path, console: Console) -> None:
@@ -114,7 +114,7 @@ def save_plots(open_loop: OpenLoop, folder: Path, console: Console) -> None:
 def print_open_loop(open_loop: OpenLoop, name: str, console: Console) -> None:
     """Print the table of a network's open-loop figures."""
     print_metrics(metrics_table(name, open_loop.figures, open_loop.baselines), console)
-    zeros = {part: one["always zero"]["mae"] for part, one in open_loop.baselines.items()}
+    zeros = {part: baseline["always zero"]["mae"] for part, baseline in open_loop.baselines.items()}
     if worse := [part for part, own in open_loop.figures.items() if own["mae"] > zeros[part]]:
         print_line(
             console,
@@ -175,7 +175,7 @@ def write_metrics(
             **run.card["data"],
             "split": {part: len(getattr(data.split, part)) for part in PARTS},
         },
-        "findings": [vars(one) for one in find_oddities(data.recording)],
+        "findings": [vars(oddity) for oddity in find_oddities(data.recording)],
         "code": code_fingerprint(),
         "versions": {"python": platform.python_version()}
         | {package: version(package) for package in PACKAGES},

@@ -60,7 +60,7 @@ def plan_cached_features(
                 f"{KEY}=true: no block of the network is frozen; lower model.trainable_blocks"
             )
         return None
-    changes = [name for name, one in (config.data.augment or {}).items() if one]
+    changes = [name for name, settings in (config.data.augment or {}).items() if settings]
     if changes:
         listed = ",".join(changes)
         if setting is True:

@@ -44,9 +44,9 @@ def naming_lost_files(folder: Path) -> Iterator[None]:
 def _open_file(error: OSError) -> str | None:
     """Return the name of the file that the failed code had open; a write error lacks it."""
     for frame, _ in reversed(list(traceback.walk_tb(error.__traceback__))):
-        for one in frame.f_locals.values():
-            if isinstance(one, io.IOBase) and isinstance(getattr(one, "name", None), str):
-                return one.name
+        for local in frame.f_locals.values():
+            if isinstance(local, io.IOBase) and isinstance(getattr(local, "name", None), str):
+                return local.name
     return None
 
 

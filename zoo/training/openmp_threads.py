@@ -122,9 +122,9 @@ def _find_openmp() -> ctypes.CDLL | None:
     try:
         lines = MAPS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
         # The sixth column is a path, which may have spaces.
-        found = sorted({line.split(maxsplit=5)[-1] for line in lines if "libgomp" in line})
+        loaded = sorted({line.split(maxsplit=5)[-1] for line in lines if "libgomp" in line})
         # Other packages may have loaded another copy.
-        torchs = [path for path in found if "/torch/" in path] or found
+        torchs = [path for path in loaded if "/torch/" in path] or loaded
         return ctypes.CDLL(torchs[0]) if torchs else None
     # No such file on this system, or the library was replaced meanwhile.
     except (OSError, UnicodeError):  # ctypes cannot name a path that is not UTF-8

@@ -150,7 +150,7 @@ def _may_group(trainer: lightning.Trainer) -> bool:
     """Return whether no setting, callback or logger needs Lightning to see every optimizer step."""
     return (
         all(map(_takes_groups, trainer.callbacks))
-        and {type(one) for one in trainer.loggers} <= {CSVLogger, TensorBoardLogger}
+        and {type(logger) for logger in trainer.loggers} <= {CSVLogger, TensorBoardLogger}
         and trainer.world_size == 1
         and trainer.accumulate_grad_batches == 1
         and not trainer.gradient_clip_val

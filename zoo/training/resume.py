@@ -33,7 +33,7 @@ def resume(folder: Path, overrides: list[str]) -> None:
             f"{folder}: is no run's folder (no .hydra/config.yaml); name the folder of a run"
         )
     overrides, trusted = split_trust(overrides)
-    chosen = [one for one in overrides if one.split("=")[0].lstrip("+~") in config_groups()]
+    chosen = [text for text in overrides if text.split("=")[0].lstrip("+~") in config_groups()]
     if chosen:
         raise InputError(
             f"{chosen[0]}: a resumed run keeps its config groups; set single values, such as "
@@ -67,17 +67,17 @@ def _overridden(saved: DictConfig, overrides: list[str]) -> tuple[DictConfig, se
     """Return a copy of a config with overrides as Hydra reads them, and the keys that they set."""
     config, typed = saved.copy(), set()
     OmegaConf.set_struct(config, True)
-    for one in OverridesParser.create().parse_overrides(quote_paths(overrides)):
-        if one.is_delete():
+    for change in OverridesParser.create().parse_overrides(quote_paths(overrides)):
+        if change.is_delete():
             value = None
-        elif one.is_sweep_override():
-            raise InputError(f"{one.input_line}: is a sweep; give one value to resume a run")
+        elif change.is_sweep_override():
+            raise InputError(f"{change.input_line}: is a sweep; give one value to resume a run")
         else:
-            value = one.value()
+            value = change.value()
         OmegaConf.update(
-            config, one.key_or_group, value, force_add=one.is_add() or one.is_force_add()
+            config, change.key_or_group, value, force_add=change.is_add() or change.is_force_add()
         )
-        typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", one.key_or_group)))
+        typed |= leaf_keys(value, tuple(re.split(r"[.\[\]]+", change.key_or_group)))
     return config, typed
 
 

@@ -148,8 +148,8 @@ def _run(
         save_plots(open_loop, folder, console)
         print_open_loop(open_loop, card["config"]["model"]["name"], console)
         drives = drive_best(trained, score, console)
-        metrics, found = write_metrics(trained, choice, open_loop, drives, started)
-        print_conclusion(folder, metrics, found if verdict else None, console)
+        metrics, judged = write_metrics(trained, choice, open_loop, drives, started)
+        print_conclusion(folder, metrics, judged if verdict else None, console)
         log_results(trainer, card["config"], metrics, folder, console)
     return open_loop.figures.get("val", {}).get("mse", float("nan"))
 
@@ -223,9 +223,9 @@ def _fit(
 def _monitor(trainer: lightning.Trainer) -> str | None:
     """Return the figure that chose `best.ckpt`; None if that is the last epoch's."""
     names = {
-        Path(one.filename or "").stem: one.monitor
-        for one in trainer.callbacks
-        if isinstance(one, ModelCheckpoint)
+        Path(callback.filename or "").stem: callback.monitor
+        for callback in trainer.callbacks
+        if isinstance(callback, ModelCheckpoint)
     }
     return names.get("best")
 

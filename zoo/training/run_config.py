@@ -131,11 +131,11 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
 
     imported = "or run drivezoo import on it, and set model.weights to the checkpoint"
     try:
-        found = convert(read_keras_apart(path), scale=scale)
+        network = convert(read_keras_apart(path), scale=scale)
     except InputError as error:
         raise InputError(f"{error}; here, scale is model.scale; {imported}") from None
-    rows, columns, channels = found.input_shape
-    if found.input_shape != view.shape:
+    rows, columns, channels = network.input_shape
+    if network.input_shape != view.shape:
         size = f"data.crop=[0,0] model.size=[{rows},{columns}]"
         colour = "gray" if channels == 1 else "rgb"
         raise InputError(
@@ -143,12 +143,12 @@ def _of_keras(path: Path, view: View, scale: list | None) -> tuple[list, list]:
             f"{' x '.join(map(str, view.shape))}; set {size} model.colour={colour}, with the crop "
             f"and the colour of its training, {imported}"
         )
-    if found.scale is None:
+    if network.scale is None:
         raise InputError(
             f"{path}: does not tell how it scales pixels; set model.scale=[127.5,1] for "
             f"pixel / 127.5 - 1, or [1,0] for none, {imported}"
         )
-    return found.layers, list(found.scale)
+    return network.layers, list(network.scale)
 
 
 def _of_checkpoint(path: Path, view: View, scale: list | None) -> tuple[list, list]:
@@ -228,10 +228,14 @@ def _record(folder: Path, recipe: dict, jobs: int | None, console: Console) -> N
     try:
         with whole_folder(folder, RECORDINGS) as unfinished:
             common = {"out": str(unfinished), "relative": True}
-            passes = [RecordOptions(**common, **one) for one in recipe["passes"]]
+            passes = [RecordOptions(**common, **options) for options in recipe["passes"]]
             if jobs is None:  # half a lap takes less time than starting another process is worth
-                jobs = min(usable_cores(), MOST_JOBS) if sum(one.laps for one in passes) >= 1 else 1
-            record_laps([replace(one, jobs=jobs) for one in passes], console)
+                jobs = (
+                    min(usable_cores(), MOST_JOBS)
+                    if sum(options.laps for options in passes) >= 1
+                    else 1
+                )
+            record_laps([replace(options, jobs=jobs) for options in passes], console)
             write_whole(unfinished / RECIPE, json.dumps(recipe, indent=1))
     except InputError as error:
         raise InputError(f"data.record: {error}") from None
@@ -243,11 +247,13 @@ def _check_recipe(folder: Path, recipe: dict) -> None:
     from zoo.base.bounded_files import read_json
 
     path, wanted = folder / RECIPE, json.loads(json.dumps(recipe))
-    found = read_json(path)
-    if not isinstance(found, dict):
+    recorded = read_json(path)
+    if not isinstance(recorded, dict):
         raise InputError(f"{path}: should be keys and values; remove {folder} to record again")
     other = [
-        key for key in {**wanted, **found} if key not in found or found[key] != wanted.get(key)
+        key
+        for key in {**wanted, **recorded}
+        if key not in recorded or recorded[key] != wanted.get(key)
     ]
     if other:
         raise InputError(
@@ -257,10 +263,10 @@ def _check_recipe(folder: Path, recipe: dict) -> None:
 
 
 def _check_fingerprint(folder: Path, wanted: str) -> None:
-    found = read_recordings(str(folder)).fingerprint()
-    if found != wanted:
+    fingerprint = read_recordings(str(folder)).fingerprint()
+    if fingerprint != wanted:
         raise InputError(
-            f"{folder}: the recording's fingerprint is {found}, data.record.fingerprint is "
+            f"{folder}: the recording's fingerprint is {fingerprint}, data.record.fingerprint is "
             f"{wanted}: its rows were changed, or other code recorded them; remove {folder} to "
             "record again, or set data.record.fingerprint=null to train on it"
         )

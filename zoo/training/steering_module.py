@@ -201,7 +201,7 @@ class SteeringModule(lightning.LightningModule):
 
     def _check_weights(self) -> None:
         """Check the weights: the last loss was computed before the last step."""
-        if not all(bool(torch.isfinite(one).all()) for one in self.network.parameters()):
+        if not all(bool(torch.isfinite(weight).all()) for weight in self.network.parameters()):
             raise InputError(
                 f"the weights are not finite after epoch {self.current_epoch + 1}: training "
                 "stopped, the checkpoints of the epochs before are kept; lower optim.lr, or set "
@@ -223,7 +223,7 @@ class SteeringModule(lightning.LightningModule):
 
     def on_validation_epoch_end(self) -> None:
         """Log the figures of all validation rows."""
-        own = [np.array(one, np.float32) for one in (self._predicted, self._true)]
+        own = [np.array(column, np.float32) for column in (self._predicted, self._true)]
         self.validation = predicted, true = self._all_rows(own)
         # Processes on other machines may sum in another order; decisions by these figures must be
         # the same everywhere.

@@ -14,10 +14,13 @@ from rich.console import Console
 from datamodules.batches import GROUP
 from tests.recordings import Written
 from tests.zoo.trainings import SMALL, data_of, planned, train_here, zoo_here
+from zoo.base.errors import InputError
 from zoo.cli.compose import compose_config
 from zoo.training import plan
 from zoo.training.build import build_data
-from zoo.training.plan import find_compiler
+from zoo.training.plan import compile_step, find_compiler, resolve_compile
+
+CPU = torch.device("cpu")
 
 
 @pytest.fixture(autouse=True)
@@ -187,3 +190,41 @@ def test_a_plan_prints_as_a_line() -> None:
     more = replace(cpu, processes=2, threads=4, batches_per_step=32, compiled_batch=64)
     for word in ("2 processes", "4 threads", "32 batches per step", "compiled"):
         assert word in more.line()
+
+
+@pytest.mark.parametrize("setting", [True, False, "auto"])
+def test_nothing_is_compiled_unless_told(
+    setting: object, monkeypatch: pytest.MonkeyPatch, console: Console
+) -> None:
+    monkeypatch.setattr(plan, "find_compiler", lambda: "g++")
+    assert resolve_compile(setting, CPU, console) is (setting is True)
+    assert not console.file.getvalue()
+
+
+def test_without_a_compiler_it_says_so_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, console: Console
+) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.delenv("CXX", raising=False)
+    assert not resolve_compile(True, CPU, console)
+    (line,) = console.file.getvalue().splitlines()
+    assert "no C++ compiler" in line
+
+
+def test_another_setting_is_refused(console: Console) -> None:
+    with pytest.raises(InputError, match=r"trainer\.compile=maybe is not true or false"):
+        resolve_compile("maybe", CPU, console)
+
+
+def test_a_step_that_cannot_be_compiled_runs_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(step: object, **_: object) -> object:
+        def run(*_: object) -> object:
+            raise RuntimeError("no such header\nand much more")
+
+        return run
+
+    monkeypatch.setattr(torch, "compile", broken)
+    console = Console(file=StringIO(), width=200)
+    step = compile_step(lambda number: number + 1, console)
+    assert [step(1), step(2)] == [2, 3]
+    assert console.file.getvalue() == "torch.compile disabled: no such header\n"

@@ -20,7 +20,7 @@ from PIL import Image
 
 from tests.recordings import Written, write_recording
 from tests.zoo.commands import command, environment, only_line, run, start
-from tests.zoo.trainings import data_of
+from tests.zoo.trainings import SMALL, data_of
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint
@@ -29,17 +29,6 @@ from zoo.cli.run_command import run_command
 from zoo.training.conclusion import read_curves
 from zoo.training.resume import resume
 from zoo.training.run import run_experiment
-
-# Small enough for seconds; blocks as short as the recording asks for.
-SMALL = (
-    "model=tiny",
-    "data.crop=[50,0]",
-    "data.block_s=0.5",
-    "data.gap_s=0.1",
-    "data.batch_size=16",
-    "callbacks=checkpoints",
-    "score=none",
-)
 
 
 def weights(run_folder: Path, name: str = "last") -> dict[str, torch.Tensor]:

@@ -1,0 +1,351 @@
+"""The config that a run trains with: Keras' layers, windows, `quick=true`, and `data=lake`."""
+
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import DictConfig, OmegaConf, open_dict
+from rich.console import Console
+
+from datamodules.recording import read_recordings
+from datamodules.view import View
+from simulator.record import RecordOptions
+from simulator.record_report import next_command
+from tests.recordings import Written
+from tests.zoo.commands import ROOT, only_line, run
+from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
+from tests.zoo.keras.test_keras_layers import IMAGES, REST, SCALE, UNCLEAR, expected
+from tests.zoo.trainings import SMALL, zoo_here
+from zoo.base.errors import InputError
+from zoo.checkpoints.checkpoint import load_checkpoint, make_card
+from zoo.cli.compose import compose_config, conf_folder
+from zoo.cli.config_help import ABOUT
+from zoo.keras.initial_weights import load_weights
+from zoo.models.sequential import Sequential
+from zoo.training.run_config import settle_windows, with_layers, with_quick, with_recording
+
+KERAS = ("model=keras", f"model.size=[{INPUT[0]},{INPUT[1]}]")
+USUAL = [one for one in SMALL if not one.startswith("model")]
+
+
+def keras_config(*overrides: str):
+    return OmegaConf.create(compose_config(["data.root=x", *KERAS, *overrides]))
+
+
+def outputs(network: torch.nn.Module) -> np.ndarray:
+    with torch.inference_mode():
+        return network.eval()(torch.from_numpy(IMAGES).permute(0, 3, 1, 2)).numpy()
+
+
+def test_a_training_starts_from_a_keras_model_and_resumes_without_it(
+    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = write_h5(tmp_path / "old.h5", [SCALE, *REST])
+    run = tmp_path / "run"
+    start = [*USUAL, *KERAS, f"data.root={recorded.folder}", f"hydra.run.dir={run}"]
+    start += [f"model.weights={source}", "optim.l2=0"]
+    assert zoo_here(monkeypatch, tmp_path, *start, "trainer.max_epochs=0") == 0
+    checkpoint = load_checkpoint(run / "checkpoints" / "best.ckpt")
+    np.testing.assert_allclose(outputs(checkpoint.network), expected(REST), atol=1e-5)
+    assert checkpoint.config["model"]["scale"] == [127.5, 1.0]
+    layers = checkpoint.config["model"]["layers"]
+    assert [one["layer"] for one in layers] == ["Conv2D", "Flatten", "Dropout", "Dense"]
+
+    source.unlink()
+    assert zoo_here(monkeypatch, tmp_path, f"resume={run}", "trainer.max_epochs=1") == 0
+    trained = load_checkpoint(run / "checkpoints" / "last.ckpt")
+    assert trained.config["model"]["layers"] == layers
+    assert not np.allclose(outputs(trained.network), expected(REST), atol=1e-5)
+
+    other = tmp_path / "other"
+    again = [one.replace(str(run), str(other)) for one in start]
+    again = [one for one in again if not one.startswith("model.weights")]
+    again += [f"model.weights={run / 'checkpoints' / 'last.ckpt'}", "trainer.max_epochs=0"]
+    assert zoo_here(monkeypatch, tmp_path, *again) == 0
+    copied = load_checkpoint(other / "checkpoints" / "best.ckpt")
+    np.testing.assert_array_equal(outputs(copied.network), outputs(trained.network))
+
+
+@pytest.mark.parametrize("name", ["m.h5", "m.json", "m.keras"])
+def test_layers_and_weights_come_from_any_file_of_keras(name: str, tmp_path: Path) -> None:
+    writers = {".h5": write_h5, ".json": write_json, ".keras": write_keras}
+    path = writers[Path(name).suffix](tmp_path / name, [SCALE, *REST])
+    model = with_layers(keras_config(f"model.weights={path}")).model
+    network = Sequential((3, *INPUT[:2]), OmegaConf.to_container(model.layers), model.scale)
+    assert "3 layers" not in load_weights(network, str(path))
+    np.testing.assert_allclose(outputs(network), expected(REST), atol=1e-5)
+
+
+def test_layers_of_the_config_are_kept(tmp_path: Path) -> None:
+    config = keras_config()
+    config.model.layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
+    assert with_layers(config) is config
+    other = OmegaConf.create(compose_config(["data.root=x", "model=tiny"]))
+    assert with_layers(other) is other
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ([], "set model.weights=FILE"),
+        (["model.weights=none.h5"], r"none\.h5"),
+        (["model.size=null"], r"20 x 30 x 3, .*set data\.crop=\[0,0\] model\.size=\[20,30\]"),
+        (["model.colour=gray"], r"model\.colour=rgb"),
+        (["unclear"], r"lambda_1 .*model\.scale; or run drivezoo import"),
+        (["unscaled"], r"set model\.scale=\[127\.5,1\]"),
+    ],
+)
+def test_what_is_missing_is_named(overrides: list[str], words: str, tmp_path: Path) -> None:
+    first = {"unclear": [UNCLEAR], "unscaled": []}.get("".join(overrides), [SCALE])
+    path = write_h5(tmp_path / "m.h5", [*first, *REST])
+    given = any("weights" in one for one in overrides) or not overrides
+    own = [] if given else [f"model.weights={path}"]
+    with pytest.raises(InputError, match=words) as caught:
+        with_layers(keras_config(*own, *[one for one in overrides if "=" in one]))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_an_unclear_scale_is_set_by_the_user(tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "m.h5", [UNCLEAR, *REST])
+    config = with_layers(keras_config(f"model.weights={path}", "model.scale=[255,0.5]"))
+    assert config.model.scale == [255, 0.5]
+
+
+def test_another_models_checkpoint_is_refused(run_folder: Path) -> None:
+    path = run_folder / "checkpoints" / "best.ckpt"
+    with pytest.raises(InputError, match=r"best\.ckpt: .*without model\.layers; set model"):
+        with_layers(keras_config(f"model.weights={path}"))
+
+
+def test_a_checkpoint_of_another_view_names_its_keys(tmp_path: Path) -> None:
+    layers = [{"layer": "Flatten"}, {"layer": "Dense", "units": 1}]
+    config = {"model": {"name": "keras", "layers": layers, "scale": [255, 0.5]}}
+    for view, words in (
+        (View([60, 25], "yuv_old", (66, 200), "linear"), "crop=[60,25] model.colour=yuv_old "),
+        (View([0, 0], "bgr", None), "crop=[0,0] model.colour=bgr model.size=null "),
+    ):
+        card = make_card(config, view, {"fingerprint": "0", "rows": 1})
+        torch.save({"drivezoo": card, "state_dict": {}}, tmp_path / "old.ckpt")
+        with pytest.raises(InputError, match=re.escape(words)):
+            with_layers(keras_config(f"model.weights={tmp_path / 'old.ckpt'}"))
+    same = ["model.colour=bgr", "model.size=null", "data.crop=[0,0]"]
+    model = with_layers(keras_config(f"model.weights={tmp_path / 'old.ckpt'}", *same)).model
+    assert (model.layers, model.scale) == (layers, [255, 0.5])
+
+
+def windowed(model: dict, **data: object) -> DictConfig:
+    config = OmegaConf.create(compose_config([f"data.{key}={one}" for key, one in data.items()]))
+    config.model.update(model)
+    OmegaConf.set_struct(config, True)
+    return config
+
+
+def windows_of(config: DictConfig) -> tuple:
+    return tuple(config.data[key] for key in ("sequence", "stride", "ahead"))
+
+
+def test_null_takes_the_networks_values():
+    settled = settle_windows(windowed({"sequence": 8, "stride": 2}))
+    assert windows_of(settled) == (8, 2, 0)
+
+
+def test_a_network_of_one_frame_has_windows_of_one():
+    config = windowed({}, sequence=1)
+    assert windows_of(settle_windows(config)) == (1, 1, 0)
+    assert "sequence" not in config.model
+
+
+def test_a_value_of_data_is_the_networks():
+    config = windowed({"sequence": 8, "stride": 1, "ahead": 4}, sequence=5, ahead=0)
+    settled = settle_windows(config)
+    assert windows_of(settled) == (5, 1, 0)
+    assert (settled.model.sequence, settled.model.ahead) == (5, 0)
+    assert config.model.sequence == 8  # the config itself stays as it was
+
+
+def test_settling_twice_changes_nothing():
+    settled = settle_windows(windowed({"sequence": 8, "stride": 1}, stride=3))
+    assert settle_windows(settled) == settled
+
+
+@pytest.mark.parametrize("model", [{}, {"sequence": 4, "stride": 1}])
+def test_a_config_of_an_older_version_has_no_keys(model):
+    config = windowed(model)
+    OmegaConf.set_struct(config, False)
+    for key in ("sequence", "stride", "ahead"):
+        del config.data[key]
+    OmegaConf.set_struct(config, True)
+    assert windows_of(settle_windows(config)) == (model.get("sequence", 1), 1, 0)
+
+
+@pytest.mark.parametrize("key", ["sequence", "stride", "ahead"])
+def test_a_network_that_does_not_take_it_is_named(key):
+    with pytest.raises(InputError, match=rf"data\.{key}=3: model=nvidia .*data\.{key}=null"):
+        settle_windows(windowed({}, **{key: 3}))
+
+
+def quick(*overrides: str) -> tuple[int, int]:
+    """Return a quick training's epochs and samples per epoch."""
+    config = with_quick(OmegaConf.create(compose_config(["quick=true", *overrides])))
+    return config.trainer.max_epochs, config.data.samples_per_epoch
+
+
+@pytest.mark.parametrize(
+    "recipe", ["experiment=lenet", "experiment=pilotnet", "model=nvidia"], ids=str
+)
+def test_a_quick_training_keeps_the_samples_that_driving_takes(recipe):
+    assert quick(recipe) == (3, 24_000)
+
+
+def test_the_first_try_is_lenet_s_recipe_quick_with_all_that_was_measured():
+    ours = compose_config(["experiment=first_try"])
+    same = ["experiment=lenet", "trainer.max_epochs=3", "augment=[brightness,shadow,shift]"]
+    assert ours == compose_config(same)
+
+
+@pytest.mark.parametrize("hint", [next_command("FOLDER"), ABOUT, (ROOT / "README.md").read_text()])
+def test_every_hint_names_the_first_try(hint):
+    assert "drivezoo train experiment=first_try data.root=FOLDER" in hint
+
+
+@pytest.mark.parametrize(
+    "recipe", ["experiment=vgg", "experiment=commaai", "experiment=efficientnet_lite0"]
+)
+def test_large_networks_stay_quick(recipe):
+    assert quick(recipe) == (3, 3_200)
+
+
+def test_explicit_keys_win_where_they_are_smaller():
+    assert quick("trainer.max_epochs=1", "data.samples_per_epoch=640") == (1, 640)
+    assert quick("trainer.max_epochs=60", "data.samples_per_epoch=64000") == (3, 24_000)
+    assert quick("quick_samples=3200") == (3, 3_200)
+
+
+def test_a_run_from_before_quick_samples_keeps_its_length():
+    config = OmegaConf.create(compose_config(["quick=true", "experiment=lenet"]))
+    del config["quick_samples"]
+    config = with_quick(config)
+    assert (config.trainer.max_epochs, config.data.samples_per_epoch) == (3, 3_200)
+
+
+@pytest.mark.parametrize("value", ["0", "null", "many"])
+def test_a_number_of_samples_that_cannot_be_is_refused(value):
+    with pytest.raises(InputError, match=f"quick_samples={value.replace('null', 'None')} is not"):
+        quick(f"quick_samples={value}")
+
+
+def test_the_config_that_was_given_stays_as_it_was():
+    config = OmegaConf.create(compose_config(["quick=true"]))
+    before = config.copy()
+    assert with_quick(config) != before
+    assert config == before
+
+
+# A few seconds of the lake, there and back.
+SHORT = (
+    "data.record.passes=[{track: lake, laps: 0.05, direction: both}]",
+    "data.block_s=0.5",
+    "data.gap_s=0.1",
+    "experiment=tiny41",
+    "trainer.max_epochs=1",
+    "score=none",
+)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run `drivezoo train` with a short recording and no other data; return its folder."""
+    cwd = tmp_path_factory.mktemp("first_use")
+    result = run(cwd, *SHORT, "hydra.run.dir=run")
+    assert result.returncode == 0, result.stderr
+    assert "recording 1 drives with the embedded simulator" in result.stdout
+    return cwd
+
+
+def test_it_trains_without_any_data(trained: Path) -> None:
+    assert (trained / "run" / "checkpoints" / "best.ckpt").is_file()
+    assert (trained / "outputs" / "recordings" / "lake" / "driving_log.csv").is_file()
+
+
+def test_it_never_records_twice(trained: Path) -> None:
+    log = trained / "outputs" / "recordings" / "lake" / "driving_log.csv"
+    before = log.stat().st_mtime_ns
+    result = run(trained, *SHORT, "hydra.run.dir=again")
+    assert result.returncode == 0, result.stderr
+    assert "embedded simulator" not in result.stdout
+    assert log.stat().st_mtime_ns == before
+
+
+def test_other_drives_under_the_same_name_are_refused(trained: Path) -> None:
+    line = only_line(run(trained, "data.record.passes=[{laps: 0.1}]", "experiment=tiny41"))
+    assert "recorded with other options" in line
+    assert "set data.record.out" in line
+
+
+def test_a_changed_recording_is_refused(trained: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "lake"
+    shutil.copytree(trained / "outputs" / "recordings" / "lake", folder)
+    right = read_recordings(str(folder)).fingerprint()
+    config = OmegaConf.create(compose_config(["data=lake", SHORT[0], f"data.record.out={folder}"]))
+    with open_dict(config):
+        config.data.record.fingerprint = right
+    assert with_recording(config, Console(quiet=True)).data.root == str(folder)
+    log = folder / "driving_log.csv"
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(InputError, match=r"fingerprint=null") as refused:
+        with_recording(config, Console(quiet=True))
+    assert str(folder) in str(refused.value)
+    assert right in str(refused.value)
+
+
+def test_no_road_of_the_suite_is_in_its_training_data() -> None:
+    suite = OmegaConf.load(conf_folder() / "suite" / "v1.yaml")
+    data = compose_config([f"data={suite.data}"])["data"]
+    driven = {one["track"] for one in data["record"]["passes"]}
+    drives = [drive for group in suite.groups.values() for drive in group]
+    kept_apart = {*suite.dev, *suite.laps, *(drive.track for drive in drives)}
+    assert len(driven) == len(data["record"]["passes"]) == 40
+    assert not driven & kept_apart
+
+
+def test_a_recording_of_ones_own_records_nothing(tmp_path: Path) -> None:
+    line = only_line(run(tmp_path, "data.root=nowhere"))
+    assert "nowhere" in line
+    assert not (tmp_path / "outputs" / "recordings").exists()
+
+
+@pytest.mark.parametrize(
+    ("passes", "words"),
+    [
+        ("[{track: lak}]", "there is no track lak"),
+        ("[{lapse: 1}]", "lapse"),
+        ("[{laps: 0}]", "laps=0"),
+    ],
+)
+def test_an_option_that_cannot_be_is_one_line(tmp_path: Path, passes: str, words: str) -> None:
+    line = only_line(run(tmp_path, f"data.record.passes={passes}"))
+    assert "data.record" in line
+    assert words in line
+    assert not (tmp_path / "outputs" / "recordings" / "lake").exists()
+
+
+@pytest.mark.parametrize(
+    ("jobs", "laps", "processes"), [("null", 0.5, 1), ("null", 1, 3), ("2", 0.5, 2), ("1", 1, 1)]
+)
+def test_a_long_recording_is_drawn_on_each_core(
+    jobs: str, laps: float, processes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def recorded(passes: Sequence[RecordOptions], _: Console) -> None:
+        assert [one.jobs for one in passes] == [processes]
+        assert Path(passes[0].out).is_dir()
+
+    monkeypatch.setattr("simulator.record.record_laps", recorded)
+    monkeypatch.setattr("zoo.training.run_config.usable_cores", lambda: 3)
+    options = [f"jobs={jobs}", f"out={tmp_path / 'lake'}", f"passes=[{{laps: {laps}}}]"]
+    config = compose_config([f"data.record.{one}" for one in options])
+    with_recording(OmegaConf.create(config), Console(quiet=True))
+    assert (tmp_path / "lake").is_dir()
