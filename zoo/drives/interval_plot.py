@@ -22,8 +22,8 @@ def interval_plot(figures: Mapping[str, Bounded], label: str, line: float | None
     axis = figure.subplots()
     if line is not None:
         axis.axvline(100 * line, color=GREY, ls=":", lw=1)
-    for row, figure in enumerate(figures.values()):
-        low, value, high = map(_percent, (figure.low, figure.value, figure.high))
+    for row, share in enumerate(figures.values()):
+        low, value, high = map(_percent, (share.low, share.value, share.high))
         axis.plot([low, high], [row, row], color=BLUE, lw=1.5)
         axis.plot(value, row, "o", color=BLUE)
     axis.set_yticks(range(len(figures)), list(figures))

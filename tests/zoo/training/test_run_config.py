@@ -225,13 +225,6 @@ def test_explicit_keys_win_where_they_are_smaller():
     assert quick("quick_samples=3200") == (3, 3_200)
 
 
-def test_a_run_from_before_quick_samples_keeps_its_length():
-    config = OmegaConf.create(compose_config(["quick=true", "experiment=lenet"]))
-    del config["quick_samples"]
-    config = with_quick(config)
-    assert (config.trainer.max_epochs, config.data.samples_per_epoch) == (3, 3_200)
-
-
 @pytest.mark.parametrize("value", ["0", "null", "many"])
 def test_a_number_of_samples_that_cannot_be_is_refused(value):
     with pytest.raises(InputError, match=f"quick_samples={value.replace('null', 'None')} is not"):
