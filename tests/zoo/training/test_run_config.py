@@ -13,8 +13,7 @@ from rich.console import Console
 
 from datamodules.recording import read_recordings
 from datamodules.view import View
-from simulator.record import RecordOptions
-from simulator.record_report import next_command
+from simulator.record import RecordOptions, next_command
 from tests.recordings import Written
 from tests.zoo.commands import ROOT, only_line, run
 from tests.zoo.keras.keras_files import INPUT, write_h5, write_json, write_keras
