@@ -15,7 +15,7 @@ from zoo.checkpoints.dropout_policy import DropoutPolicy
 from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.policy import CheckpointPolicy, load_policy
 from zoo.correct.collecting import LabellingPolicy
-from zoo.export.__main__ import onnx_bytes
+from zoo.export.onnx_file import onnx_bytes
 from zoo.guard.guard_drives import Observer
 from zoo.monitor.guard_file import Guard
 from zoo.monitor.guarded_policy import GuardedPolicy
