@@ -66,9 +66,10 @@ ALIASES = {
     "doubt": "zoo.doubt:doubt",  # guard doubt
     "replay": "zoo.replay:replay",  # evaluate replay=RECORDING
     "rerun": "zoo.rerun:rerun",  # train rerun=RUN
-    "results": "zoo.results:results",  # leaderboard markdown=true
+    "results": "zoo.results:results",  # leaderboard as Markdown
     "sweep": "zoo.sweep:sweep",  # train resume=SWEEP
 }
+SWEEP_RECORD = "sweep.json"  # as zoo.sweep.sweep_record
 ENTRY_POINTS = "drivezoo.commands"
 # Kinds of `zoo.list`: drivezoo tracks is drivezoo list tracks.
 LISTED = (
@@ -103,6 +104,7 @@ def main() -> int:
         return _print(version_line())
     if name in LISTED:
         name, rest = "list", [name, *rest]
+    name, rest = as_typed_below(name, rest)
     if name in modules:
         run_module(modules[name], rest)
         return 0
@@ -115,6 +117,24 @@ def main() -> int:
         near = f"did you mean drivezoo train {shlex.join([name, *rest])}?"
     print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
     return WRONG_USE
+
+
+def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
+    """Return the older command and its arguments for what is typed below another command.
+
+    >>> as_typed_below("guard", ["doubt", "a.ckpt"]), as_typed_below("train", ["rerun=run"])
+    (('doubt', ['a.ckpt']), ('rerun', ['run']))
+    """
+    if name == "guard" and rest[:1] == ["doubt"]:
+        return "doubt", rest[1:]
+    for word in rest if name == "train" and set(HELP).isdisjoint(rest) else ():
+        key, _, folder = word.partition("=")
+        others = [other for other in rest if other is not word]
+        if key == "rerun":
+            return "rerun", [folder, *others]
+        if key == "resume" and Path(folder, SWEEP_RECORD).is_file():
+            return "sweep", rest
+    return name, rest
 
 
 def _print(text: str) -> int:

@@ -24,6 +24,9 @@ def guard(ckpt: str, *, options: GuardOptions) -> "GuardResult":
     drivezoo drive and drivezoo evaluate, which slows the car down, and guard.json, guard.html and
     guard.png.
 
+    `drivezoo guard doubt CKPT...` writes a policy that knows how much it doubts; see drivezoo guard
+    doubt --help.
+
     Args:
         ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
             with drivezoo, such as lenet.

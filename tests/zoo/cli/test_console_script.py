@@ -41,6 +41,16 @@ def test_a_command_is_that_of_python_m(tmp_path: Path) -> None:
     assert "zoo_lake" in drivezoo(tmp_path, "tracks").stdout, "drivezoo list tracks"
 
 
+def test_older_names_are_typed_below_another_command(tmp_path: Path) -> None:
+    assert drivezoo(tmp_path, "guard", "doubt", "--help").stdout.startswith("usage: drivezoo doubt")
+    assert "no: " in drivezoo(tmp_path, "train", "rerun=no", "out=again").stderr
+    (tmp_path / "sweep").mkdir()
+    (tmp_path / "sweep" / "sweep.json").write_text("{}")
+    stopped = drivezoo(tmp_path, "train", "resume=sweep")
+    assert stopped.stderr.startswith("zoo.sweep: ")
+    assert len(stopped.stderr.splitlines()) == 1
+
+
 def test_a_typo_gets_one_line_and_the_status_of_wrong_use(tmp_path: Path) -> None:
     result = drivezoo(tmp_path, "evalute")
     assert result.returncode == WRONG_USE
