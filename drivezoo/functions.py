@@ -12,7 +12,7 @@ from zoo.benchmark.__main__ import benchmark as benchmark_command
 from zoo.compare.__main__ import compare as compare_command
 from zoo.drive.__main__ import drive as drive_command
 from zoo.evaluate.__main__ import evaluate as evaluate_command
-from zoo.evaluate.replay_command import replay as replay_command
+from zoo.evaluate.__main__ import replay as replay_command
 from zoo.leaderboard.__main__ import leaderboard as leaderboard_command
 from zoo.results import results as results_command
 

@@ -4,9 +4,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from simulator.client_options import ClientOptions
-from simulator.drive_options import DriveOptions
-from simulator.record_options import RecordOptions
+from simulator.command_options import ClientOptions, DriveOptions, RecordOptions
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
@@ -71,22 +69,18 @@ def client(*, options: ClientOptions) -> None:
     run_client(options, Console())
 
 
-COMMANDS = {
-    "record": (record, "record laps that a simulated driver drives"),
-    "drive": (drive, "drive in a window, with keyboard, mouse or gamepad"),
-    "client": (client, "connect to a driver as the original simulator does"),
-}
+COMMANDS = {"record": record, "drive": drive, "client": client}
 
 
 def simulator(arguments: Sequence[str]) -> None:
     """Record laps, drive in a window, or connect to a driver."""
     name, *rest = arguments or ["--help"]
     if name in COMMANDS:
-        COMMANDS[name][0].main(rest)
+        COMMANDS[name].main(rest)
     elif is_help([name]) or name == "help":
         print("usage: drivezoo simulator COMMAND [key=value...]\n")
-        for shown, (_, meaning) in COMMANDS.items():
-            print(f"  {shown:<8}{meaning}")
+        for shown, one in COMMANDS.items():
+            print(f"  {shown:<8}{one.purpose}")
         print("\nhelp on a command: drivezoo simulator COMMAND --help")
     else:
         raise UsageError(f"{name}: no such command; {hint(name, COMMANDS)}")

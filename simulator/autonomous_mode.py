@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from rich.console import Console
 
-from simulator.client_options import ClientOptions
+from simulator.command_options import ClientOptions
 from simulator.legacy_socket import OPENED, UNREADABLE
 from simulator.telemetry import make_telemetry, read_put_back, read_steer
 from simulator.world import Start, World

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from simulator.autonomous_mode import START, Client, Socket
-from simulator.client_options import ClientOptions, check_options
+from simulator.command_options import ClientOptions, check_options
 from simulator.film import Film
 from simulator.legacy_socket import HandshakeRefusedError, HandshakeSilentError, LegacySocket
 from simulator.weather import read_weather

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from simulator.drive_options import DriveOptions
+from simulator.command_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.hand_control import Gamepads, HandControl, Hands
 from simulator.record import Driven, print_report

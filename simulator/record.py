@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from simulator.command_options import RecordOptions
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
 from simulator.parallel_record import ParallelRecorder, Requests, Scene, renderer_name
-from simulator.record_options import RecordOptions
 from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.track_file import read_track

@@ -3,7 +3,7 @@
 import sys
 
 from zoo.cli.run_command import run_command
-from zoo.evaluate.replay_command import replay
+from zoo.evaluate.__main__ import replay
 
 if __name__ == "__main__":
     sys.exit(run_command("zoo.replay", replay.main, sys.argv[1:]))

@@ -24,7 +24,7 @@ SPECIAL = ("train", "simulator")
 COMMANDS: dict[str, Command[Any]] = {
     name: load(place) for name, place in PLACES.items() if name not in SPECIAL
 }
-COMMANDS |= {f"simulator {name}": one for name, (one, _) in SIMULATOR.items()}
+COMMANDS |= {f"simulator {name}": one for name, one in SIMULATOR.items()}
 WITH_KEYS = [name for name, one in COMMANDS.items() if one.keys]
 RANGED = [
     (name, key.name)

@@ -23,7 +23,7 @@ from rich.console import Console
 from simulator import autonomous_mode
 from simulator import client as client_module
 from simulator.autonomous_mode import Client
-from simulator.client_options import ClientOptions
+from simulator.command_options import ClientOptions
 from simulator.legacy_socket import MAX_MESSAGE, OPENED, HandshakeSilentError, LegacySocket
 from simulator.modern_socket import ModernSocket
 from simulator.world import open_world

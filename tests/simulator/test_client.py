@@ -19,7 +19,7 @@ from rich.console import Console
 from simulator import autonomous_mode
 from simulator.autonomous_mode import Client
 from simulator.client import RETRY_S, run_client
-from simulator.client_options import ClientOptions
+from simulator.command_options import ClientOptions
 from simulator.legacy_socket import LegacySocket
 from simulator.world import Start, World, open_world
 from tests.simulator.drivers import ModernDriver, RawDriver, RefusingDriver, steering_driver

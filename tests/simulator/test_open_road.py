@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from simulator.autonomous_mode import Client
-from simulator.client_options import ClientOptions
+from simulator.command_options import ClientOptions
 from simulator.drive import Drive
 from simulator.env import DrivingEnv
 from simulator.expert import Expert, ExpertSettings

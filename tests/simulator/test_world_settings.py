@@ -2,7 +2,7 @@
 
 import pytest
 
-from simulator.client_options import ClientOptions
+from simulator.command_options import ClientOptions
 from simulator.drive import DriveOptions
 from simulator.record import RecordOptions
 from zoo.base.command_keys import keys_of, read_options

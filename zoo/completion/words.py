@@ -48,7 +48,7 @@ def command_words() -> dict[str, Words]:
         if name not in ("train", "simulator")
     }
     found |= {"train": training, "preview": training, "simulator": Words(tuple(simulators), {})}
-    found |= {f"simulator {name}": words_of(one) for name, (one, _) in simulators.items()}
+    found |= {f"simulator {name}": words_of(one) for name, one in simulators.items()}
     return found | {kind: Words((), {}) for kind in LISTED}
 
 

@@ -11,11 +11,10 @@ from functools import partial
 from pathlib import Path
 
 from zoo.base.command import command, is_help
-from zoo.base.early_interrupt import raise_again
-from zoo.base.errors import InputError, UsageError
+from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
-from zoo.base.standard_output import forgiving_output
-from zoo.base.terminal import command_line, error_line, printable
+from zoo.base.run_command import run_command
+from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
 from zoo.cli.closing_lines import print_next
 from zoo.cli.parts import take_parts
@@ -132,23 +131,13 @@ def print_finding(finding: Finding) -> None:
         print(indent + printable(line), flush=True)
 
 
-def main(arguments: list[str]) -> int:
-    """Run the command and return its exit status."""
-    raise_again()
-    try:
-        with forgiving_output():
-            if is_help(arguments):
-                print(doctor.help())
-                return 0
-            checkpoint, recording, port = sort_arguments(take_parts(arguments))
-            doctor.function(checkpoint, recording, port=port)
-    except (ValueError, InputError) as error:
-        print(error_line("zoo.doctor", error), file=sys.stderr)
-        return 2 if isinstance(error, UsageError) else 1
-    except KeyboardInterrupt:
-        print("zoo.doctor: stopped", file=sys.stderr)
-        return 130
-    return 0
+def main(arguments: list[str]) -> None:
+    """Run the command, whose arguments stand in any order."""
+    if is_help(arguments):
+        print(doctor.help())
+        return
+    checkpoint, recording, port = sort_arguments(take_parts(arguments))
+    doctor.function(checkpoint, recording, port=port)
 
 
 def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
@@ -162,4 +151,4 @@ def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(run_command("zoo.doctor", main, sys.argv[1:]))

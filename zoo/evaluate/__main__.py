@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
 from zoo.cli.run_command import run_command
-from zoo.evaluate.evaluate_options import EvaluateOptions
-from zoo.evaluate.replay_command import replay
+from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
 if TYPE_CHECKING:
     from zoo.evaluate.evaluation import Evaluation
+    from zoo.evaluate.replay_score import Replay
 
 REPLAY = ("replay=", "evaluate.replay=", "--replay=")
 
@@ -39,6 +39,29 @@ def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
     from zoo.evaluate.score_driver import score_driver
 
     return score_driver(ckpt, options, Console(emoji=False))
+
+
+@command
+def replay(ckpt: str, recording: str, *, options: ReplayOptions) -> "Replay":
+    """Score a checkpoint on any recording.
+
+    Needs no simulator: warps the recorded frames to the position that the network steers to.
+
+    Args:
+        ckpt: checkpoint: a .ckpt or .onnx file, a run's folder, latest, or a network that comes
+            with drivezoo, such as lenet; in Python also a policy.
+        recording: recording's folder.
+        options: see `ReplayOptions`.
+
+    Raises:
+        InputError: the checkpoint or the recording cannot be used; or the network steered NaN,
+            after all files are written.
+    """
+    from rich.console import Console
+
+    from zoo.evaluate.replay_score import replay_recording
+
+    return replay_recording(ckpt, recording, options, Console(emoji=False))
 
 
 def evaluate_or_replay(arguments: list[str]) -> None:

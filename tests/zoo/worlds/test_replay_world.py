@@ -18,7 +18,7 @@ from zoo.base.rig import MPS_PER_MPH
 from zoo.drives.drive_log import read_drive
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
-from zoo.evaluate.replay_command import replay as replay_command
+from zoo.evaluate.__main__ import replay as replay_command
 from zoo.evaluate.replay_score import keyboard_lines
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.replay_world import ReplayWorld, VirtualCar, curvature, seconds_of_rows

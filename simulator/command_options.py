@@ -1,4 +1,4 @@
-"""Options of `drivezoo simulator client`."""
+"""Keys of `drivezoo simulator record`, `drive` and `client`."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,6 +6,66 @@ from typing import Any
 from simulator.legacy_socket import websocket_address
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
+
+
+@dataclass(frozen=True)
+class RecordOptions(WorldSettings):
+    """Keys of a recording.
+
+    Args:
+        out: folder to write; it must not contain a recording.
+        laps: number of laps; 0.5 is half a lap. A drive on an open road ends at the road's end, so
+            more than 1 counts as 1.
+        control: expert (steers exactly), or a simulated student's keyboard (key taps) or mouse.
+        speed: speed on straights in mph, 8..30; the driver slows down for sharp bends.
+        noise: how far the driver sways off its line, 0..1; only the way back is recorded.
+        direction: forward, backward, or both (one after the other).
+        seed: random seed of swaying, hand inaccuracy and weather.
+        start: start position in metres along the road; null for its begin.
+        renderer: auto, software or opengl.
+        header: whether the log begins with column names, as the course's sample data does.
+        relative: whether the log has paths relative to its folder (IMG/...).
+        jobs: number of processes that draw, 1..64; it does not change the files.
+    """
+
+    out: str
+    laps: float = 1.0
+    control: str = "expert"
+    speed: float = 30.0
+    noise: float = 0.0
+
+    seed: int = 0
+    start: float | None = None
+    renderer: str = "auto"
+    header: bool = False
+    relative: bool = False
+    jobs: int = 1
+
+
+@dataclass(frozen=True)
+class DriveOptions(WorldSettings):
+    """Keys of a drive in a window.
+
+    Args:
+        out: folder of the recording; auto is recordings/ and the time of its start.
+        seed: random seed of the weather.
+        start: start position in metres along the road; null for its begin.
+        width: width of the window in pixels, 320..7680; its height is half of that.
+        renderer: renderer of the recorded images: auto, software or opengl.
+        header: whether the log begins with column names, as the course's sample data does.
+        relative: whether the log has paths relative to its folder (IMG/...).
+        seconds: seconds of driving until the end; 0 for no end.
+    """
+
+    out: str = "auto"
+
+    seed: int = 0
+    start: float | None = None
+    width: int = 1280
+    renderer: str = "auto"
+    header: bool = False
+    relative: bool = False
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
