@@ -195,12 +195,12 @@ def test_frames_are_those_of_training_or_else_rendered(
 
 def test_the_network_uses_the_threads_of_the_driver(exported: Path) -> None:
     threads = torch.get_num_threads()
-    assert load_policy(exported).session.get_session_options().intra_op_num_threads == 1
+    assert load_policy(exported).onnx.get_session_options().intra_op_num_threads == 1
     try:
         policy = load_warm_policy(exported, threads=2)
     finally:
         torch.set_num_threads(threads)
-    assert policy.session.get_session_options().intra_op_num_threads == 2
+    assert policy.onnx.get_session_options().intra_op_num_threads == 2
 
 
 def test_it_scores_as_its_checkpoint(
