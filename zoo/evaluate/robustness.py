@@ -105,9 +105,7 @@ def perturbation(
         ValueError: there are no values, or another module has a perturbation of that name.
     """
 
-    def register(
-        function: Change,
-    ) -> Change:
+    def register(function: Change) -> Change:
         name = function.__name__
         if not values:
             raise ValueError(f"perturbation {name}: has no values; name some in rising order")
