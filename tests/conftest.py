@@ -65,6 +65,13 @@ def one_thread() -> Iterator[None]:
 
 
 @pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the test's folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def console() -> Console:
     """Return a console that is no terminal; `console.file.getvalue()` is its output."""
     return Console(file=io.StringIO(), width=500)

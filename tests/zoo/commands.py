@@ -61,6 +61,19 @@ def run(
         return subprocess.CompletedProcess(arguments, status, output.read(), errors.read())
 
 
+def run_words(cwd: Path, *words: str, **variables: str) -> subprocess.CompletedProcess:
+    """Return the output and exit status of a program in a process and an environment of its own."""
+    return subprocess.run(
+        words,
+        cwd=cwd,
+        env=environment() | variables,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+
+
 def train_in_fork(
     words: list[str], env: dict[str, str], check: bool
 ) -> subprocess.CompletedProcess:

@@ -1,4 +1,4 @@
-"""Checkpoints of a network that ignores its input and always steers the same."""
+"""Checkpoints of networks that were not trained."""
 
 from pathlib import Path
 
@@ -42,3 +42,20 @@ def write_network(
     path.parent.mkdir(parents=True, exist_ok=True)
     torch.save({"drivezoo": card, "state_dict": state, "epoch": epoch}, path)
     return path
+
+
+def write_pilotnet(path: Path, seed: int = 0, dropout: float = 0.3) -> Path:
+    """Write a checkpoint of a narrow PilotNet with random weights, and return its path."""
+    model = {
+        "_target_": "zoo.models.pilotnet.PilotNet",
+        "name": "nvidia",
+        "colour": "rgb",
+        "size": [66, 200],
+        "weights": None,
+        "width": 0.1,
+        "dropout": [dropout, dropout],
+    }
+    view = View([60, 20], "rgb", [66, 200])
+    torch.manual_seed(seed)
+    network = make_network(model, view)
+    return write_network(path, network, view, {"model": model})
