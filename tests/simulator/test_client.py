@@ -4,7 +4,6 @@ import io
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -70,18 +69,8 @@ def test_it_sends_telemetry_twice_at_first_and_then_once_for_each_reply(driven) 
     assert client.counts["telemetry"] - len(driver.telemetry) in (0, 1, 2)
 
 
-def test_an_image_is_sent_in_many_fragments(driven) -> None:
-    lengths = [length for final, opcode, _, length in driven[0].frames[0] if not final]
-    assert len(lengths) > 8 * len(driven[0].telemetry)
-    assert set(lengths) == {1016}
-
-
 def test_lockstep_drives_one_frame_for_each_reply(driven) -> None:
     assert driven[1].world.frames == driven[1].counts["steer"] == 9
-
-
-def test_a_driver_that_accelerates_moves_the_car(driven) -> None:
-    assert driven[1].world.car.speed_mph > 4
 
 
 def test_steering_is_obeyed_normalised_and_reported_in_degrees() -> None:
@@ -103,11 +92,7 @@ def test_the_summary_has_the_drives_figures(driven) -> None:
 @pytest.mark.parametrize(
     ("reply", "words"),
     [
-        ('["steer",{"steering_angle":0.1,"throttle":0.2}]', "steering_angle is 0.1, expected a"),
-        ('["steer",{"steering_angle":"nan","throttle":"0"}]', "float.Parse does not take"),
-        ('["steer",{"steering_angle":"0.1000"}]', "it has no throttle"),
         ('["steer","0.1000","0.2000"]', "it has 2 arguments, expected one object"),
-        ('["steer",[0.1,0.2]]', "its argument is list, expected one object"),
         ('["steer"]', "its argument is NoneType, expected one object"),
         ('["manual",{},{}]', "it has 2 arguments, expected one object"),
         ('["steer",{"steering_angle":', "not an event with a name"),
@@ -192,12 +177,6 @@ def test_a_decimal_comma_is_written_and_read() -> None:
     assert client.command == (0.2, 1.0)
 
 
-def test_a_point_under_a_decimal_comma_is_full_lock() -> None:
-    with RawDriver(steering_driver("0.1000", "0,2000")) as driver:
-        client, _ = drive(driver, decimal_comma=True)
-    assert client.command == (1.0, 0.2)
-
-
 def test_the_client_reconnects_at_once_after_dropping_a_connection() -> None:
     with RawDriver(steering_driver()) as driver:
         client, printed = drive(driver, drop_at=0.2)
@@ -271,15 +250,6 @@ def test_ctrl_c_prints_a_summary_and_refusals_are_tried_again_slowly() -> None:
     assert process.returncode == 0
     assert 2 <= len(driver.times) <= 4
     assert driver.left_open == 0
-
-
-def test_the_client_waits_for_a_closed_port() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        url = f"http://127.0.0.1:{taken.getsockname()[1]}"
-    with start_client(url) as process:
-        lines = [process.stdout.readline() for _ in range(2)]
-        process.terminate()
-    assert lines[1] == (f"waiting for a driver at {url}; start it with: drivezoo drive CKPT\n")
 
 
 def test_truth_adds_figures_to_telemetry() -> None:
@@ -357,8 +327,6 @@ def test_spans_of_seconds_may_be_whole_numbers_on_the_command_line() -> None:
         ({"clock": "slow"}, "clock=slow"),
         ({"manual": [[3.0, 1.0]]}, "manual: must be pairs"),
         ({"manual": [5, 7]}, "manual: must be pairs"),
-        ({"manual": [["a", "b"]]}, "manual: must be pairs"),
-        ({"url": "nowhere"}, "url=nowhere: must be like http://127.0.0.1:4567"),
         ({"url": "nowhere", "protocol": "modern"}, "url=nowhere: must be like"),
         ({"film": "lap.avi"}, "must end in .mp4"),
         ({"track": "lak"}, "there is no track lak"),

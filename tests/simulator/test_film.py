@@ -130,16 +130,6 @@ def test_a_full_disk_is_named_and_leaves_no_film(small_disk: Path, frames: int, 
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("small_disk", ["16k"], indirect=True)
-def test_a_full_disk_leaves_the_film_before(small_disk: Path) -> None:
-    path = write(small_disk / "lap.mp4", grey(0, 16, 16))
-    before = path.read_bytes()
-    noise = np.random.default_rng(0).integers(0, 255, (160, 320, 3), np.uint8)
-    with pytest.raises(InputError, match="disk is full"):
-        write(path, noise)
-    assert path.read_bytes() == before
-
-
 def test_an_ffmpeg_that_is_killed_is_named(tmp_path: Path) -> None:
     film = Film(tmp_path / "lap.mp4", 20)
     film.add(grey(0))

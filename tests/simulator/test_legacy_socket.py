@@ -1,15 +1,19 @@
-"""The Socket.IO client of 2016: its frames, and its reactions to a server's."""
+"""The Socket.IO client of 2016: its frames and messages, and its reactions to a server's."""
 
+import base64
 import re
 import socket
 import time
 from collections.abc import Iterator
 
+import cv2
+import numpy as np
 import pytest
 
 from simulator import legacy_socket
-from simulator.legacy_socket import OPENED, UNREADABLE, HandshakeRefusedError, LegacySocket
-from tests.simulator.drivers import RawDriver, RefusingDriver, make_frame
+from simulator.legacy_socket import OPENED, UNREADABLE, LegacySocket
+from simulator.telemetry import make_telemetry, parse_float, read_steer
+from tests.simulator.drivers import RawDriver, make_frame
 from zoo.base.errors import InputError
 
 STEER = '42["steer",{"steering_angle":"0.0500","throttle":"0.2000"}]'
@@ -68,15 +72,6 @@ def test_it_pings_at_once_and_then_every_25_s(monkeypatch) -> None:
         client.close()
     assert set(driver.messages[0]) == {"2"}
     assert 2 <= len(driver.messages[0]) <= 5  # a loaded machine sends fewer, none sends more
-
-
-def test_null_telemetry_is_sent_as_null() -> None:
-    with RawDriver(lambda _: []) as driver:
-        client = LegacySocket(driver.url)
-        client.emit("telemetry", None)
-        until(lambda: len(driver.messages[0]) == 2)
-        client.close()
-    assert driver.telemetry == ['42["telemetry",null]']
 
 
 def test_a_modern_servers_packets_are_accepted() -> None:
@@ -143,14 +138,6 @@ def test_a_driver_that_disconnects_is_a_connection_error(goodbye: bytes | None) 
         client.close()
 
 
-def test_an_answer_of_http_400_is_an_error_and_its_socket_is_closed() -> None:
-    with RefusingDriver() as driver:
-        for _ in range(3):
-            with pytest.raises(HandshakeRefusedError, match="HTTP 400"):
-                LegacySocket(driver.url)
-    assert driver.left_open == 0
-
-
 def test_a_closed_port_is_an_os_error() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -162,3 +149,74 @@ def test_a_closed_port_is_an_os_error() -> None:
 def test_a_wrong_url_is_named(url: str) -> None:
     with pytest.raises(InputError, match=re.escape(f"url={url}: must be like http://")):
         LegacySocket(url)
+
+
+FRAME = np.full((160, 320, 3), (200, 100, 50), np.uint8)
+
+
+def test_telemetry_is_strings_with_degrees_and_four_decimals() -> None:
+    message = make_telemetry(FRAME, -0.5, 0.25, 12.34567, decimal_comma=False)
+    assert list(message) == ["steering_angle", "throttle", "speed", "image"]
+    assert message["steering_angle"] == "-12.5000"
+    assert message["throttle"] == "0.2500"
+    assert message["speed"] == "12.3457"
+
+
+def test_its_image_is_the_frame_as_a_jpeg() -> None:
+    message = make_telemetry(FRAME, 0, 0, 0, decimal_comma=False)
+    data = np.frombuffer(base64.b64decode(message["image"]), np.uint8)
+    image = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    assert np.abs(image.astype(int) - FRAME).max() < 5
+
+
+def test_a_decimal_comma_where_the_locale_has_one() -> None:
+    message = make_telemetry(FRAME, 0.1, 0, 9.0, decimal_comma=True)
+    for key in ("steering_angle", "throttle", "speed"):
+        assert re.fullmatch(r"-?\d+,\d{4}", message[key])
+        assert message[key][-5] == ","
+
+
+def test_truth_adds_numbers_with_four_decimals() -> None:
+    message = make_telemetry(FRAME, 0, 0, 0, False, {"time": 1.5, "cte": -0.25})
+    assert (message["time"], message["cte"]) == ("1.5000", "-0.2500")
+
+
+@pytest.mark.parametrize(
+    ("text", "comma", "value"),
+    [
+        ("0.0500", False, 0.05),
+        ("-1", False, -1.0),
+        (" 1e-2 ", False, 0.01),
+        (".5", False, 0.5),
+        ("1,000", False, 1000.0),
+        ("0,0500", True, 0.05),
+        ("0.1000", True, 1000.0),  # the point separates thousands there
+        ("0,05", False, 5.0),
+        ("nan", False, None),
+        ("", False, None),
+        ("1.2.3", False, None),
+        ("0x10", False, None),
+        ("1e39", False, None),
+    ],
+)
+def test_floats_are_parsed_as_csharp_parses_them(text, comma, value) -> None:
+    assert parse_float(text, comma) == value
+
+
+def test_a_steer_is_clamped() -> None:
+    assert read_steer({"steering_angle": "-3.0", "throttle": "7"}, False) == (-1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"steering_angle": 0.1, "throttle": "0.2"}, "steering_angle is 0.1, expected a string"),
+        ({"steering_angle": "0.1"}, "it has no throttle"),
+        ({"steering_angle": "nan", "throttle": "0"}, "float.Parse"),
+        ([0.1, 0.2], "list, expected one object"),
+        (None, "NoneType"),
+    ],
+)
+def test_the_reason_for_discarding_a_reply_is_named(data: object, words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        read_steer(data, False)

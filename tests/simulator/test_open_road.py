@@ -17,6 +17,7 @@ from simulator.record import RecordOptions, record_laps
 from simulator.recorder import Recorder
 from simulator.track_file import make_track
 from simulator.world import Start, World
+from tests.simulator.test_record import GreyRenderer
 from tests.simulator.tracks import OPEN, open_road
 from zoo.base.errors import InputError
 
@@ -158,17 +159,9 @@ class Keyboard:
         return True
 
 
-class BlackRenderer:
-    def set_weather(self, weather, seed):
-        pass
-
-    def frame(self, pose, camera, tick):
-        return np.zeros((160, 320, 3), np.uint8)
-
-
 def test_a_person_returns_from_the_end_to_the_begin(tmp_path):
     straight = make_track("road", {"segments": [{"straight": 40}], "closed": False})
-    world, keyboard = World(straight, BlackRenderer(), frame_rate=50), Keyboard()
+    world, keyboard = World(straight, GreyRenderer(), frame_rate=50), Keyboard()
     with ExitStack() as recorders:
         drive = Drive(world, keyboard, lambda: Recorder(tmp_path / "laps"), 15)
         keyboard.pressed = ["r"]

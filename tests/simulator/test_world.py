@@ -1,11 +1,18 @@
-"""A car on a track, without a renderer."""
+"""A car on a track in its weather, without a renderer, and the settings of all worlds."""
+
+import re
 
 import numpy as np
 import pytest
 
+from simulator.command_options import ClientOptions
+from simulator.drive import DriveOptions
 from simulator.expert import Expert
+from simulator.record import RecordOptions
+from simulator.weather import CLEAR, Weather, random_weather, read_weather
 from simulator.world import Start, World, open_world
 from tests.simulator.tracks import loop
+from zoo.base.command_keys import keys_of, read_options
 from zoo.base.errors import InputError
 
 
@@ -109,12 +116,6 @@ def test_a_wall_met_head_on_stops_the_car():
     assert abs(info["cte"]) <= world.track.width / 2
 
 
-@pytest.mark.parametrize("frame_rate", [5, 15, 30, 50])
-def test_simulated_time_follows_the_frame_rate(frame_rate):
-    world = World(loop(), frame_rate=frame_rate)
-    assert drive(world, 3)["time"] == pytest.approx(3, abs=0.02)
-
-
 @pytest.mark.parametrize(
     ("frame_rate", "steps"), [(50, [1, 1, 1, 1]), (15, [3, 4, 3, 3, 4, 3]), (12.5, [4, 4, 4])]
 )
@@ -157,3 +158,50 @@ def test_a_wrong_option_is_refused(option, message):
 def test_a_world_without_a_renderer_has_no_frames():
     with pytest.raises(InputError, match="renderer=auto"):
         open_world("lake", renderer="none").frame()
+
+
+def test_the_words_of_the_commands() -> None:
+    assert read_weather("clear") == CLEAR
+    assert read_weather("random") == "random"
+    assert read_weather("{fog: 0.4, shadows: false}") == Weather(fog=0.4, shadows=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("foggy", "must be clear, random or settings"),
+        ("{fogg: 1}", "there is no fogg; did you mean fog?"),
+        ("{fog: 2}", "fog=2: must be in 0..1"),
+        ("{fog: thick}", "fog=thick: must be a number"),
+        ("{camera: {pich_deg: 2}}", "did you mean pitch_deg?"),
+        ("{camera: 3}", "camera: must be settings"),
+        ("{fog: [", "must be clear, random or settings"),
+    ],
+)
+def test_a_wrong_weather_is_named(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=re.escape(words)):
+        read_weather(text)
+
+
+def test_a_random_day_is_the_same_for_the_same_seed_and_another_for_another() -> None:
+    days = [random_weather(np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    assert days[0] == days[1] != days[2]
+
+
+def test_random_days_are_of_every_kind() -> None:
+    days = [random_weather(np.random.default_rng(seed)) for seed in range(200)]
+    for kind in ("fog", "rain", "wet"):
+        share = np.mean([getattr(day, kind) > 0 for day in days])
+        assert 0.1 < share < 0.45
+    assert 0.6 < np.mean([day.shadows for day in days]) < 0.95
+
+
+@pytest.mark.parametrize("kind", [ClientOptions, DriveOptions, RecordOptions])
+@pytest.mark.parametrize(
+    ("typed", "direction"), [("forward", 1), ("1", 1), ("backward", -1), ("-1", -1)]
+)
+def test_a_direction_has_a_name_and_a_number(kind: type, typed: str, direction: int) -> None:
+    options = read_options(kind, ["out=x"] * (kind is not ClientOptions) + [f"direction={typed}"])
+    options.check()
+    assert options.direction == direction
+    assert "forward" in [key.typed for key in keys_of(kind) if key.name == "direction"]
