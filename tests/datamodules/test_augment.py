@@ -1,3 +1,5 @@
+"""Augmentations of images and of the steering."""
+
 import colorsys
 from pathlib import Path
 
@@ -10,8 +12,10 @@ from omegaconf import OmegaConf
 from scipy import stats
 
 from datamodules.augment import Augment, Brightness, Shadow, Shift
+from datamodules.bend import CAMERA, Bend, depth_of
 from datamodules.image import decode_image
 from datamodules.view import CONVERSIONS, View
+from simulator import rig
 
 CONF = sorted((Path(__file__).parents[2] / "conf" / "augment").glob("*.yaml"))
 
@@ -44,14 +48,6 @@ def test_brightness_scales_v_of_hsv(scale):
         hue, saturation, value = colorsys.rgb_to_hsv(*(before / 255))
         wanted = colorsys.hsv_to_rgb(hue, saturation, min(value * scale, 1))
         assert np.abs(after - 255 * np.array(wanted)).max() <= 6
-
-
-@pytest.mark.parametrize("scale", [0.5, 1.25, 2.0])
-def test_brightness_keeps_the_hue_even_where_it_is_cut_off(scale):
-    orange = np.full((1, 8, 8, 3), (240, 120, 30), np.uint8)
-    changed, _ = always(scale)(orange, np.zeros(1, np.float32), seed=1)
-    hue = 360 * colorsys.rgb_to_hsv(*(changed[0, 0, 0] / 255))[0]
-    assert hue == pytest.approx(360 * colorsys.rgb_to_hsv(240, 120, 30)[0], abs=2)
 
 
 def test_brightness_of_grey(recorded):
@@ -170,18 +166,6 @@ def test_same_seed_same_images(images):
         np.testing.assert_array_equal(again[1], one[1])
 
 
-def test_other_seed_other_images(images):
-    augment = Augment(everything(), "rgb")
-    one, other = (augment(images, zeros(images), seed)[0] for seed in (5, 6))
-    assert not np.array_equal(one, other)
-
-
-def test_images_of_a_batch_are_changed_each_for_itself():
-    same = np.full((8, 10, 10, 3), 100, np.uint8)
-    changed, _ = Augment([Brightness()], "rgb")(same, zeros(same), seed=1)
-    assert len({image.tobytes() for image in changed}) > 4
-
-
 def test_transforms_of_a_batch_draw_independently():
     """With albumentations' random stream both transforms would change the same images."""
     white = np.full((1, 8, 320, 3), 200, np.uint8)
@@ -261,3 +245,67 @@ def test_one_of_a_batch_is_what_albumentations_makes_of_it(transform, images):
         wanted = transform.apply(image, **arguments)
         transform.change_one(image, **arguments)
         assert np.abs(image.astype(int) - wanted).max() <= isinstance(transform, Shadow)
+
+
+BEGUN = -rig.REAR_AXLE_M
+
+
+@pytest.mark.parametrize("curvature", [0.02, -0.02])
+def test_a_straight_line_becomes_the_circle_that_the_camera_would_see(curvature: float) -> None:
+    """The reference projects points of a circle that touches the car at its rear axle."""
+    moved = Bend().columns_aside(160, curvature, BEGUN, 60.0)
+    for ahead in (4.0, 8.0, 15.0):
+        along = ahead + rig.CAMERA_POSITIONS["center"][2] + rig.REAR_AXLE_M
+        aside = (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
+        below = np.arctan(CAMERA.up_m / ahead) - np.radians(CAMERA.pitch_down_deg)
+        row = 79.5 + CAMERA.focal_px * np.tan(below)  # of 160
+        depth = depth_of(ahead)
+        assert np.interp(row, np.arange(160), moved) == pytest.approx(
+            rig.FOCAL_PX * aside / depth, rel=0.1
+        )
+
+
+def test_a_bend_that_has_begun_steers_by_its_radius_and_a_later_one_not_yet() -> None:
+    bend = Bend()
+    angle = np.degrees(np.arctan(rig.WHEELBASE_M * 0.05)) / rig.MAX_STEERING_DEG
+    assert bend.apply_to_steering(0.1, 0.05, BEGUN) == pytest.approx(0.1 + angle)
+    assert bend.apply_to_steering(0.1, -0.05, BEGUN) == pytest.approx(0.1 - angle)
+    assert bend.apply_to_steering(0.1, 0.05, 2.0) == pytest.approx(0.1 + angle / 2)
+    assert bend.apply_to_steering(0.1, 0.05, 4.0) == 0.1
+    assert bend.apply_to_steering(0.9, 0.09, BEGUN) == 1.0
+
+
+def test_near_rows_stay_until_the_bend_begins_and_far_ones_move_most() -> None:
+    moved = Bend().columns_aside(160, 0.05, 6.0, 20.0)
+    assert moved[-1] == 0
+    assert (np.diff(moved[60:]) <= 0).all()
+    assert moved[60] > 20
+
+
+def test_a_cropped_and_resized_view_moves_like_the_rows_it_shows() -> None:
+    whole, cropped = Bend(), Bend()
+    cropped.crop = (40, 20)
+    of_view = cropped.columns_aside(50, 0.04, BEGUN, 20.0)  # two rows of the recording each
+    of_frame = whole.columns_aside(160, 0.04, BEGUN, 20.0)
+    assert of_view == pytest.approx(of_frame[40:140].reshape(50, 2).mean(1), abs=0.7)
+
+
+def test_it_moves_the_image_to_the_side_it_steers_to() -> None:
+    image = np.zeros((1, 66, 200, 3), np.uint8)
+    image[:, :, 98:102] = 255  # a line straight ahead
+    augment = Augment([bend := Bend(p=1.0, begun=1.0)], "rgb")
+    bend.crop = (40, 20)
+    for seed in range(20):
+        changed, steering = augment(image, np.zeros(1, np.float32), seed)
+        column = changed[0, 30].mean(-1).argmax()
+        if abs(steering[0]) > 0.1:
+            assert np.sign(column - 99.5) == np.sign(steering[0])
+
+
+def test_a_share_of_the_samples_is_left_alone() -> None:
+    images = np.random.default_rng(0).integers(0, 255, (400, 8, 16, 1)).astype(np.uint8)
+    changed, steering = Augment([Bend(p=0.3, begun=0.5)], "gray")(
+        images, np.zeros(400, np.float32), seed=1
+    )
+    assert 0.2 < (changed != images).any((1, 2, 3)).mean() < 0.4
+    assert 0.15 < (steering != 0).mean() < 0.27

@@ -1,9 +1,7 @@
 """`drivezoo check`, as a person runs it."""
 
 import shlex
-import struct
 import subprocess
-import zlib
 from pathlib import Path
 
 import cv2
@@ -146,34 +144,12 @@ def test_the_next_command_names_several_folders_in_hydras_grammar(tmp_path):
     assert (override.key_or_group, override.value()) == ("data.root", folders)
 
 
-def test_an_image_that_claims_a_huge_size_is_bad_and_no_stack_trace(written):
-    data = bytearray(cv2.imencode(".png", cv2.imread(str(written.image(3))))[1].tobytes())
-    data[16:24] = struct.pack(">II", 60_000, 60_000)
-    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
-    written.image(3).write_bytes(data)
-    done = run_check(written.folder)
-    assert (done.returncode, done.stderr) == (1, "")
-    assert f"row 4: {written.image(3)}: " in done.stdout
-
-
-def test_no_folder_is_a_usage_error():
-    done = run_check()
-    assert done.returncode == 2
-    assert "usage: drivezoo check" in done.stderr
-
-
 def test_png_is_whole_or_truncated(written, tmp_path):
     image = tmp_path / "center.png"
     cv2.imwrite(str(image), cv2.imread(str(written.image(0))))
     assert look_at_image(str(image)) == (320, 160)
     cut_off(image)
     assert look_at_image(str(image)) == "the image is truncated"
-
-
-def test_header_that_is_damaged(tmp_path):
-    image = tmp_path / "center.jpg"
-    image.write_bytes(b"\xff\xd8\xff\xe0\x00\x10JFIF\x00\x01\xff\xd9")
-    assert isinstance(look_at_image(str(image)), str)
 
 
 def test_bad_rows_are_refused_or_skipped_and_named(written):

@@ -274,14 +274,16 @@ def test_all_images_bad(load, tmp_path, on_bad_image):
         load(written.folder, on_bad_image=on_bad_image)
 
 
-def test_batch_larger_than_the_data(load):
-    with pytest.raises(InputError, match=r"data\.batch_size=4096 is larger than the \d+ training"):
-        load(batch_size=4096)
-
-
-def test_cap_that_cannot_be_held_is_said_on_loading(load):
-    with pytest.raises(InputError, match="cannot be held"):
-        load(straight_threshold=2.0)
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ({"batch_size": 4096}, r"data\.batch_size=4096 is larger than the \d+ training"),
+        ({"straight_threshold": 2.0}, "cannot be held"),
+    ],
+)
+def test_what_the_data_cannot_give_is_said_on_loading(load, setting, words):
+    with pytest.raises(InputError, match=words):
+        load(**setting)
 
 
 def test_root_must_be_set():
@@ -293,7 +295,6 @@ def test_root_must_be_set():
     "setting",
     [
         {"cameras": ["center", "back"]},
-        {"cameras": "center"},
         {"cameras": []},
         {"offset": 2},
         {"offset": float("nan")},
@@ -301,13 +302,10 @@ def test_root_must_be_set():
         {"recover_s": 0},
         {"recover_s": "2 s"},
         {"flip": 1.5},
-        {"flip": "always"},
         {"straight_cap": -0.1},
         {"straight_cap": 50},
         {"batch_size": 0},
-        {"batch_size": 2.5},
         {"samples_per_epoch": 0},
-        {"samples_per_epoch": 1.5},
         {"straight_threshold": "small"},
         {"val_share": -0.1},
         {"test_share": "a tenth"},

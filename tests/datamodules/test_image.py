@@ -57,12 +57,6 @@ def test_jpeg_with_bytes_after_its_end(jpeg):
     np.testing.assert_array_equal(decode_image(jpeg + b"\0" * 64), decode_image(jpeg))
 
 
-def test_truncated_png():
-    data = encoded(np.random.default_rng(0).integers(0, 256, (160, 320, 3), np.uint8), "PNG")
-    with pytest.raises(ValueError, match="truncated"):
-        decode_image(data[: len(data) // 2])
-
-
 @pytest.mark.parametrize("kind", ["GIF", "BMP", "WEBP", "TIFF", "PPM", "JPEG2000"])
 def test_another_kind_of_image_is_refused_by_training_and_check_alike(jpeg, tmp_path, kind):
     data = encoded(decode_image(jpeg), kind)
@@ -82,11 +76,6 @@ def test_what_is_cut_off_is_refused_by_training_and_check_alike(jpeg, tmp_path, 
         with pytest.raises(ValueError) as caught:  # noqa: PT011 - any words, the same in both
             decode_image(whole[:size])
         assert look_at_image(str(image)) == str(caught.value)
-
-
-def test_empty_file():
-    with pytest.raises(ValueError, match="empty"):
-        decode_image(b"")
 
 
 @pytest.mark.parametrize(

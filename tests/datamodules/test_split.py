@@ -1,3 +1,5 @@
+"""Parts of a recording, and how alike they are."""
+
 import csv
 from pathlib import Path
 
@@ -6,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from datamodules.image import decode_image
+from datamodules.leak import measure_leak, thumbnail
 from datamodules.recording import Recording, read_recordings
 from datamodules.split import PARTS, Split, rows_per_second, split_rows, write_split
 from tests.recordings import recording_in_memory, write_recording
@@ -118,11 +122,6 @@ def test_whole_recordings():
     assert np.bincount(part[:, 0]).tolist() == [7, 2, 1]
 
 
-def test_too_few_recordings_to_split_by():
-    with pytest.raises(InputError, match=r"needs 3 recordings, data\.root names 2"):
-        split_rows(driven(100, (50, 50)), "recording")
-
-
 @pytest.mark.parametrize("rows", [10, 20, 45, 150])
 def test_tiny_recording_still_gets_all_three_parts(rows):
     split = split_rows(driven(rows), "blocks")
@@ -130,27 +129,29 @@ def test_tiny_recording_still_gets_all_three_parts(rows):
     assert min(len(split.train), len(split.val), len(split.test)) > 0
 
 
-@pytest.mark.parametrize("kind", ["blocks", "random"])
-@pytest.mark.parametrize("rows", [1, 2])
-def test_too_few_rows_for_three_parts_say_what_to_set(kind, rows):
-    with pytest.raises(InputError, match=r"leaves no .*rows .*record more"):
-        split_rows(driven(rows), kind)
-
-
 def test_two_rows_can_all_be_trained_on():
     split = split_rows(driven(2), "blocks", val_share=0, test_share=0)
     assert split.train.tolist() == [0, 1]
 
 
-@pytest.mark.parametrize(("val", "test"), [(-0.1, 0.1), (0.5, 0.5), (0.9, 0.3), (0.1, -0.2)])
-def test_shares_that_leave_nothing(val, test):
-    with pytest.raises(InputError, match=r"data\.val_share"):
-        split_rows(driven(100), "random", val_share=val, test_share=test)
+TOO_FEW = r"leaves no .*rows .*record more"
 
 
-def test_unknown_kind_names_the_known():
-    with pytest.raises(InputError, match=r"data\.split=block is not one of blocks, random"):
-        split_rows(driven(100), "block")
+@pytest.mark.parametrize(
+    ("recording", "kind", "shares", "words"),
+    [
+        (driven(100, (50, 50)), "recording", {}, r"needs 3 recordings, data\.root names 2"),
+        (driven(100), "block", {}, r"data\.split=block is not one of blocks, random"),
+        *((driven(rows), kind, {}, TOO_FEW) for kind in ("blocks", "random") for rows in (1, 2)),
+        *(
+            (driven(100), "random", {"val_share": val, "test_share": test}, r"data\.val_share")
+            for val, test in ((-0.1, 0.1), (0.5, 0.5), (0.9, 0.3), (0.1, -0.2))
+        ),
+    ],
+)
+def test_a_split_that_cannot_be_says_what_to_set(recording, kind, shares, words):
+    with pytest.raises(InputError, match=words):
+        split_rows(recording, kind, **shares)
 
 
 @pytest.fixture
@@ -201,3 +202,83 @@ def test_rate_without_times_is_the_simulators():
     recording = driven(10)
     recording.time_s[:] = np.nan
     assert rows_per_second(recording) == 15.0
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    """Return a recording of 20 s and its centre images."""
+    written = write_recording(tmp_path_factory.mktemp("leak") / "lake", 300, cameras=("center",))
+    recording = read_recordings(str(written.folder))
+    images = [decode_image(written.image(row).read_bytes())[60:135] for row in range(300)]
+    return recording, np.stack(images)
+
+
+def test_random_leaks_more_than_blocks(lake):
+    recording, images = lake
+    leaks = {}
+    for kind in ("random", "blocks"):
+        split = split_rows(recording, kind, val_share=0.2, test_share=0.0, block_s=4)
+        leaks[kind] = measure_leak(
+            recording, split.train, split.val, lambda row: thumbnail(images[row])
+        )
+    assert leaks["random"].seconds < leaks["blocks"].seconds
+    assert leaks["random"].likeness < leaks["blocks"].likeness
+
+
+def test_seconds_to_the_nearest_training_row():
+    recording = recording_in_memory(np.zeros(100))
+    images = np.zeros((100, 8, 16, 1), np.uint8)
+    leak = measure_leak(recording, np.arange(0, 41), np.array([70]), images.__getitem__)
+    assert leak.seconds == pytest.approx(30 / 15)
+
+
+def test_seconds_do_not_count_across_recordings():
+    """Row 50 is the second recording's first: the first recording's last row is no neighbour."""
+    recording = recording_in_memory(np.zeros(100), sizes=(50, 50))
+    images = np.zeros((100, 8, 16, 1), np.uint8)
+    train = np.concatenate([np.arange(50), np.arange(65, 100)])
+    leak = measure_leak(recording, train, np.array([50]), images.__getitem__)
+    assert leak.seconds == pytest.approx(1.0)
+
+
+def test_seconds_are_unknown_without_times():
+    recording = recording_in_memory(np.zeros(20))
+    recording.time_s[:] = np.nan
+    images = np.zeros((20, 8, 16, 1), np.uint8)
+    assert np.isnan(
+        measure_leak(recording, np.arange(10), np.arange(10, 20), images.__getitem__).seconds
+    )
+
+
+def test_a_copy_in_training_has_likeness_zero():
+    noise = np.random.default_rng(0).integers(0, 256, (10, 64, 128, 3), np.uint8)
+    images = np.concatenate([noise, noise])
+    leak = measure_leak(
+        recording_in_memory(np.zeros(20)),
+        np.arange(10),
+        np.arange(10, 20),
+        lambda row: thumbnail(images[row]),
+    )
+    assert leak.likeness == 0
+
+
+def test_strangers_have_likeness_near_one():
+    flat = np.random.default_rng(0).integers(0, 256, (60, 8, 16, 1), np.uint8)
+    leak = measure_leak(
+        recording_in_memory(np.zeros(60)), np.arange(30), np.arange(30, 60), flat.__getitem__
+    )
+    assert 0.7 < leak.likeness < 1
+
+
+def test_neighbours_are_found_in_a_long_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every image has one copy, in the next row; only a sample of rows is compared."""
+    monkeypatch.setattr("datamodules.leak.COMPARED", 10)
+    pairs = np.random.default_rng(0).integers(0, 256, (500, 8, 16, 1), np.uint8)
+    leak = measure_leak(
+        recording_in_memory(np.zeros(1000)),
+        np.arange(0, 1000, 2),
+        np.arange(1, 1000, 2),
+        pairs.repeat(2, axis=0).__getitem__,
+    )
+    assert leak.likeness == 0
+    assert leak.seconds == pytest.approx(1 / 15, abs=1e-3)

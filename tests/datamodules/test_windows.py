@@ -94,13 +94,6 @@ def test_a_side_camera_returns_to_the_line_in_the_steps_ahead(load, settings):
     assert (np.abs(right_m).max(1) < 0.82).all()
 
 
-@pytest.mark.parametrize("settings", [{}, {"sequence": 1, "stride": 1, "ahead": 0}])
-def test_without_windows_batches_are_single_frames(load, settings):
-    batch = load(**settings).training_batches()[BatchKey(0, 0, np.arange(5))]
-    assert batch["images"].shape == (5, 3, 33, 100)
-    assert batch["targets"].shape == (5, 2)
-
-
 def test_windows_of_one_frame_are_single_frames(load):
     """Flips and augmentation, too, have the same random draws."""
     augment = {"brightness": Brightness(), "shift": Shift(), "blur": albumentations.GaussianBlur()}
