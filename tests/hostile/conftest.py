@@ -1,10 +1,12 @@
-"""A driver's process for hostile clients."""
+"""Drivers' processes for hostile clients, and commands that fail with one line."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 from tests.zoo.drive.serve import Served, served
+from zoo.cli.run_command import run_command
 
 
 @pytest.fixture(scope="module")
@@ -14,3 +16,22 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield process
         assert process.stop() == 0, process.lines
         assert not any("Traceback" in line for line in process.lines), process.lines
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Iterator[Served]:
+    """Start a driver for one test."""
+    with served(tmp_path / "drive") as process:
+        yield process
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture) -> Callable[..., str]:
+    """Return a function that runs a command, which must fail, and returns its one error line."""
+
+    def run(name: str, command: Callable[[list[str]], object], arguments: list[str]) -> str:
+        assert run_command(name, command, arguments) == 1
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        return line
+
+    return run

@@ -1,10 +1,14 @@
-"""Checkpoints, doubt files and guard files that ask for far more than they hold."""
+"""Files of networks that ask for far more than they hold, or are replaced while they are read."""
 
 import io
+import os
 import tracemalloc
 import zipfile
 from pathlib import Path
 
+import numpy as np
+import onnx
+import onnxruntime
 import pytest
 import torch
 
@@ -18,10 +22,12 @@ from tests.hostile.crafted_files import (
     shared_tuples_as_key,
     with_pickle,
 )
+from tests.zoo.bomb import Bomb
 from tests.zoo.commands import only_line, run
 from tests.zoo.written_checkpoints import write_constant
 from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint import load_checkpoint, load_plain
+from zoo.checkpoints.onnx_policy import open_session
 from zoo.checkpoints.policy import load_policy
 from zoo.monitor.guard_file import KEY, read_guard
 
@@ -48,21 +54,6 @@ def test_lists_that_share_their_parts_are_not_expanded(module: str, path: Path) 
     assert "x.ckpt: is damaged" in printed
     assert "1,000,000 values" in printed
     assert result.returncode == 1
-
-
-def test_a_guard_files_lists_are_not_expanded(tmp_path: Path) -> None:
-    guard = {"format": 1, "method": "autoencoder", "state": {"shape": shared_lists(40)}}
-    torch.save({KEY: guard}, tmp_path / "x.guard")
-    with pytest.raises(InputError, match=r"x\.guard: .*values"):
-        read_guard(tmp_path / "x.guard")
-
-
-def test_a_guard_files_mean_of_400_digits_is_named(tmp_path: Path) -> None:
-    numbers = {"threshold": 1.0, "window": 1, "limit_mph": 5.0, "samples": 2}
-    guard = {"format": 1, "method": "attention_mean", "state": {"mean": 10**400}, **numbers}
-    torch.save({KEY: guard}, tmp_path / "x.guard")
-    with pytest.raises(InputError, match=r"x\.guard: state: "):
-        read_guard(tmp_path / "x.guard")
 
 
 @pytest.mark.parametrize(
@@ -168,15 +159,106 @@ def test_an_odd_format_is_one_short_line(value: object, path: Path) -> None:
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("key", ["format", "method", "threshold", "window"])
-@pytest.mark.parametrize("value", [[0] * 1000, {}, torch.zeros(3, 4)])
-def test_an_odd_value_of_a_guard_file_is_one_short_line(
-    key: str, value: object, tmp_path: Path
-) -> None:
-    numbers = {"threshold": 1.0, "window": 1, "limit_mph": 5.0, "samples": 2}
-    guard = {"format": 1, "method": "attention_mean", "state": {"mean": 0.5}, **numbers}
-    torch.save({KEY: guard | {key: value}}, tmp_path / "x.guard")
-    with pytest.raises(InputError, match=rf"x\.guard: .*{key}") as error:
+GUARD = {"format": 1, "method": "attention_mean", "state": {"mean": 0.5}}
+GUARD |= {"threshold": 1.0, "window": 1, "limit_mph": 5.0, "samples": 2}
+ODD_GUARDS: dict[str, tuple[dict, str]] = {
+    "shared lists": ({"method": "autoencoder", "state": {"shape": shared_lists(40)}}, "values"),
+    "400 digits": ({"state": {"mean": 10**400}}, "state: "),
+    **{
+        f"{key} {type(value).__name__}": ({key: value}, key)
+        for key in ("format", "method", "threshold", "window")
+        for value in ([0] * 1000, {}, torch.zeros(3, 4))
+    },
+}
+
+
+@pytest.mark.parametrize("name", ODD_GUARDS)
+def test_an_odd_value_of_a_guard_file_is_one_short_line(name: str, tmp_path: Path) -> None:
+    changes, words = ODD_GUARDS[name]
+    torch.save({KEY: GUARD | changes}, tmp_path / "x.guard")
+    with pytest.raises(InputError, match=rf"x\.guard: .*{words}") as error:
         read_guard(tmp_path / "x.guard")
     assert "\n" not in str(error.value)
-    assert len(str(error.value)) < 300
+    assert len(str(error.value)) < 300 + len(str(tmp_path))
+
+
+def swapping(monkeypatch: pytest.MonkeyPatch, place: object, name: str, path: Path) -> None:
+    """Replace the file at `path` whenever a function is called, before it runs."""
+    own = getattr(place, name)
+
+    def swap(*arguments: object) -> object:
+        os.replace(path.with_name("other"), path)  # noqa: PTH105 - a single system call
+        return own(*arguments)
+
+    monkeypatch.setattr(place, name, swap)
+
+
+@pytest.mark.parametrize("other", ["checkpoint", "code", "pipe"])
+def test_a_checkpoint_is_loaded_as_it_was_checked(
+    other: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.ckpt"
+    torch.save({"a": 1}, path)
+    if other == "pipe":
+        os.mkfifo(tmp_path / "other")
+    else:
+        torch.save(
+            {"a": 2} if other == "checkpoint" else Bomb(tmp_path / "ran"), path.with_name("other")
+        )
+    swapping(monkeypatch, zipfile, "is_zipfile", path)
+    assert load_plain(path) == {"a": 1}
+    assert not (tmp_path / "ran").exists()
+
+
+def adding(number: float, outside: str | None = None) -> bytes:
+    """Return a model that adds a number, stored in the model or in another file."""
+    weights = onnx.numpy_helper.from_array(np.full(400, number, np.float32), "w")
+    if outside:
+        weights.ClearField("raw_data")
+        weights.data_location = onnx.TensorProto.EXTERNAL
+        for key, value in {"location": outside, "offset": "0", "length": "1600"}.items():
+            entry = weights.external_data.add()
+            entry.key, entry.value = key, value
+    of = [onnx.helper.make_tensor_value_info(one, onnx.TensorProto.FLOAT, [400]) for one in "xy"]
+    node = onnx.helper.make_node("Add", ["x", "w"], ["y"])
+    graph = onnx.helper.make_graph([node], "graph", [of[0]], [of[1]], [weights])
+    opset = onnx.helper.make_opsetid("", 17)
+    return onnx.helper.make_model(graph, opset_imports=[opset], ir_version=8).SerializeToString()
+
+
+def added(session: onnxruntime.InferenceSession) -> float:
+    return float(session.run(None, {"x": np.zeros(400, np.float32)})[0][0])
+
+
+def test_an_onnx_file_is_run_as_it_was_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.onnx"
+    path.write_bytes(adding(1.0))
+    path.with_name("other").write_bytes(adding(2.0))
+    swapping(monkeypatch, onnxruntime, "SessionOptions", path)
+    assert added(open_session(path, 1)) == 1.0
+
+
+@pytest.mark.parametrize("outside", ["../w.bin", "sub/../../w.bin", "/ABSOLUTE/w.bin", "none.bin"])
+@pytest.mark.parametrize("here", [".", "models"])
+def test_weights_outside_of_an_onnx_files_folder_are_not_read(
+    outside: str, here: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "models" / "sub").mkdir(parents=True)
+    (tmp_path / "w.bin").write_bytes(np.ones(400, np.float32).tobytes())
+    path = tmp_path / "models" / "x.onnx"
+    path.write_bytes(adding(1.0, outside.replace("/ABSOLUTE", str(tmp_path))))
+    monkeypatch.chdir(tmp_path / here)
+    with pytest.raises(InputError, match=r"x\.onnx: .*onnx"):
+        open_session(path, 1)
+
+
+def test_weights_next_to_an_onnx_file_are_read_from_any_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "w.bin").write_bytes(np.full(400, 3.0, np.float32).tobytes())
+    (tmp_path / "models" / "x.onnx").write_bytes(adding(1.0, "w.bin"))
+    monkeypatch.chdir(tmp_path)
+    assert added(open_session(Path("models/x.onnx"), 1)) == 3.0

@@ -1,14 +1,11 @@
 """`drivezoo COMMAND` in a folder of a stranger, whose files have the names of modules."""
 
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.recordings import Written
-from tests.zoo.commands import environment
-from tests.zoo.trainings import SMALL
+from tests.zoo.commands import run_words
 from zoo.base.module_start import module_command
 
 FOLDERS = ("zoo", "datamodules", "simulator", "drivezoo", "hydra_plugins/stranger")
@@ -43,9 +40,7 @@ def stranger(tmp_path: Path) -> Path:
 
 def run(folder: Path, *words: str) -> str:
     """Return the output of a command in the stranger's folder, whose files must not run."""
-    result = subprocess.run(
-        words, cwd=folder, env=environment(), capture_output=True, text=True, check=False
-    )
+    result = run_words(folder, *words)
     ran = folder / "ran"
     assert not ran.exists(), ran.read_text()
     assert result.returncode == 0, result.stdout + result.stderr
@@ -74,15 +69,3 @@ def test_a_spawned_process_runs_none_of_its_files_where_python_lacks_safe_path(
     script = stranger.with_name("spawn.py")
     script.write_text(SPAWN)
     assert "[1]" in run(stranger, sys.executable, str(script))
-
-
-@pytest.mark.slow
-def test_a_training_and_drives_in_processes_run_none_of_its_files(
-    stranger: Path, recorded: Written
-) -> None:
-    data = (f"data.root={recorded.folder}", "data.workers=2", "data.cache=null")
-    drivezoo(stranger, "train", *SMALL, *data, "trainer.max_epochs=1", "hydra.run.dir=run")
-    short = ("laps=0.02", "speed=12", "seeds=2", "workers=2")
-    drivezoo(stranger, "evaluate", "run", "track=lake", *short)
-    drivezoo(stranger, "rerun", "run", "out=again")
-    drivezoo(stranger, "doctor")

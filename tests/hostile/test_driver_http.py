@@ -34,13 +34,6 @@ BAD = [
 ]
 
 
-@pytest.fixture
-def fresh(tmp_path: Path) -> Iterator[Served]:
-    """Start a driver for one test."""
-    with served(tmp_path / "drive") as process:
-        yield process
-
-
 def ask(port: int, request: bytes) -> bytes:
     """Return the driver's answer, up to the end of the connection."""
     answer = b""

@@ -2,8 +2,6 @@
 
 import contextlib
 import subprocess
-from collections.abc import Iterator
-from pathlib import Path
 
 import psutil
 import pytest
@@ -22,7 +20,7 @@ from benchmarks.driver_memory import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
 from tests.zoo.commands import ROOT, command, environment, run
 from tests.zoo.drive.old_client import OldClient
-from tests.zoo.drive.serve import Served, served
+from tests.zoo.drive.serve import Served
 from zoo.drive.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
 
 # Each attack would take over 150 MB of a driver without its limits.
@@ -34,13 +32,6 @@ LARGE = {
     "missing attachments": 60,
 }
 MEASUREMENT = str(ROOT / "benchmarks" / "driver_memory.py")
-
-
-@pytest.fixture
-def fresh(tmp_path: Path) -> Iterator[Served]:
-    """Start a driver for one test."""
-    with served(tmp_path / "drive") as process:
-        yield process
 
 
 def grown(driver: Served, name: str, requests: int) -> float:

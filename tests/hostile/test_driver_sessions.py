@@ -10,13 +10,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import psutil
 import pytest
 import socketio
 
 from tests.zoo.drive.old_client import OldClient, telemetry
 from tests.zoo.drive.serve import Served, picture, served
-from zoo.drive.connections import MOST_PER_ADDRESS
 from zoo.drive.socketio_server import MOST_QUIET
 
 RED = picture((204, 0, 0))  # steering 0.8
@@ -24,13 +22,6 @@ FINE = ("steer", {"steering_angle": "0.8000", "throttle": "0.2000"})
 RUBBISH = ("steer", {"steering_angle": "0", "throttle": "0"})
 HANDSHAKE = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n%s\r\n"
 TELEMETRY = json.dumps(["telemetry", telemetry(jpeg=RED)])
-
-
-@pytest.fixture
-def fresh(tmp_path: Path) -> Iterator[Served]:
-    """Start a driver for one test."""
-    with served(tmp_path / "drive") as process:
-        yield process
 
 
 @pytest.fixture
@@ -128,21 +119,6 @@ def test_a_current_client_is_driven_beyond_the_time_limit(impatient: Served) -> 
         client.disconnect()
 
 
-@pytest.mark.slow
-def test_memory_does_not_grow_with_handshakes(fresh: Served) -> None:
-    process = psutil.Process(fresh.process.pid)
-    for _ in range(500):
-        poll(fresh.port)
-    before = process.memory_info().rss
-    ends = time.monotonic() + 30
-    for _ in range(10_000):
-        poll(fresh.port)
-        if time.monotonic() > ends:
-            break
-    assert process.memory_info().rss - before < 30 << 20
-    assert_drives(fresh)
-
-
 @pytest.mark.parametrize(
     ("headers", "status"),
     [
@@ -176,14 +152,6 @@ def test_half_open_connections_block_no_simulator(fresh: Served) -> None:
         assert closed(held[0]), "the oldest is closed first"
     for connection in held:
         connection.close()
-
-
-def test_websockets_without_telemetry_block_no_simulator(fresh: Served) -> None:
-    held = [OldClient(fresh.port, timeout_s=10) for _ in range(MOST_PER_ADDRESS + 20)]
-    assert_drives(fresh)
-    assert closed(held[0].socket)
-    for client in held:
-        client.socket.close()
 
 
 def test_a_request_whose_head_never_ends_is_closed(impatient: Served) -> None:

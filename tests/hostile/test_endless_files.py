@@ -277,44 +277,6 @@ def test_decoding_names_the_file(replaced: Written) -> None:
     assert "20000 x 20000" in faults[7]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["JPEG", "kernel"])
-def test_training_names_the_file_and_the_row(name: str, replaced: Written, tmp_path: Path) -> None:
-    image = replaced.image(7)
-    image.unlink()
-    if name == "JPEG":
-        image.write_bytes(LARGE["JPEG"])
-    else:
-        image.symlink_to(KERNEL)
-    arguments = (*SMALL, f"data.root={replaced.folder}", "data.cache=null", "hydra.run.dir=run")
-    line = only_line(run(tmp_path, *arguments, timeout=100))
-    assert f"{replaced.log}, row 8: " in line
-    assert image.name in line
-    result = run(tmp_path, str(replaced.folder), module="datamodules.check", timeout=60)
-    assert result.returncode == 1
-    assert f"{replaced.log}, row 8: " in result.stdout
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["pipe", "device"])
-def test_commands_do_not_wait_for_a_file(name: str, replaced: Written, tmp_path: Path) -> None:
-    make, words = ENDLESS[name]
-    place(make, replaced.log)
-    for module, arguments in {
-        "datamodules.check": (str(replaced.folder),),
-        "zoo.preview": (f"data.root={replaced.folder}",),
-    }.items():
-        line = only_line(run(tmp_path, *arguments, module=module, timeout=60))
-        assert f"{replaced.log}: " in line
-        assert words in line
-
-
-@pytest.mark.parametrize("module", ["zoo.evaluate", "zoo.export", "zoo.drive"])
-def test_a_checkpoint_that_never_ends_is_refused(module: str, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "x.ckpt")
-    assert "x.ckpt" in only_line(run(tmp_path, "x.ckpt", module=module, timeout=60))
-
-
 def test_film_names_an_image_that_is_no_regular_file(replaced: Written, tmp_path: Path) -> None:
     images = tmp_path / "images"
     images.mkdir()

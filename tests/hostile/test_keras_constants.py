@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.hostile.crafted_files import lambda_with, shared_constants
-from tests.zoo.commands import only_line, run
 from tests.zoo.keras.keras_files import Layer, random_weights, write_h5
 from zoo.base.errors import InputError
 from zoo.keras.keras_file import read_keras
@@ -101,12 +100,6 @@ def test_an_operators_constant_of_400_digits_is_named(tmp_path: Path) -> None:
 def test_a_specs_number_of_400_digits_is_named() -> None:
     with pytest.raises(ValueError, match=r"layer 1: alpha="):
         LayerSpec({"alpha": 10**400}, "layer 1").number("alpha")
-
-
-@pytest.mark.parametrize("name", ["shared", "NaN"])
-def test_import_prints_a_line_for_an_odd_lambda(name: str, tmp_path: Path) -> None:
-    write_h5(tmp_path / "m.h5", [("Lambda", lambda_with(ODD_CONSTANTS[name]), []), *REST])
-    assert "lambda_1" in only_line(run(tmp_path, "m.h5", module="zoo.import", timeout=60))
 
 
 def test_one_value_in_a_huge_compressed_chunk_is_not_unpacked(tmp_path: Path) -> None:

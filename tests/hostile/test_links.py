@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,6 @@ from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.base.whole_file import refuse_links_out, remove_parts, write_whole
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
-from zoo.cli.run_command import run_command
 from zoo.drives.drive_log import write_summary
 from zoo.leaderboard.__main__ import leaderboard
 from zoo.report.__main__ import report
@@ -89,38 +89,28 @@ COMMANDS = {
 @pytest.mark.parametrize("link", ["report", "plots", "hparams.yaml", ".hydra/x", "split.csv"])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_link_that_leads_out_is_refused_by_name(
-    name: str,
-    link: str,
-    mine: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture,
+    name: str, link: str, mine: Path, here: Path, refusal: Callable[..., str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    run = write_run(tmp_path / "run")
+    run = write_run(here / "run")
     config = {"data": {"root": None}, "model": {"name": "tiny"}}
     (run / ".hydra" / "config.yaml").write_text(repr(config))
-    (tmp_path / "elsewhere").mkdir()
-    (run / link).symlink_to(tmp_path / "elsewhere" if link in ("report", "plots") else mine)
-    command, arguments = COMMANDS[name]
-    assert run_command(name, command, arguments) == 1
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    (here / "elsewhere").mkdir()
+    (run / link).symlink_to(here / "elsewhere" if link in ("report", "plots") else mine)
+    line = refusal(name, *COMMANDS[name])
     assert f"run/{link}: " in line
     assert "link" in line.replace(link, "")
     assert mine.read_text() == "mine"
-    assert list((tmp_path / "elsewhere").iterdir()) == []
-    assert not (tmp_path / "again").exists()
+    assert list((here / "elsewhere").iterdir()) == []
+    assert not (here / "again").exists()
 
 
 def test_a_sweep_with_a_link_that_leads_out_is_not_resumed(
-    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    mine: Path, here: Path, refusal: Callable[..., str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "sweep" / "0").mkdir(parents=True)
-    write_record(tmp_path / "sweep", new_record(["seed=1,2"]))
-    (tmp_path / "sweep" / "0" / "log.txt").symlink_to(mine)
-    assert run_command("zoo.sweep", sweep.main, ["resume=sweep"]) == 1
-    assert "sweep/0/log.txt: " in capsys.readouterr().err
+    (here / "sweep" / "0").mkdir(parents=True)
+    write_record(here / "sweep", new_record(["seed=1,2"]))
+    (here / "sweep" / "0" / "log.txt").symlink_to(mine)
+    assert "sweep/0/log.txt: " in refusal("zoo.sweep", sweep.main, ["resume=sweep"])
 
 
 def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
@@ -137,14 +127,13 @@ def test_a_link_within_the_folder_is_kept(tmp_path: Path) -> None:
 
 
 def test_the_leaderboard_refuses_a_link(
-    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    mine: Path, here: Path, refusal: Callable[..., str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    write_run(tmp_path / "outputs" / "run", autonomy=1.0)
-    page = tmp_path / "outputs" / "leaderboard.html"
+    write_run(here / "outputs" / "run", autonomy=1.0)
+    page = here / "outputs" / "leaderboard.html"
     page.symlink_to(mine)
-    assert run_command("zoo.leaderboard", leaderboard.main, ["outputs"]) == 1
-    assert "outputs/leaderboard.html: exists" in capsys.readouterr().err
+    line = refusal("zoo.leaderboard", leaderboard.main, ["outputs"])
+    assert "outputs/leaderboard.html: exists" in line
     assert mine.read_text() == "mine"
 
 

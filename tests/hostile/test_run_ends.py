@@ -1,9 +1,10 @@
-"""The end of a run: errors of its output never lose figures or checkpoints."""
+"""The end of a run, and standard output that fails: no figures or checkpoints are lost."""
 
 import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -81,13 +82,6 @@ def test_a_standard_output_that_is_full(buffered: str, recorded: Written, tmp_pa
     check_whole(tmp_path / "run")
 
 
-@posix
-def test_a_standard_output_that_is_closed(tmp_path: Path) -> None:
-    shell = ["sh", "-c", '"$@" >&-', "sh", *command("zoo.list", "--help")]
-    result = subprocess.run(shell, cwd=tmp_path, env=environment(), stderr=subprocess.PIPE)
-    assert (result.returncode, result.stderr) == (0, b"")
-
-
 def test_a_report_that_fails_gets_one_line(
     recorded: Written,
     tmp_path: Path,
@@ -122,3 +116,48 @@ def test_a_recording_that_is_removed_while_it_trains(
     assert zoo_here(monkeypatch, tmp_path, *arguments(str(root))) == 0
     assert capsys.readouterr().err == ""
     check_whole(tmp_path / "run")
+
+
+FULL = Path("/dev/full")
+SCRIPT = [sys.executable, "-c", "from zoo.cli.console_script import main; raise SystemExit(main())"]
+COMMANDS = ["--help", "--version", "check", "check --help", "simulator --help", "list tracks"]
+
+
+def printing(
+    name: str, recorded: Written, cwd: Path, shell: str, close: bool = False
+) -> tuple[int, str]:
+    """Return the exit status of a command and its errors, for a redirection of its output."""
+    words = {"check": ["check", str(recorded.folder)]}.get(name, name.split())
+    with subprocess.Popen(
+        ["sh", "-c", f'exec "$@" {shell}', "sh", *SCRIPT, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=cwd,
+        env=environment(),
+    ) as process:
+        if close:
+            process.stdout.close()
+        _, errors = process.communicate()
+    return process.returncode, errors
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_full_disk_is_one_line(name: str, recorded: Written, tmp_path: Path) -> None:
+    status, errors = printing(name, recorded, tmp_path, f">{FULL}")
+    assert status == 1
+    (line,) = errors.splitlines()
+    assert "standard output: " in line
+
+
+@posix
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_closed_output_is_no_error(name: str, recorded: Written, tmp_path: Path) -> None:
+    assert printing(name, recorded, tmp_path, ">&-") == (0, "")
+
+
+@posix
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_reader_that_ends_early_is_no_error(name: str, recorded: Written, tmp_path: Path) -> None:
+    assert printing(name, recorded, tmp_path, "", close=True) == (0, "")

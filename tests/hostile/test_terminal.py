@@ -1,9 +1,6 @@
 """Names and fields with control characters: they are printed as text."""
 
 import json
-import os
-import pty
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,7 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.recordings import write_recording
-from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.cli.test_console_progress import on_a_terminal
+from tests.zoo.commands import command, only_line, run
 from tests.zoo.sweeps import write_run
 from zoo.base.terminal import error_line, guard_rich
 
@@ -26,9 +24,6 @@ def control_characters(printed: str) -> str:
 REFUSED = {
     "check's folder": ("datamodules.check", [f"{EVIL}\nall images are whole"]),
     "recording": ("zoo", ["model=tiny", f"data.root='{EVIL}'"]),
-    "resumed run": ("zoo", [f"resume={EVIL}\nx"]),
-    "leaderboard's folder": ("zoo.leaderboard", [f"{EVIL}\nx"]),
-    "report's folder": ("zoo.report", [f"{EVIL}\nx"]),
     "track": ("zoo.evaluate", ["x.ckpt", f"track={EVIL}\nx"]),
     "simulator's track": ("simulator", ["record", "out=x", f"track={EVIL}"]),
     "simulator's command": ("simulator", [f"{EVIL}\nx"]),
@@ -75,26 +70,10 @@ def test_the_leaderboard_escapes_names_of_runs_and_tracks(tmp_path: Path) -> Non
 def test_on_a_terminal_it_escapes_them_too(tmp_path: Path) -> None:
     """Colours and table frames stay; other control characters are not printed."""
     evil_runs(tmp_path)
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        command("zoo.leaderboard", "."),
-        cwd=tmp_path,
-        env=environment() | {"TERM": "xterm"},
-        stdout=theirs,
-        stderr=theirs,
-    )
-    os.close(theirs)
-    printed = b""
-    try:
-        while part := os.read(ours, 65536):
-            printed += part
-    except OSError:  # the process has closed the terminal
-        pass
-    os.close(ours)
-    assert process.wait(60) == 0
-    assert b"damaged" in printed
-    assert b"\x1b[1m" in printed or b"\x1b[3m" in printed
-    for sequence in (b"\x1b[2J", b"\x1b]", b"\x07", b"\xc2\x9b", b"\xe2\x80\xae"):
+    printed = on_a_terminal(tmp_path, *command("zoo.leaderboard", "."))
+    assert "damaged" in printed
+    assert "\x1b[1m" in printed or "\x1b[3m" in printed
+    for sequence in ("\x1b[2J", "\x1b]", "\x07", "\x9b", "\u202e"):
         assert sequence not in printed
 
 
