@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from tests.zoo.models.test_models_command import build
-from tests.zoo.monitor.networks import write_pilotnet
+from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
 from zoo.checkpoints.command import Command, Policy, PolicyWrapper, as_policy
 from zoo.checkpoints.dropout_policy import DropoutPolicy

@@ -15,24 +15,9 @@ RIDGE = 10.0
 SCALED: Layer = ("Lambda", lambda_config(lambda x: x / 127.5 - 1.0), [])
 
 
-def conv_layer(kernel: np.ndarray, bias: np.ndarray, stride: int, activation: str) -> Layer:
-    """Return a Conv2D with a kernel [rows, columns, in, out]."""
-    config = {
-        "filters": kernel.shape[3],
-        "kernel_size": list(kernel.shape[:2]),
-        "strides": [stride, stride],
-        "padding": "valid",
-        "data_format": "channels_last",
-        "activation": activation,
-        "use_bias": True,
-    }
-    return "Conv2D", config, [kernel, bias]
-
-
 def dense_layer(kernel: np.ndarray, bias: np.ndarray, activation: str = "linear") -> Layer:
     """Return a Dense with a kernel [in, out]."""
-    config = {"units": kernel.shape[1], "activation": activation, "use_bias": True}
-    return "Dense", config, [kernel, bias]
+    return "Dense", {"units": kernel.shape[1], "activation": activation}, [kernel, bias]
 
 
 def pilotnet_layers(network: nn.Module, before: Sequence[Layer]) -> list[Layer]:
@@ -41,7 +26,9 @@ def pilotnet_layers(network: nn.Module, before: Sequence[Layer]) -> list[Layer]:
     for module in network.modules():
         if isinstance(module, nn.Conv2d):
             kernel = module.weight.detach().numpy().transpose(2, 3, 1, 0)
-            layers.append(conv_layer(kernel, module.bias.detach().numpy(), module.stride[0], "elu"))
+            config = {"filters": kernel.shape[3], "kernel_size": list(kernel.shape[:2])}
+            config |= {"strides": list(module.stride), "activation": "elu"}
+            layers.append(("Conv2D", config, [kernel, module.bias.detach().numpy()]))
             channels = module.out_channels
         elif isinstance(module, nn.Linear):
             kernel = module.weight.detach().numpy()

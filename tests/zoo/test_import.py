@@ -1,9 +1,7 @@
 """`drivezoo import`: from a Keras file to a checkpoint that every command takes."""
 
-import json
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import torch
@@ -195,48 +193,3 @@ def test_an_unclear_scale_is_asked_for_by_key(lake: Written, tmp_path: Path) -> 
         assert result.returncode == 0, result.stderr
         checkpoint = load_checkpoint(tmp_path / name.replace(".h5", ".ckpt"))
         assert checkpoint.config["model"]["scale"][1] == 1.0
-
-
-def hostile_files(folder: Path, good: Path) -> dict[str, str]:
-    """Write hostile files; return a word that the message about each contains."""
-    whole = good.read_bytes()
-    (folder / "truncated.h5").write_bytes(whole[: len(whole) // 2])
-    (folder / "empty.h5").touch()
-    (folder / "text.h5").write_text("no model")
-    (folder / "text.keras").write_text("no zip")
-    (folder / "model.json").write_text("{")
-    (folder / "code.h5").write_bytes(b"\x80\x04cos\nsystem\n")
-    dense = dense_layer(np.zeros((1440, 10), np.float32), np.zeros(10, np.float32), "softmax")
-    write_h5(folder / "classifier.h5", [("Flatten", {}, []), dense], shape=(12, 40, 3))
-    write_h5(folder / "unknown.h5", [("Attention", {}, []), dense], shape=(12, 40, 3))
-    write_h5(folder / "two.h5", [("Flatten", {}, []), dense], shape=(12, 40, 3))
-    with h5py.File(folder / "two.h5", "a") as file:
-        layers = [
-            {"name": one, "class_name": "InputLayer", "inbound_nodes": [],
-             "config": {"name": one, "batch_input_shape": [None, 12, 40, 3]}}
-            for one in ("camera", "speed")
-        ]  # fmt: skip
-        config = {"layers": layers, "input_layers": [["camera", 0, 0], ["speed", 0, 0]]}
-        config["output_layers"] = [["camera", 0, 0]]
-        model = {"class_name": "Model", "config": config}
-        file.attrs["model_config"] = json.dumps(model).encode()
-    return {
-        "truncated.h5": "copy it again",
-        "empty.h5": "empty",
-        "text.h5": "HDF5",
-        "text.keras": "keras",
-        "model.json": "model.json",
-        "code.h5": "HDF5",
-        "classifier.h5": "10 outputs",
-        "unknown.h5": "layer 1 of 2, attention_1",
-        "two.h5": "inputs",
-        "missing.h5": "missing.h5",
-    }
-
-
-def test_hostile_files_get_one_line_each(keras_file: Path, tmp_path: Path) -> None:
-    for name, word in hostile_files(tmp_path, keras_file).items():
-        line = only_line(import_file(tmp_path, name, "scale=[1,0]"))
-        assert name in line
-        assert word in line, line
-    assert not list(tmp_path.glob("*.ckpt"))

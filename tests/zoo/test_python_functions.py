@@ -66,22 +66,21 @@ def test_a_training_has_the_commands_figures(
     assert row["lake_autonomy"] == run.metrics["drive"]["tracks"]["lake"]["autonomy"][0]
 
 
-def test_a_checkpoint_and_its_policy_drive_alike(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    path = write_constant(tmp_path / "best.ckpt", 0.05)
+def test_a_checkpoint_and_its_policy_drive_alike(here: Path) -> None:
+    path = write_constant(here / "best.ckpt", 0.05)
     files = {"table": "a.csv", "plot": "a.svg"}
     of_file = drivezoo.evaluate(path, track="lake", out="a", **files, **SHORT)
     of_function = drivezoo.evaluate(lambda frame, mph: (0.05, None), out="b", **SHORT)
 
     (row,) = of_file.table()
-    (written,) = csv.DictReader((tmp_path / "a.csv").open())
+    (written,) = csv.DictReader((here / "a.csv").open())
     assert row["track"] == written["track"] == "lake"
     assert row["cte_mean_m"] == float(written["cte_mean_m"]) > 0
-    assert "<!-- lake -->" in (tmp_path / "a.svg").read_text(), "a row for each track"
+    assert "<!-- lake -->" in (here / "a.svg").read_text(), "a row for each track"
     assert of_function.table()[0]["cte_mean_m"] == pytest.approx(row["cte_mean_m"], rel=1e-6)
     assert "lake: autonomy" in repr(of_file)
     assert "<table>" in of_file._repr_html_()
-    assert json.loads((tmp_path / "b" / "metrics.json").read_text())["checkpoint"] == "<lambda>"
+    assert json.loads((here / "b" / "metrics.json").read_text())["checkpoint"] == "<lambda>"
 
 
 @pytest.mark.parametrize(
@@ -99,10 +98,7 @@ def test_a_checkpoint_and_its_policy_drive_alike(tmp_path: Path, monkeypatch) ->
         (lambda: drivezoo.evaluate("no.ckpt", laps="x"), drivezoo.UsageError, "laps=x: must be"),
     ],
 )
-def test_a_wrong_call_raises_one_line(
-    call, kind: type[Exception], words: str, tmp_path: Path, monkeypatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_wrong_call_raises_one_line(call, kind: type[Exception], words: str, here: Path) -> None:
     before = sys.argv
     with pytest.raises(kind) as failed:
         call()
@@ -148,20 +144,18 @@ def test_a_recording_is_replayed(tmp_path: Path) -> None:
     assert "autonomy" in (tmp_path / "a.tex").read_text()
 
 
-def test_results_of_the_benchmark_are_compared(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_results_of_the_benchmark_are_compared(here: Path) -> None:
     rng = np.random.default_rng(1)
     for name, autonomy in (("a", 0.6), ("b", 0.8)):
-        write(tmp_path / name, result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name))
+        write(here / name, result(figures(rng, autonomy, 3, 0.01, np.zeros(len(ROADS))), name))
     found = drivezoo.compare("a", "b", table="ab.csv", plot="ab.svg")
     assert "B drives better" in repr(found)
     assert [row["group"] for row in found.table()][-1] == "all but laps"
-    assert len((tmp_path / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
-    assert "<svg" in (tmp_path / "ab.svg").read_text()
+    assert len((here / "ab.csv").read_text().splitlines()) == 1 + len(found.table())
+    assert "<svg" in (here / "ab.svg").read_text()
 
 
-def test_runs_are_ranked_and_listed(run: Training, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_runs_are_ranked_and_listed(run: Training, here: Path) -> None:
     (row,) = drivezoo.leaderboard(run.folder, table="ranking.csv").table()
     assert row["lake_autonomy"] == run.figures["lake_autonomy"]
     assert drivezoo.results(run).table() == run.table()
@@ -244,41 +238,35 @@ def test_a_function_takes_the_users_own_parts(
     assert os.environ["DRIVEZOO_PARTS"] == str(tmp_path / "own_part.py")
 
 
-def test_the_quickstart_trains_and_drives(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_quickstart_trains_and_drives(recorded: Written, here: Path) -> None:
     tiny = {"RECORDING": str(recorded.folder), "EPOCHS": 0, "LAPS": 0.01, "SEEDS": 1}
     found = run_notebook("quickstart.ipynb", **tiny)
     assert found["rows"][0]["drives"] == 1
     assert found["run"].checkpoint.is_file()
-    assert "autonomy" in (tmp_path / "driving.tex").read_text()
+    assert "autonomy" in (here / "driving.tex").read_text()
     images = [one._repr_png_() for one in found["shown"] if hasattr(one, "_repr_png_")]
     assert images
     assert all(one.startswith(b"\x89PNG") for one in images)
 
 
-def test_the_study_compares_networks_and_resumes(
-    recorded: Written, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_study_compares_networks_and_resumes(recorded: Written, here: Path) -> None:
     tiny = {
         "RECORDING": str(recorded.folder),
         "MODELS": ["linear", "tiny"],
         "SEEDS": [1],
         "EPOCHS": 0,
-        "SUITE": str(write_suite(tmp_path)),
+        "SUITE": str(write_suite(here)),
         "WORKERS": 1,
     }
     first = run_notebook("study.ipynb", **tiny)
     for name in ("metrics.json", "status.json"):  # as if killed in this training
-        (tmp_path / "study" / "tiny-1" / name).unlink()
+        (here / "study" / "tiny-1" / name).unlink()
     second = run_notebook("study.ipynb", **tiny)
     assert [row["training seeds"] for row in first["rows"]] == [1, 1]
     assert second["rows"] == first["rows"]
     assert len(first["comparisons"]) == 1
-    assert (tmp_path / "study" / "study.pdf").stat().st_size > 1000
-    assert "linear & 15 & 1 &" in (tmp_path / "study" / "study.tex").read_text()
+    assert (here / "study" / "study.pdf").stat().st_size > 1000
+    assert "linear & 15 & 1 &" in (here / "study" / "study.tex").read_text()
 
 
 @pytest.mark.parametrize("path", sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda path: path.name)

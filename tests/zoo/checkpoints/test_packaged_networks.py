@@ -48,10 +48,7 @@ def test_each_network_loads_and_its_hash_is_recorded(name: str) -> None:
         for one in packaged_names()
     ],
 )
-def test_each_network_drives(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_each_network_drives(name: str, here: Path, capsys: pytest.CaptureFixture) -> None:
     result = drivezoo.evaluate(name, track="lake", laps=0.1, out="out", workers=1)
     (figures,) = result.drives
     assert figures["interventions"] == 0
@@ -59,9 +56,8 @@ def test_each_network_drives(
 
 
 def test_a_name_is_a_checkpoint_wherever_one_is_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    here: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     path = find_checkpoint(QUICK)
     assert path == PACKAGED / f"{QUICK}.ckpt"
     assert capsys.readouterr().err == f"{QUICK}: comes with drivezoo, {path}\n"
@@ -69,9 +65,8 @@ def test_a_name_is_a_checkpoint_wherever_one_is_taken(
 
 
 def test_a_file_of_that_name_goes_first_and_a_line_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    here: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     Path(QUICK).write_bytes(b"")
     assert find_checkpoint(QUICK) == find_checkpoint(QUICK) == Path(QUICK)
     (line,) = capsys.readouterr().err.splitlines()

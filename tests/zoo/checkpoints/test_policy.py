@@ -1,5 +1,6 @@
-"""A policy's quick forward pass: the network's, to the bit."""
+"""Policies of a checkpoint, a function or an ensemble: the forward pass, memory and latency."""
 
+import math
 import warnings
 from collections.abc import Callable
 
@@ -10,7 +11,10 @@ from torch import Tensor, nn
 
 from datamodules.view import View
 from tests.zoo.compositions import composed
+from tests.zoo.models.test_models_command import build
 from zoo.checkpoints.checkpoint import Checkpoint
+from zoo.checkpoints.command import Command, Policy, as_policy
+from zoo.checkpoints.ensemble_policy import EnsemblePolicy
 from zoo.checkpoints.frozen_graph import network_inputs, quick_forward
 from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import choices
@@ -18,6 +22,9 @@ from zoo.models.lenet import LeNet
 from zoo.models.make_network import make_network
 from zoo.models.memory import Memory
 from zoo.models.pilotnet import PilotNet
+from zoo.worlds.drive_loop import drive
+from zoo.worlds.open_world import open_world
+from zoo.worlds.scenario import Scenario
 
 # Not vgg, which takes seconds, nor efficientnet_lite0: a frozen graph folds batch normalization,
 # which is not equal to the bit.
@@ -126,3 +133,137 @@ def test_a_network_that_predicts_its_spread_returns_it(speed: bool) -> None:
     assert command.throttle == (min(max(out[1], -1), 1) if speed else None)
     assert command.spread == pytest.approx(np.exp(out[-1]))
     assert policy.outputs == 1 + speed
+
+
+class Counting(Policy):
+    """A policy that turns off the road, and counts resets."""
+
+    resets = 0
+
+    def __call__(self, frame, speed_mph: float) -> Command:
+        return Command(0.5)
+
+    def reset(self) -> None:
+        self.resets += 1
+
+
+def test_a_pair_is_a_command_without_doubt() -> None:
+    assert as_policy(lambda frame, mph: (0.1, None))(None, 9.0) == Command(0.1, None, None)
+
+
+def test_a_command_unpacks_as_the_pair_that_policies_once_returned() -> None:
+    steering, throttle = Command(0.1, 0.2, spread=0.3)
+    assert (steering, throttle) == (0.1, 0.2) == tuple(Command(0.1, 0.2))
+    assert Command(0.1, 0.2)[0] == 0.1
+
+
+def test_a_drive_resets_the_policy_at_its_start_and_after_each_intervention() -> None:
+    policy, scenario = Counting(), Scenario("lake", 1, laps=0.1, speed=9.0)
+    driven = drive(policy, open_world(scenario, "none"), scenario)
+    assert driven.intervention.sum() > 1
+    assert policy.resets == 1 + driven.intervention.sum()
+
+
+FRAMES = np.random.default_rng(3).integers(0, 256, (6, 160, 320, 3), np.uint8)
+
+
+def policy_of(name: str, *overrides: str, **data: float) -> CheckpointPolicy:
+    torch.manual_seed(1)
+    network, view = build(name, *overrides)
+    return CheckpointPolicy(Checkpoint(network.eval(), view, {}, dict(data)))
+
+
+def steering(policy: CheckpointPolicy, frames: np.ndarray = FRAMES) -> list[float]:
+    return [policy(frame, 9.0).steering for frame in frames]
+
+
+def test_with_a_stride_each_state_sees_every_second_frame() -> None:
+    policy = policy_of("cnn_gru", "model.stride=2")
+    even, odd = policy_of("cnn_gru"), policy_of("cnn_gru")
+    wanted = [0.0] * len(FRAMES)
+    wanted[0::2], wanted[1::2] = steering(even, FRAMES[0::2]), steering(odd, FRAMES[1::2])
+    assert steering(policy) == wanted
+
+
+def test_the_steering_is_that_of_the_time_at_which_it_reaches_the_wheels() -> None:
+    policy = policy_of("action_chunk", "model.ahead=3", "model.stride=3", rows_per_s=15.0)
+    with torch.no_grad():
+        images = torch.from_numpy(policy.view(FRAMES[0])).permute(2, 0, 1)[None]
+        steps = policy.network.step(images, *policy.network.first_state())[0][0, :, 0]
+    now, *later = steps.clamp(-1, 1).tolist()
+    asked = {0.0: now, 0.2: later[0], 0.3: (later[0] + later[1]) / 2, 0.6: later[2], 9.0: later[2]}
+    for latency_s, wanted in asked.items():
+        policy.latency_s = latency_s
+        policy.reset()
+        assert policy(FRAMES[0], 9.0).steering == pytest.approx(wanted, abs=1e-6)
+
+
+def test_without_the_recordings_rate_the_latency_changes_nothing() -> None:
+    policy = policy_of("action_chunk")
+    before = policy(FRAMES[0], 9.0)
+    policy.latency_s = 0.5
+    assert policy(FRAMES[0], 9.0) == before
+
+
+@pytest.mark.parametrize("name", ["nvidia", "cnn_gru"])
+def test_only_policies_that_predict_ahead_have_a_latency(name: str) -> None:
+    assert policy_of(name).latency_s is None
+    assert policy_of("action_chunk").latency_s == 0.0
+
+
+FRAME = np.zeros((160, 320, 3), np.uint8)
+
+
+class Member(Policy):
+    """A policy with a fixed command."""
+
+    view, config, name, parameters = View((60, 25), "rgb", None), {"seed": 1}, "Member", 10
+    takes_speed, outputs = False, 1
+
+    def __init__(self, steering: float, throttle: float | None = None, spread: float | None = None):
+        self.command = Command(steering, throttle, spread)
+        self.data: dict = {"rows": 3}
+
+    def __call__(self, frame: np.ndarray, speed_mph: float) -> Command:
+        return self.command
+
+
+class Ahead(Member):
+    """A policy that predicts ahead."""
+
+    latency_s = 0.0
+
+
+def test_the_command_is_the_mean_with_the_deviation_of_the_members() -> None:
+    command = EnsemblePolicy([Member(0.1, 0.5), Member(0.3, 0.7)])(FRAME, 9.0)
+    found = (command.steering, command.throttle, command.spread)
+    assert found == pytest.approx((0.2, 0.6, 0.1))
+
+
+def test_the_members_own_variance_counts() -> None:
+    command = EnsemblePolicy([Member(0.1, spread=0.2), Member(0.3, spread=0.4)])(FRAME, 9.0)
+    assert command.spread == pytest.approx(math.sqrt(0.1**2 + (0.2**2 + 0.4**2) / 2))
+
+
+def test_without_a_throttle_of_every_member_there_is_none() -> None:
+    assert EnsemblePolicy([Member(0.1, 0.5), Member(0.3)])(FRAME, 9.0).throttle is None
+
+
+def test_a_member_that_steers_nan_makes_the_mean_nan() -> None:
+    assert math.isnan(EnsemblePolicy([Member(math.nan), Member(0.3)])(FRAME, 9.0).steering)
+
+
+def test_it_describes_its_members() -> None:
+    policy = EnsemblePolicy([Member(0.1), Member(0.2)])
+    assert (policy.name, policy.parameters, policy.data) == ("2 Member", 20, {"rows": 3})
+    assert policy.config == {"seed": 1, "model": {"name": "2 Member"}}
+    policy.members[1].data = {"rows": 4}
+    assert EnsemblePolicy(policy.members).data == {}
+
+
+def test_the_latency_reaches_the_members_that_predict_ahead() -> None:
+    policy = EnsemblePolicy([Ahead(0.0), Member(0.0)])
+    policy.latency_s = 0.4
+    assert policy.members[0].latency_s == policy.latency_s == 0.4
+    assert policy.members[1].latency_s is None
+    assert EnsemblePolicy([Member(0.0)]).latency_s is None

@@ -1,6 +1,5 @@
 """Overrides as users type them: choices, paths, lists and typos."""
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
 
-from tests.zoo.commands import environment, only_line, run
+from tests.zoo.commands import only_line, run, run_words
 from zoo.cli.compose import (
     PATH_KEYS,
     compose_config,
@@ -140,10 +139,6 @@ def test_single_callbacks_are_added_and_switched_off() -> None:
     assert "progress" in compose_config(again)["callbacks"]
 
 
-def test_several_roots_are_a_list() -> None:
-    assert compose_config(quote_paths(["data.root=[a,b]"]))["data"]["root"] == ["a", "b"]
-
-
 @pytest.mark.parametrize("typed", ["track=lake", "drive=pi"])
 def test_keys_of_another_command_are_not_proposed(typed: str, tmp_path: Path) -> None:
     line = only_line(run(tmp_path, typed))
@@ -153,12 +148,4 @@ def test_keys_of_another_command_are_not_proposed(typed: str, tmp_path: Path) ->
 
 def test_nothing_slow_is_imported_before_ctrl_c_is_caught(tmp_path: Path) -> None:
     source = "import sys, zoo.__main__; print([*{'hydra', 'omegaconf', 'torch'} & {*sys.modules}])"
-    result = subprocess.run(
-        [sys.executable, "-c", source],
-        cwd=tmp_path,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert result.stdout.strip() == "[]"
+    assert run_words(tmp_path, sys.executable, "-c", source).stdout.strip() == "[]"

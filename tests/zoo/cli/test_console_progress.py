@@ -84,7 +84,8 @@ def test_work_without_a_share_is_shown_only_on_a_terminal(
 def on_a_terminal(cwd: Path, *words: str) -> str:
     """Return the output of a command on a terminal."""
     ours, theirs = pty.openpty()
-    process = subprocess.Popen(words, cwd=cwd, env=environment(), stdout=theirs, stderr=theirs)
+    env = environment() | {"TERM": "xterm"}
+    process = subprocess.Popen(words, cwd=cwd, env=env, stdout=theirs, stderr=theirs)
     os.close(theirs)
     try:
         printed = b"".join(_chunks(ours))

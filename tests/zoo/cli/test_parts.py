@@ -127,13 +127,10 @@ def test_a_changed_file_whose_weights_do_not_fit_is_refused(
         ("parts=co:lon/my_net.py", "cannot be used"),
     ],
 )
-def test_a_wrong_name_is_refused(
-    named: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "my-net.py").touch()
-    write_network(tmp_path / "co:lon")
-    (tmp_path / "empty").mkdir()
+def test_a_wrong_name_is_refused(named: str, found: str, here: Path) -> None:
+    (here / "my-net.py").touch()
+    write_network(here / "co:lon")
+    (here / "empty").mkdir()
     with pytest.raises(InputError, match=f"^parts=.*{found}") as failed:
         take_parts(["seed=1", named])
     assert named.removeprefix("parts=")[:20] in str(failed.value) or len(named) > 200

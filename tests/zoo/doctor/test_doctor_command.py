@@ -8,10 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 
 from tests.recordings import Written
-from tests.zoo.commands import ROOT, environment, run
+from tests.zoo.commands import ROOT, run, run_words
 from zoo.base.run_command import run_command
 from zoo.doctor import __main__ as doctor
 from zoo.doctor import inputs, installation, round_trip
@@ -96,11 +95,8 @@ def test_a_package_that_carries_malware_is_a_fault(
 
 
 def test_without_packages_it_names_them_and_how_to_install(tmp_path: Path) -> None:
-    words = [sys.executable, "-S", "-m", "zoo.doctor", str(tmp_path), free_port()]
-    more = {"COLUMNS": "400"}
-    result = subprocess.run(
-        words, cwd=tmp_path, env=environment() | more, capture_output=True, text=True, timeout=120
-    )
+    words = ("-S", "-m", "zoo.doctor", str(tmp_path), free_port())
+    result = run_words(tmp_path, sys.executable, *words, COLUMNS="400")
 
     assert "Traceback" not in result.stdout + result.stderr
     assert result.returncode == 1
@@ -119,21 +115,6 @@ def test_a_file_that_is_no_checkpoint_is_a_fault(tmp_path: Path, content: bytes)
     assert finding.state == FAULT
     assert str(path) in finding.found
     assert finding.fix
-
-
-def test_weights_that_are_not_finite_are_a_fault(tmp_path: Path, run_folder: Path) -> None:
-    contents = torch.load(run_folder / "checkpoints" / "best.ckpt", weights_only=True)
-    contents["state_dict"]["network.head.0.weight"][0, 0] = float("nan")
-    torch.save(contents, tmp_path / "diverged.ckpt")
-
-    faults = [
-        finding
-        for finding in inputs.check_checkpoint(str(tmp_path / "diverged.ckpt"))
-        if finding.state == FAULT
-    ]
-
-    assert len(faults) == 1
-    assert "head.0.weight" in faults[0].found
 
 
 def test_bad_images_are_a_warning(tmp_path: Path, recorded: Written) -> None:

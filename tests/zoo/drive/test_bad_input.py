@@ -74,14 +74,6 @@ def test_json_that_only_python_reads_is_answered(driver: Served) -> None:
         assert client.reply() == ("steer", FINE)
 
 
-@pytest.mark.parametrize(("width", "height", "kind"), [(640, 320, ".jpg"), (100, 50, ".png")])
-def test_another_picture_is_resized(driver: Served, width: int, height: int, kind: str) -> None:
-    with OldClient(driver.port) as client:
-        client.telemetry(jpeg=picture((204, 0, 0), width, height, kind))
-        values = client.reply()[1]
-        assert float(values["steering_angle"]) == pytest.approx(0.8, abs=0.01)
-
-
 def test_ten_megabytes_in_one_frame_are_answered(driver: Served) -> None:
     with OldClient(driver.port) as client:
         client.send_frame(TEXT, RUBBISH["10 MB"].encode())

@@ -8,7 +8,7 @@ import pytest
 
 from tests.zoo.commands import only_line, run
 from tests.zoo.guard.roads import write_daylight, write_road
-from tests.zoo.monitor.networks import write_pilotnet
+from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.base.errors import InputError, UsageError
 from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 from zoo.guard.__main__ import guard

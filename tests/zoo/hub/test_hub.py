@@ -8,7 +8,7 @@ import pytest
 import torch
 import yaml
 
-from tests.zoo.commands import command, environment, only_line, run
+from tests.zoo.commands import command, only_line, run, run_words
 from tests.zoo.hub.stand_in import StandIn, serving
 from tests.zoo.sweeps import write_run
 from tests.zoo.written_checkpoints import write_constant
@@ -120,9 +120,7 @@ def test_without_a_token_one_line_says_what_to_do(
     monkeypatch.delenv("HF_TOKEN")
     # In a process of its own, which reads HF_HOME: the tester may have a token.
     words = command("zoo.hub", "push", str(ran), "repo=ann/tiny", "send=true")
-    result = subprocess.run(
-        words, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
-    )
+    result = run_words(tmp_path, *words)
     assert "hf auth login" in only_line(result)
     assert server.requests == []
 

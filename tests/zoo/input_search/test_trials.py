@@ -1,7 +1,8 @@
-"""Search of the input of small networks, whose input is known."""
+"""Search of a network's input: what is tried, how it is judged, and what is found."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from datamodules.recording import Recording, read_recordings
@@ -9,10 +10,20 @@ from datamodules.view import View
 from tests.recordings import recording_in_memory, write_recording
 from tests.zoo.keras_networks import write_steering_h5
 from zoo.base.errors import InputError
-from zoo.input_search.combinations import SCALES, KnownInput, choose_rows, read_trial_frames
+from zoo.input_search.combinations import (
+    CROPS,
+    SCALES,
+    Combination,
+    KnownInput,
+    choose_rows,
+    combinations,
+    likeliest_combination,
+    read_trial_frames,
+    with_each_resize,
+)
 from zoo.input_search.judgement import judge
 from zoo.input_search.keras_import import network_maker
-from zoo.input_search.trials import try_inputs
+from zoo.input_search.trials import Trial, Trials, concordance, try_inputs
 from zoo.keras.keras_file import read_keras
 from zoo.keras.keras_layers import convert
 
@@ -74,3 +85,131 @@ def test_a_broken_image_names_its_row(tmp_path: Path) -> None:
     written.image(row, "left").write_bytes(b"no image")
     with pytest.raises(InputError, match=rf"driving_log.csv, row {row + 1}: .*left_"):
         read_trial_frames(recording, 60)
+
+
+PILOTNET = KnownInput(shape=(66, 200, 3), scale=SCALES[0])
+
+
+def test_every_colour_of_three_channels_is_tried_with_every_crop() -> None:
+    found = combinations(PILOTNET)
+    assert len(found) == len(set(found)) == 5 * len(CROPS)
+    assert {one.view.colour for one in found} == {"rgb", "bgr", "yuv", "yuv_old", "hsv"}
+    assert {one.view.shape for one in found} == {(66, 200, 3)}
+
+
+def test_a_whole_frame_is_not_cropped() -> None:
+    found = combinations(KnownInput(shape=(160, 320, 3), scale=SCALES[0]))
+    assert {(one.view.crop, one.view.size) for one in found} == {((0, 0), None)}
+
+
+def test_a_crop_that_leaves_the_input_is_not_resized() -> None:
+    found = combinations(KnownInput(shape=(80, 320, 1), scale=SCALES[0]))
+    assert {one.view.colour for one in found} == {"gray", "hsv_s"}
+    assert {one.view.crop for one in found if one.view.size is None} == {(60, 20), (55, 25)}
+    assert likeliest_combination(KnownInput(shape=(65, 320, 3), scale=SCALES[0])).view == View(
+        (70, 25), "rgb", None
+    )
+
+
+def test_what_is_known_is_not_tried() -> None:
+    known = KnownInput(
+        shape=(66, 200, 3), colour="bgr", crop=(61, 26), resize="linear", scale=(2.0, 0.0)
+    )
+    (only,) = combinations(known)
+    assert only == Combination(View((61, 26), "bgr", (66, 200), "linear"), (2.0, 0.0))
+    assert with_each_resize(only, known) == [only]
+
+
+def test_an_unknown_scale_is_tried() -> None:
+    found = combinations(KnownInput(shape=(66, 200, 3), colour="rgb", crop=(60, 25)))
+    assert [one.scale for one in found] == list(SCALES)
+
+
+def test_a_colour_of_other_channels_is_refused() -> None:
+    with pytest.raises(InputError, match=r"colour=gray: .* 66 x 200 x 3.*3 channels"):
+        combinations(KnownInput(shape=(66, 200, 3), colour="gray"))
+
+
+def test_resizing_before_the_colour_is_tried_where_it_differs() -> None:
+    yuv = Combination(View((60, 25), "yuv", (66, 200)), SCALES[0])
+    rgb = Combination(View((60, 25), "rgb", (66, 200)), SCALES[0])
+    whole = Combination(View((0, 0), "yuv", None), SCALES[0])
+    ways = [
+        [one.view.resize for one in with_each_resize(one, PILOTNET)] for one in (yuv, rgb, whole)
+    ]
+    assert ways == [["area", "linear", "area_first", "linear_first"], ["area", "linear"], ["area"]]
+
+
+ROWS = 240
+STEERING = np.sin(np.arange(ROWS) / 5) * np.linspace(0.2, 0.6, ROWS)
+
+
+def trial(
+    colour: str = "rgb",
+    gain: float = 1.0,
+    noise: float = 0.0,
+    side: float = 0.25,
+    resize: str = "area",
+    crop: tuple[int, int] = (60, 25),
+    seed: int = 0,
+) -> Trial:
+    """Return a trial whose outputs are the steering with a gain and noise."""
+    rng = np.random.default_rng(seed)
+    center = gain * STEERING + rng.normal(0, noise, ROWS)
+    combination = Combination(View(crop, colour, (66, 200), resize), SCALES[0])
+    return Trial(combination, center, center + side, center - side, STEERING)
+
+
+def judged(*trials: Trial):
+    ranked = sorted(trials, key=lambda one: -one.score)
+    return judge(Trials(tuple(ranked), tuple(ranked)))
+
+
+def test_a_network_that_steers_as_recorded_is_convincing() -> None:
+    found = judged(trial(noise=0.1), trial("yuv", gain=0.3, noise=0.3, seed=1))
+    assert found.doubts == ()
+    assert found.best.combination.view.colour == "rgb"
+    assert found.next.combination.view.colour == "yuv"
+    assert 0 < found.chance < found.best.correlation
+
+
+@pytest.mark.parametrize(
+    ("doubtful", "reason"),
+    [
+        ({"gain": 0.0, "noise": 1.0}, "by chance"),
+        ({"gain": 1.0, "noise": 0.62}, "correlation"),
+        ({"gain": 0.05, "side": 0.01}, "spreads over 0.05 times"),
+        ({"side": -0.25}, "recovery response"),
+    ],
+)
+def test_a_doubt_names_its_reason(doubtful: dict, reason: str) -> None:
+    others = [trial(colour, gain=0, noise=1, side=0, seed=1) for colour in ("yuv", "bgr")]
+    found = judge(Trials((trial(**doubtful), *others), (trial(**doubtful), *others)))
+    assert any(reason in one for one in found.doubts)
+
+
+def test_chance_counts_all_inputs_that_were_tried() -> None:
+    alone = judged(trial(gain=0, noise=1))
+    many = judged(*(trial(gain=0, noise=1, seed=seed) for seed in range(40)))
+    assert many.chance > alone.chance
+
+
+def test_inputs_that_steer_the_same_are_named_and_the_usual_one_is_taken() -> None:
+    found = judged(trial(resize="linear"), trial(noise=0.001), trial("yuv", noise=0.6))
+    assert found.best.combination.view.resize == "area"
+    assert [one.combination.view.resize for one in found.alike] == ["linear"]
+    assert not found.tied
+
+
+def test_inputs_that_cannot_be_told_apart_are_named() -> None:
+    found = judged(trial("rgb", noise=0.2), trial("bgr", noise=0.2, seed=1))
+    assert len(found.tied) == 1
+    assert found.next is None
+
+
+def test_concordance_sees_what_the_correlation_does_not() -> None:
+    assert concordance(STEERING, STEERING) == pytest.approx(1)
+    assert concordance(STEERING / 2, STEERING) < 0.9
+    assert concordance(STEERING + 0.5, STEERING) < 0.5
+    assert concordance(np.full(ROWS, np.nan), STEERING) == 0
+    assert concordance(np.zeros(ROWS), np.zeros(ROWS)) == 0

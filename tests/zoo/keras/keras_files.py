@@ -20,6 +20,7 @@ ENDS = {
     "PReLU": ["alpha"],
 }
 USUAL = ["kernel", "bias"]
+KERAS_1 = {"kernel": "W", "bias": "b"}
 
 
 def random_weights(*shapes: tuple[int, ...], seed: int = 0) -> list[np.ndarray]:
@@ -75,7 +76,7 @@ def write_groups(group: h5py.Group, layers: list[Layer], version: int, backend: 
             ]
         own = group.create_group(name)
         names = [
-            f"{name}_{end}" if version == 1 else f"{name}/{end}:0"
+            f"{name}_{KERAS_1.get(end, end)}" if version == 1 else f"{name}/{end}:0"
             for end, _ in zip(ends, weights, strict=False)
         ]
         own.attrs["weight_names"] = [one.encode() for one in names]

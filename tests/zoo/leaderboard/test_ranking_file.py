@@ -23,24 +23,18 @@ def rows_of(path: Path) -> list[list[str]]:
     return [line.removesuffix(r" \\").split(" & ") for line in lines]
 
 
-def test_the_table_of_a_sweep_for_a_paper_is_short_and_has_an_interval(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    leaderboard.main([str(write_sweep(tmp_path / "sweep")), "table=a.tex"])
+def test_the_table_of_a_sweep_for_a_paper_is_short_and_has_an_interval(here: Path) -> None:
+    leaderboard.main([str(write_sweep(here / "sweep")), "table=a.tex"])
     heads, first, second = rows_of(Path("a.tex"))
     assert heads[:2] == ["model", "training seeds"]
     assert len(heads) == 5
     assert first[:3] == ["tiny", "1, 2, 3 (n = 3)", r"90.0\% (65.2\% to 100.0\%)"]
     assert second[2] == r"50.0\%"
-    assert str(tmp_path) not in Path("a.tex").read_text()
+    assert str(here) not in Path("a.tex").read_text()
 
 
-def test_the_table_of_a_sweep_for_programs_has_every_figure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    leaderboard.main([str(write_sweep(tmp_path / "sweep")), "table=a.csv"])
+def test_the_table_of_a_sweep_for_programs_has_every_figure(here: Path) -> None:
+    leaderboard.main([str(write_sweep(here / "sweep")), "table=a.csv"])
     with Path("a.csv").open() as file:
         first, _ = csv.DictReader(file)
     assert float(first["lake_autonomy_low"]) == pytest.approx(0.652, abs=0.001)

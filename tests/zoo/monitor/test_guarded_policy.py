@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.zoo.monitor.networks import write_pilotnet
+from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
 from zoo.checkpoints.command import Command, Policy
@@ -71,16 +71,6 @@ def test_each_session_has_a_window_of_its_own_and_alarms_add_up() -> None:
     second(BRIGHT, 9.0)
     assert policy.alarms == 2
     assert first.policy is not second.policy
-
-
-def test_the_policys_attributes_are_those_of_the_policy(tmp_path: Path) -> None:
-    path = write_pilotnet(tmp_path / "best.ckpt")
-    policy = GuardedPolicy(load_policy(path), _autoencoder(path))
-    assert policy.name == "PilotNet"
-    assert policy.latency_s is None
-    delayed = GuardedPolicy(Remembering(), guard_of_brightness())
-    delayed.latency_s = 0.4
-    assert delayed.policy.latency_s == 0.4
 
 
 def _autoencoder(checkpoint: Path, **changes: object) -> Guard:

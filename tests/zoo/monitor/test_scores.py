@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.zoo.monitor.networks import write_pilotnet
-from tests.zoo.written_checkpoints import write_constant
+from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.checkpoints.command import Command
 from zoo.checkpoints.policy import load_policy
 from zoo.monitor.scores import METHODS, fit_score, make_score
