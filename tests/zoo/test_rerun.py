@@ -108,10 +108,12 @@ def test_other_code_is_named_in_one_line(
 def test_bad_input_gets_one_line(
     arguments: list[str],
     words: str,
-    here: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture,
 ) -> None:
-    write_run(here / "run")
-    assert run_command("zoo.rerun", rerun, arguments) in (1, 2)
+    monkeypatch.chdir(tmp_path)
+    write_run(tmp_path / "run")
+    assert run_command("zoo.rerun", rerun.main, arguments) in (1, 2)
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert words in line

@@ -16,7 +16,7 @@ FAILED, WRONG_USE = 1, 2
         (WRONG_USE, "zoo.evaluate", "usage"),
         (WRONG_USE, "zoo.drive drive.port=1", "drivezoo drive CKPT"),
         (WRONG_USE, "zoo.doctor port=0", "1..65535"),
-        (WRONG_USE, "zoo.models x", "no arguments"),
+        (WRONG_USE, "zoo.demo x", "no arguments"),
         (WRONG_USE, "zoo.report", "usage"),
         (WRONG_USE, "zoo.results", "usage"),
         (WRONG_USE, "simulator recrd", "did you mean record"),
