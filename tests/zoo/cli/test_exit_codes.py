@@ -12,7 +12,7 @@ FAILED, WRONG_USE = 1, 2
 @pytest.mark.parametrize(
     ("status", "command", "remedy"),
     [
-        (WRONG_USE, "zoo modle=lenet", "did you mean model"),
+        (WRONG_USE, "zoo model=lenett", "did you mean lenet"),
         (WRONG_USE, "zoo.evaluate", "usage"),
         (WRONG_USE, "zoo.drive drive.port=1", "drivezoo drive CKPT"),
         (WRONG_USE, "zoo.doctor port=0", "1..65535"),
