@@ -13,6 +13,7 @@ import pytest
 from datamodules.recording import read_recordings
 from datamodules.recording_edits import Edits
 from tests.recordings import Written
+from zoo.checkpoints.command import as_policy
 from zoo.drive.notices import Notices
 from zoo.edit.edit_page import EditPage, PageServer
 from zoo.edit.edit_session import EditSession
@@ -59,7 +60,8 @@ def served(recorded: Written, tmp_path: Path) -> Iterator[ServedPage]:
     """Yield the page of a recording of 120 rows, with a policy that steers by the image."""
     shutil.copytree(recorded.folder, tmp_path / "lap")
     recording = read_recordings(str(tmp_path / "lap"))
-    analysis = FrameAnalysis(recording, lambda frame, speed: (float(frame.mean()) / 255, None))
+    policy = as_policy(lambda frame, speed: (float(frame.mean()) / 255, None))
+    analysis = FrameAnalysis(recording, policy)
     session = EditSession(recording, Edits(len(recording)))
     page = EditPage(session, analysis, "best.ckpt")
     with PageServer(0, Notices(lambda line: None)) as server:
