@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.measuring import make_console, print_table
 from zoo.base.command_keys import read_options
-from zoo.search.failure_archive import Archive
+from zoo.search.failure_map import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import BATCH, make_sampler
 from zoo.search.search_space import Candidate, SearchSpace

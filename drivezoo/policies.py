@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivezoo.training import Training
-    from zoo.worlds.environment_policy import EnvironmentPolicy
+    from zoo.worlds.environments import EnvironmentPolicy
 
 
 @one_line_errors
@@ -58,7 +58,7 @@ def policy(
     from zoo.checkpoints.policy import load_policy
     from zoo.evaluate.evaluate_options import EvaluateOptions
     from zoo.worlds.drive_loop import speed_controller
-    from zoo.worlds.environment_policy import EnvironmentPolicy
+    from zoo.worlds.environments import EnvironmentPolicy
     from zoo.worlds.run_drives import check_throttle
 
     keys = {"speed": speed, "throttle": throttle, "frame_rate": frame_rate}

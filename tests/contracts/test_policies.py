@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.zoo.models.test_memory import NAMES
 from tests.zoo.models.test_models_command import build
 from tests.zoo.written_checkpoints import write_pilotnet
 from zoo.checkpoints.checkpoint import Checkpoint, load_checkpoint
@@ -69,8 +70,7 @@ def dropout(folder: Path) -> Policy:
 
 POLICIES: dict[str, Callable[[Path], Policy]] = {
     "checkpoint": lambda folder: of_model("lenet"),
-    "checkpoint with memory": lambda folder: of_model("cnn_gru"),
-    "checkpoint that predicts ahead": lambda folder: of_model("action_chunk"),
+    **{name: lambda folder, name=name: of_model(name) for name in NAMES},
     "onnx": exported,
     "dropout": dropout,
     "ensemble": lambda folder: ensemble(),
@@ -98,6 +98,8 @@ def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -
     policy.reset()
     first = steering(policy)
     policy.reset()
+    assert steering(policy)[0] != first[0] or name not in NAMES, "it has no memory"
+    policy.reset()
     assert steering(policy) == first
     one, other = policy.session(), policy.session()
     assert isinstance(one, Policy)
@@ -116,6 +118,7 @@ def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
     assert all(isinstance(one, Policy) for one in policy.members)
     assert dict(policy.config) == policy.config
     assert dict(policy.data) == policy.data
+    assert (policy.latency_s is not None) == (name in ("action_chunk", "ensemble"))
     if policy.latency_s is not None:
         policy.latency_s = 0.2
         assert policy.latency_s == 0.2

@@ -13,10 +13,10 @@ from rich.console import Console
 from tests.recordings import Written
 from tests.zoo.commands import only_line, run
 from zoo.base.errors import InputError
-from zoo.drives.drive_film import KeptFrames
 from zoo.drives.drive_log import DriveWriter
 from zoo.drives.drive_record import PERSON, DriveRow
 from zoo.drives.film_overlay import GREEN, RED, draw_overlay
+from zoo.evaluate.track_scores import KeptDrive
 from zoo.film import film as film_command
 from zoo.film import make_film, read_shots, real_fps
 
@@ -166,8 +166,8 @@ def test_a_full_disk_gets_one_line_and_leaves_no_film(recorded: Written, small_d
 @pytest.mark.parametrize("small_disk", ["4k"], indirect=True)
 def test_a_full_disk_during_a_scored_drive_gets_one_line(small_disk: Path) -> None:
     (small_disk / "mine").write_bytes(bytes(4096))
-    kept = KeptFrames(small_disk, 15, film_speed=1)
-    kept(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
+    kept = KeptDrive(small_disk, film_speed=1).__enter__()
+    kept.show(GREY, DriveRow(0.0, speed_mph=9.0, cross_track_m=0.0))
     with pytest.raises(InputError, match=r"film\.mp4.*full"):
         kept.__exit__(None, None, None)
     assert not list(small_disk.glob("*.mp4"))

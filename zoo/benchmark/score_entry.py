@@ -7,8 +7,7 @@ from zoo.base.new_folder import command_folder
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.benchmark.benchmarked import Benchmarked, entry_result, table_columns, write_entry
 from zoo.benchmark.drivers import find_drivers
-from zoo.benchmark.drives import drive_suite
-from zoo.benchmark.finished_drives import NAME, FinishedDrives
+from zoo.benchmark.drives import UNFINISHED, FinishedDrives, drive_suite
 from zoo.benchmark.marks import reached_marks, write_marks
 from zoo.benchmark.suite import read_suite
 from zoo.runs.code_fingerprint import code_fingerprint
@@ -27,7 +26,7 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
     check_plot(options.plot)
     suite = read_suite(options.suite, options.split)
     drivers = find_drivers(names, suite)
-    with command_folder(options.out, "benchmarks", resumed_by=NAME) as folder:
+    with command_folder(options.out, "benchmarks", resumed_by=UNFINISHED) as folder:
         code_fingerprint()  # kept: files that are edited during the drives are not in it
         finished = FinishedDrives(folder, drivers, suite)
         if finished.drives:

@@ -1,7 +1,5 @@
 """Images kept from a scored drive: frames of its worst moments, and a film."""
 
-from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,49 +7,13 @@ import numpy as np
 
 from datamodules.formats.recording_writer import write_frame
 from simulator.film import Film
-from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.drive_record import DriveRow
 from zoo.drives.film_overlay import draw_overlay
 from zoo.drives.tally import autonomy
 
 FILM_NAME = "film.mp4"
 FILM_SIZE = (640, 320)  # twice the camera's size; at 960 x 480 a lap takes twice the bytes
 MOMENTS, APART_S = 10, 2.0
-
-
-class KeptFrames(ExitStack):
-    """Writer of a drive's images into its folder, called with every frame.
-
-    Args:
-        folder: folder of the drive; None keeps nothing.
-        frame_rate: frames per second of simulated time.
-        film_speed: playing speed of the film as a multiple of the driven speed; 0 for no film.
-
-    Raises:
-        InputError: the film cannot be written.
-    """
-
-    def __init__(self, folder: Path | None, frame_rate: float, film_speed: float = 0.0) -> None:
-        super().__init__()
-        self.folder, self.moments = folder, WorstMoments()
-        self.film: DriveFilm | None = None
-        if folder and film_speed:
-            self.film = self.enter_context(DriveFilm(folder, frame_rate, film_speed))
-
-    def __call__(self, frame: np.ndarray, row: DriveRow) -> None:
-        """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
-        if self.folder:
-            self.moments(frame, row)
-        if self.film:
-            self.film(frame, row)
-
-    def write(self, drive: Drive) -> Drive:
-        """Write the frames of the worst moments; return the drive with their paths."""
-        if not self.folder:
-            return drive
-        frame = drive.frame.astype(object)
-        for number, name in self.moments.write(self.folder).items():
-            frame[number] = name
-        return replace(drive, frame=frame.astype(np.str_))
 
 
 class WorstMoments:

@@ -1,7 +1,8 @@
 """Scores of a checkpoint on several tracks, for `zoo.evaluate` and for runs."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from zoo.base.nearest import hint
 from zoo.base.written_files import remove_written
 from zoo.checkpoints.command import Policy, as_policy
 from zoo.cli.console_progress import working
-from zoo.drives.drive_film import KeptFrames
+from zoo.drives.drive_film import DriveFilm, WorstMoments
 from zoo.drives.drive_log import summarize, write_drive
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.metrics import steering_per_s
@@ -53,23 +54,32 @@ class KeptDrive(Keep):
         self.folder, self.frame_rate, self.film_speed = folder, frame_rate, film_speed
 
     def __enter__(self) -> "KeptDrive":
-        self.frames = KeptFrames(self.folder, self.frame_rate, self.film_speed)
-        self.frames.__enter__()
+        self.moments, self.films = WorstMoments(), ExitStack()
+        self.shown: list[Callable[[np.ndarray, DriveRow], None]] = []
+        if self.folder is not None:
+            self.shown.append(self.moments)
+            if self.film_speed:
+                film = DriveFilm(self.folder, self.frame_rate, self.film_speed)
+                self.shown.append(self.films.enter_context(film))
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self.frames.__exit__(*error)
+        self.films.__exit__(*error)
 
     def show(self, frame: np.ndarray, row: DriveRow) -> None:
         """Take the next frame and its row."""
-        self.frames(frame, row)
+        for take in self.shown:
+            take(frame, row)
 
     def result(self, drive: Drive, policy: Policy, world: World) -> dict[str, Any]:
         """Write the drive, and return its figures."""
-        drive = self.frames.write(drive)
         alarms = {} if policy.alarms is None else {"guard_alarms": policy.alarms}
         figures = summarize(drive) | alarms
         if self.folder is not None:
+            names = drive.frame.astype(object)
+            for number, name in self.moments.write(self.folder).items():
+                names[number] = name
+            drive = replace(drive, frame=names.astype(np.str_))
             write_drive(self.folder, drive, **alarms)
             title = (
                 f"{drive.track}, start seed {drive.seed}: autonomy {figures['autonomy']:.1%}, "

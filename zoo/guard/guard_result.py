@@ -6,8 +6,7 @@ from zoo.drives.bootstrap import Estimate
 from zoo.guard.conditions import Condition
 from zoo.guard.guard_drives import Driven, ScoredDrive
 from zoo.guard.guard_options import GuardOptions
-from zoo.monitor.scores import Score
-from zoo.monitor.threshold import Threshold
+from zoo.monitor.scores import Score, Threshold
 
 NOMINAL = "nominal"  # group of conditions
 

@@ -24,9 +24,8 @@ from zoo.guard.guard_tables import TABLE_COLUMNS, warnings_table
 from zoo.guard.labelled_windows import LEADS_S, WINDOW_S
 from zoo.guard.warning_figures import warning_figures
 from zoo.monitor.guard_file import Guard, write_guard
-from zoo.monitor.scores import METHODS, Score, fit_score
+from zoo.monitor.scores import METHODS, Score, Threshold, fit_score, fit_threshold
 from zoo.monitor.signals import ENSEMBLE, signal_sources
-from zoo.monitor.threshold import Threshold, fit_threshold
 from zoo.runs.table_files import check_table, write_table
 from zoo.worlds.scenario import Scenario
 

@@ -1,4 +1,8 @@
-"""The map of failures over two features, as a plot."""
+"""The map of a search: cells over two features, which failed, and their plot."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -7,11 +11,57 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from zoo.runs.plots import BLUE
-from zoo.search.failure_archive import Archive
+from zoo.search.search_space import Feature
 
 PASSED, YELLOW = "#d6e4f0", "#f2c500"
 # Shares of failures above 0, from light to dark.
 FAILED = ListedColormap(["#fbe3cb", "#f6c38f", "#e79a4b", "#c96a17", "#8f4306"])
+Cell = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A grid of cells over two features.
+
+    Attributes:
+        x, y: names of the features.
+        scales: the two features' ranges, by their names.
+        cells: number of cells along each feature; the outer cells have what lies beyond the range.
+    """
+
+    x: str
+    y: str
+    scales: Mapping[str, Feature]
+    cells: int
+
+    def cell(self, features: Mapping[str, float]) -> Cell:
+        """Return the cell that a road's features lie in."""
+        column, row = (
+            min(int(self.scales[name].scale.share(features[name]) * self.cells), self.cells - 1)
+            for name in (self.x, self.y)
+        )
+        return column, row
+
+    def edges(self, name: str) -> np.ndarray:
+        """Return the borders between a feature's cells, float64 [cells + 1]."""
+        scale = self.scales[name].scale
+        return np.array([scale.at(number / self.cells) for number in range(self.cells + 1)])
+
+
+@dataclass
+class Archive:
+    """Counts of drives and failures in each cell of a grid."""
+
+    grid: Grid
+    driven: Counter[Cell] = field(default_factory=Counter)
+    failed: Counter[Cell] = field(default_factory=Counter)
+
+    def add(self, features: Mapping[str, float], failed: bool) -> None:
+        """Count a drive."""
+        cell = self.grid.cell(features)
+        self.driven[cell] += 1
+        if failed:
+            self.failed[cell] += 1
 
 
 def failure_map(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zoo.base.errors import InputError
-from zoo.search.failure_archive import Archive
+from zoo.search.failure_map import Archive
 from zoo.search.search_space import DAYS, Candidate, SearchSpace
 
 if TYPE_CHECKING:

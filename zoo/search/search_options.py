@@ -14,7 +14,7 @@ from zoo.runs.result_files import TableFiles
 from zoo.worlds.scenario import SpeedMph
 
 if TYPE_CHECKING:
-    from zoo.search.failure_archive import Grid
+    from zoo.search.failure_map import Grid
     from zoo.search.search_space import SearchSpace
 
 VARY = "vary"
@@ -84,7 +84,7 @@ class SearchOptions(TableFiles):
         Raises:
             UsageError: there is no such feature, or both are the same.
         """
-        from zoo.search.failure_archive import Grid  # slow import
+        from zoo.search.failure_map import Grid  # slow import
 
         for key, name in (("x", self.x), ("y", self.y)):
             if name not in space.features:

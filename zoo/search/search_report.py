@@ -20,8 +20,7 @@ from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.plots import save_figure
 from zoo.runs.table import Column, Table
 from zoo.runs.table_files import check_table, write_table
-from zoo.search.failure_archive import Archive
-from zoo.search.failure_map import failure_map
+from zoo.search.failure_map import Archive, failure_map
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import (
     Driven,

@@ -9,7 +9,7 @@ import numpy as np
 from simulator.track import Track
 from zoo.base.process_pool import opened_pool
 from zoo.drives.drive_record import Drive
-from zoo.search.failure_archive import Archive
+from zoo.search.failure_map import Archive
 from zoo.search.sampler import ArchiveSampler, RandomSampler, TpeSampler
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_space import Candidate, SearchSpace

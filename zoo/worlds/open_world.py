@@ -23,7 +23,7 @@ def _replay(scenario: Scenario, renderer: str) -> World:
 
 
 def _gymnasium(scenario: Scenario, renderer: str) -> World:
-    from zoo.worlds.environment_world import make_environment
+    from zoo.worlds.environments import make_environment
 
     return make_environment(scenario)
 

@@ -19,8 +19,7 @@ from zoo.base.errors import InputError, StoppedError, UsageError
 from zoo.benchmark.__main__ import benchmark
 from zoo.benchmark.benchmarked import PAGE, groups_table, print_result
 from zoo.benchmark.checked_result import read_result
-from zoo.benchmark.drives import drive_figures
-from zoo.benchmark.finished_drives import NAME as UNFINISHED
+from zoo.benchmark.drives import UNFINISHED, drive_figures
 from zoo.benchmark.result import NAME, digest_of_drives, write_result
 from zoo.benchmark.summary import summarize_drives
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from zoo.base.rig import MPS_PER_MPH, UDACITY
-from zoo.checkpoints.frame_memory import SessionPolicy
-from zoo.checkpoints.late_command import RETURN_M, outputs_at, returning
+from zoo.checkpoints.frame_memory import RETURN_M, SessionPolicy, outputs_at, returning
 from zoo.drives.latency_meter import LatencyMeter
 from zoo.models.window import Window
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from zoo.base.errors import InputError
-from zoo.monitor.threshold import fit_threshold
+from zoo.monitor.scores import fit_threshold
 
 
 @pytest.mark.parametrize("rate", [0.01, 0.05, 0.3])

@@ -8,7 +8,7 @@ import pytest
 from simulator.weather import CLEAR
 from zoo.base.command_keys import read_options
 from zoo.base.errors import InputError
-from zoo.search.failure_archive import Archive
+from zoo.search.failure_map import Archive
 from zoo.search.search_options import SearchOptions
 from zoo.search.search_run import Driven, Outcome, search
 from zoo.search.search_space import Candidate

@@ -7,7 +7,7 @@ import pytest
 
 from simulator.road_family import find_family
 from simulator.weather import CLEAR, Weather, read_weather
-from zoo.search.failure_archive import Archive, Grid
+from zoo.search.failure_map import Archive, Grid
 from zoo.search.search_run import distance_to_usual, usual_features
 from zoo.search.search_space import DAYS, SearchSpace, weather_text
 

@@ -1,15 +1,21 @@
-"""A Gymnasium environment as a world."""
+"""A Gymnasium environment as a world, and a policy that drives one."""
 
-from typing import Any
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import cv2
-import gymnasium
 import numpy as np
 
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
+from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
+from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
+
+if TYPE_CHECKING:
+    import gymnasium  # slow import
 
 # Keys of `info`, as the simulator's environments name them, and attributes of `State`.
 KNOWN = {
@@ -32,7 +38,7 @@ class EnvironmentWorld(World):
         frame_rate: steps per second of simulated time.
     """
 
-    def __init__(self, environment: gymnasium.Env, frame_rate: float = 15.0) -> None:
+    def __init__(self, environment: "gymnasium.Env", frame_rate: float = 15.0) -> None:
         self.environment, self.frame_rate = environment, frame_rate
 
     def reset(self, scenario: Scenario) -> State:
@@ -81,7 +87,51 @@ def make_environment(scenario: Scenario) -> EnvironmentWorld:
     Raises:
         InputError: there is no such environment.
     """
+    import gymnasium
+
     try:
         return EnvironmentWorld(gymnasium.make(scenario.track), scenario.frame_rate)
     except gymnasium.error.Error as error:
         raise InputError(f"track={scenario.track}: {error}") from None
+
+
+class EnvironmentPolicy:
+    """Policy that drives a Gymnasium environment: `env.step(policy(observation))`.
+
+    Its throttle is that of a speed controller, as in scored drives.
+
+    Args:
+        policy: policy that steers.
+        speed: speed controller.
+        frame_rate: steps of the environment per second of simulated time.
+    """
+
+    def __init__(
+        self, policy: Policy | PolicyFunction, speed: SpeedController, frame_rate: float
+    ) -> None:
+        self.policy, self.speed, self.frame_rate = as_policy(policy).session(), speed, frame_rate
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the steps before; call it after `env.reset`."""
+        self._steps = 0
+        self.policy.reset()
+        self.speed.reset()
+
+    def __call__(self, observation: Mapping[str, Any]) -> np.ndarray:
+        """Return the action for an observation: steering and throttle, float32 [2] in -1..1.
+
+        Args:
+            observation: `image`, uint8 [160, 320, 3] RGB, and `speed`, float [1] in mph.
+
+        Raises:
+            InputError: the image has another size or type.
+        """
+        mph = float(np.asarray(observation["speed"]).item())
+        command = self.policy(observation["image"], mph)
+        steering = 0.0 if math.isnan(command.steering) else command.steering
+        now_s = self._steps / self.frame_rate
+        throttle = self.speed.throttle(mph, steering, command.throttle, now_s, command.spread)
+        throttle = limit_pedal(keep_limit(self.speed, throttle, mph, command.limit_mph), mph)
+        self._steps += 1
+        return np.array([min(max(steering, -1.0), 1.0), throttle], np.float32)
