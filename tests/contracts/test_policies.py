@@ -97,8 +97,7 @@ def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -
     assert (command.spread is not None) == policy.predicts_spread
     policy.reset()
     first = steering(policy)
-    policy.reset()
-    assert steering(policy)[0] != first[0] or name not in NAMES, "it has no memory"
+    assert (steering(policy)[0] != first[0]) == (name in NAMES or name == "ensemble")
     policy.reset()
     assert steering(policy) == first
     one, other = policy.session(), policy.session()

@@ -17,7 +17,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -149,6 +149,18 @@ class ProcessPool:
         )
 
 
+class Pool(Protocol):
+    """What runs jobs: processes of this machine, this process, or a cluster."""
+
+    shares: dict[int, float]
+
+    def submit(self, function: Callable, *arguments: object) -> int:
+        """Queue `function(*arguments, report)`, and return the job's number."""
+
+    def finished(self, wait_s: float) -> list[tuple[int, Any]]:
+        """Return the numbers and results of jobs that have finished."""
+
+
 class ThisProcess:
     """A pool without further processes, since starting one takes seconds; see `ProcessPool`."""
 
@@ -176,7 +188,7 @@ class ThisProcess:
 
 
 @contextmanager
-def opened_pool(workers: int, most: int) -> Iterator[ProcessPool | ThisProcess]:
+def opened_pool(workers: int, most: int) -> Iterator[Pool]:
     """Open a pool for several calls of `run_jobs`; a pool of one process is this one.
 
     Args:
@@ -192,7 +204,7 @@ def opened_pool(workers: int, most: int) -> Iterator[ProcessPool | ThisProcess]:
 
 
 def run_jobs(
-    pool: ProcessPool | ThisProcess,
+    pool: Pool,
     function: Callable[..., Result],
     jobs: Sequence[tuple],
     show: Callable[[float], None] = lambda share: None,

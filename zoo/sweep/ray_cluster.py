@@ -4,10 +4,7 @@ Hydra's own plugin for Ray is not used: its last release (1.2.2) requires cloudp
 joblib no longer accepts, and boto3 for Amazon's cloud.
 """
 
-import os
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydra.core.hydra_config import HydraConfig
@@ -16,8 +13,7 @@ from hydra.core.utils import JobReturn, run_job, setup_globals
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from zoo.base.errors import InputError
-from zoo.cli.parts import VARIABLE
+from zoo.worlds.cluster_pool import Place, enter_place, running_ray, this_place
 
 if TYPE_CHECKING:
     from hydra.plugins.launcher import Launcher
@@ -32,17 +28,11 @@ def launch_on_ray(
         InputError: Ray cannot start, or finds no cluster at the address.
         ray.exceptions.RayError: a task's process died; the other tasks have ended.
     """
-    import ray
-
     setup_globals()
     init = OmegaConf.to_container(launcher.init, resolve=True)
-    started = not ray.is_initialized()
-    if started:
-        try:
-            ray.init(**{"logging_level": "warning", "configure_logging": True, **init})
-        except (ConnectionError, ValueError, RuntimeError) as error:
-            raise InputError(f"hydra.launcher.init: {error}") from None
-    try:
+    with running_ray("hydra.launcher.init", **init):
+        import ray
+
         # No retries by Ray: `launch_all` resumes a job whose node died.
         settings = {"max_retries": 0, **OmegaConf.to_container(launcher.task, resolve=True)}
         task = ray.remote(**settings)(_run)
@@ -53,16 +43,11 @@ def launch_on_ray(
             )
             with open_dict(config):
                 config.hydra.job.id = config.hydra.job.num = number
-            place = (str(Path.cwd()), sys.path, os.environ.get(VARIABLE, ""))
             state = Singleton.get_state()
-            tasks.append(
-                task.remote(launcher.hydra_context, launcher.task_function, config, state, place)
-            )
+            what = launcher.hydra_context, launcher.task_function, config, state, this_place()
+            tasks.append(task.remote(*what))
         ray.wait(tasks, num_returns=len(tasks))
         return ray.get(tasks)
-    finally:
-        if started:
-            ray.shutdown()
 
 
 def _run(
@@ -70,12 +55,10 @@ def _run(
     function: TaskFunction,
     config: DictConfig,
     state: dict[Any, Any],
-    place: tuple[str, list[str], str],
+    place: Place,
 ) -> JobReturn:
     """Run a job in a process of the cluster, with the sweep's folder, import path and parts."""
-    folder, paths, os.environ[VARIABLE] = place
-    os.chdir(folder)
-    sys.path[:] = [*paths, *(path for path in sys.path if path not in paths)]
+    enter_place(place)
     setup_globals()
     Singleton.set_state(state)
     HydraConfig.instance().set_config(config)

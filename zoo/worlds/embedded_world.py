@@ -117,7 +117,7 @@ def start_of(world: simulator_world.World, scenario: Scenario) -> Start:
     On an open road every seed starts there, beside the centreline, so that a lap is the whole road.
     """
     distance, cte, heading_deg = scenario.start, 0.0, 0.0
-    if scenario.seed:
+    if scenario.seed > 0:
         rng = np.random.default_rng((scenario.seed, 1))
         drawn = rng.uniform(0, world.track.length)
         if world.track.closed and distance is None:

@@ -12,10 +12,11 @@ import numpy as np
 from rich.console import Console
 
 from zoo.base.errors import InputError
-from zoo.base.process_pool import ProcessPool, ThisProcess, opened_pool, run_jobs
+from zoo.base.process_pool import Pool, ThisProcess, opened_pool, run_jobs
 from zoo.checkpoints.command import Policy
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_record import Drive, DriveRow
+from zoo.worlds.cluster_pool import Executor, opened_cluster
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.open_world import open_world
 from zoo.worlds.scenario import Scenario
@@ -69,7 +70,8 @@ def run_drives(
     renderer: str = "auto",
     first_only: bool = False,
     world: World | None = None,
-    pool: ProcessPool | ThisProcess | None = None,
+    pool: Pool | None = None,
+    executor: Executor = "processes",
 ) -> Iterator[tuple[int, Any]]:
     """Drive scenarios, in parallel; yield number and result of each drive as soon as it ends.
 
@@ -88,6 +90,7 @@ def run_drives(
         world: open world to drive in, in this process, which is not closed; None opens one for each
             drive.
         pool: open pool of processes, in place of `workers`.
+        executor: processes of this machine, or tasks of a cluster of `ray` or `slurm`.
 
     Raises:
         InputError: a world or a policy cannot be opened; or a process was killed, for example
@@ -99,7 +102,11 @@ def run_drives(
     if world is not None or any(isinstance(one, Policy) for one in own):
         pool = ThisProcess()  # a policy or a world may not fit through a pipe
     with ExitStack() as stack:
-        pool = pool or stack.enter_context(opened_pool(workers, most=len(jobs)))
+        if pool is None:
+            is_cluster = executor != "processes"
+            pool = stack.enter_context(
+                opened_cluster(executor) if is_cluster else opened_pool(workers, most=len(jobs))
+            )
         show: Callable[[float], None] = lambda share: None  # noqa: E731
         if what and console is not None:
             show = stack.enter_context(progress_bar(what, console))

@@ -43,7 +43,7 @@ class Scenario(WorldSettings):
     """
 
     track: str = "lake"
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     laps: Laps = 1.0
     speed: SpeedMph = 15.0
     margin: Margin | None = None

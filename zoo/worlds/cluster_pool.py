@@ -1,0 +1,147 @@
+"""Clusters that run the jobs of `zoo.base.process_pool`: Ray, and Slurm through submitit.
+
+All nodes need the same files. Ray's address is that of RAY_ADDRESS, or this machine alone; Slurm's
+partition and account are those of SBATCH_PARTITION and SBATCH_ACCOUNT.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from zoo.base.errors import InputError
+from zoo.cli.parts import VARIABLE
+
+Executor = Literal["processes", "ray", "slurm"]
+Place = tuple[str, list[str], str]
+LOGS = Path("outputs") / "slurm"
+
+
+def this_place() -> Place:
+    """Return what a task needs to run as here: the folder, the import path and the parts."""
+    return str(Path.cwd()), sys.path, os.environ.get(VARIABLE, "")
+
+
+def enter_place(place: Place) -> None:
+    """Take the folder, the import path and the parts of another process."""
+    folder, paths, os.environ[VARIABLE] = place
+    os.chdir(folder)
+    sys.path[:] = [*paths, *(path for path in sys.path if path not in paths)]
+
+
+@contextmanager
+def running_ray(key: str, **settings: Any) -> Iterator[None]:
+    """Connect to Ray, or start it on this machine, unless it runs in this process already.
+
+    Args:
+        key: what the user set, for messages.
+        **settings: arguments of `ray.init`.
+
+    Raises:
+        InputError: Ray is not installed, cannot start, or finds no cluster at the address.
+    """
+    try:
+        import ray
+    except ImportError:
+        raise InputError(f"{key}: Ray is not installed; pip install 'drivezoo[ray]'") from None
+    started = not ray.is_initialized()
+    try:
+        if started:
+            ray.init(**{"logging_level": "warning", "configure_logging": True, **settings})
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise InputError(f"{key}: {error}") from None
+    try:
+        yield
+    finally:
+        if started:
+            ray.shutdown()
+
+
+class ClusterPool:
+    """Jobs as tasks of a cluster, with the methods of `zoo.base.process_pool.ProcessPool`.
+
+    Args:
+        start: function of a job's function, its arguments and a `Place` that starts a task.
+        ready: function of tasks and seconds to wait that returns those that have ended.
+        result: function that returns a task's result.
+    """
+
+    def __init__(
+        self,
+        start: Callable[..., Any],
+        ready: Callable[[list[Any], float], list[Any]],
+        result: Callable[[Any], Any],
+    ) -> None:
+        self.shares: dict[int, float] = {}  # a task reports none
+        self._start, self._ready, self._result = start, ready, result
+        self._tasks: list[Any] = []
+        self._running: list[Any] = []
+
+    def submit(self, function: Callable, *arguments: object) -> int:
+        """Start a job, and return its number."""
+        self._tasks.append(self._start(function, arguments, this_place()))
+        self._running.append(self._tasks[-1])
+        return len(self._tasks) - 1
+
+    def finished(self, wait_s: float) -> list[tuple[int, Any]]:
+        """Return the numbers and results of jobs that have finished.
+
+        Raises:
+            InputError: a job failed by the user's input.
+            Exception: a task failed otherwise, or its process died.
+        """
+        found = []
+        for task in self._ready(self._running, wait_s):
+            self._running.remove(task)
+            value, error = self._result(task)
+            if error is not None:
+                raise error
+            found.append((self._tasks.index(task), value))
+        return found
+
+
+@contextmanager
+def opened_cluster(executor: Executor) -> Iterator[ClusterPool]:
+    """Open the pool of a cluster.
+
+    Raises:
+        InputError: the cluster's library is not installed, or the cluster cannot be reached.
+    """
+    key = f"executor={executor}"
+    if executor == "ray":
+        with running_ray(key, address=os.environ.get("RAY_ADDRESS"), log_to_driver=False):
+            import ray
+
+            def ready(tasks: list[Any], wait_s: float) -> list[Any]:
+                return ray.wait(tasks, timeout=wait_s)[0]
+
+            task = ray.remote(num_cpus=1, max_retries=0)(_run_job)
+            yield ClusterPool(task.remote, ready, ray.get)
+        return
+    try:
+        import submitit
+    except ImportError:
+        raise InputError(
+            f"{key}: submitit is not installed; pip install 'drivezoo[slurm]'"
+        ) from None
+    slurm = submitit.AutoExecutor(LOGS, cluster="slurm")
+    slurm.update_parameters(name="drivezoo", timeout_min=720, cpus_per_task=1, mem_gb=4)
+
+    def ended(jobs: list[Any], wait_s: float) -> list[Any]:
+        time.sleep(wait_s)
+        return [job for job in jobs if job.done()]
+
+    yield ClusterPool(partial(slurm.submit, _run_job), ended, lambda job: job.result())
+
+
+def _run_job(function: Callable, arguments: tuple, place: Place) -> tuple[Any, InputError | None]:
+    """Run a job in a process of the cluster; return its result, or the user's mistake."""
+    enter_place(place)
+    try:
+        return function(*arguments, lambda share: None), None
+    except InputError as error:
+        return None, error
