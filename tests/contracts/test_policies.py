@@ -40,7 +40,7 @@ FACTS = (
 
 def of_model(name: str) -> CheckpointPolicy:
     torch.manual_seed(1)
-    network, view = build(name)
+    network, view = build(name, *(["model.sequence=4"] if name in NAMES else []))
     return CheckpointPolicy(Checkpoint(network.eval(), view, {}, {"rows_per_s": 15.0}))
 
 
@@ -97,7 +97,7 @@ def test_a_policy_commands_forgets_and_has_sessions(name: str, tmp_path: Path) -
     assert (command.spread is not None) == policy.predicts_spread
     policy.reset()
     first = steering(policy)
-    assert (steering(policy)[0] != first[0]) == (name in NAMES or name == "ensemble")
+    assert name not in NAMES or steering(policy)[0] != first[0], "it has no memory"
     policy.reset()
     assert steering(policy) == first
     one, other = policy.session(), policy.session()

@@ -1,7 +1,6 @@
 """`drivezoo doubt`: the file that it writes, the commands that take it, and its errors."""
 
 import csv
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +15,6 @@ from tests.zoo.written_checkpoints import write_constant, write_pilotnet
 from zoo.checkpoints.policy import load_policy
 from zoo.doubt.__main__ import doubt
 from zoo.drive.__main__ import view_line
-from zoo.evaluate.__main__ import evaluate_or_replay as evaluate
 
 FRAMES = np.random.default_rng(0).integers(0, 256, (3, 160, 320, 3), np.uint8)
 
@@ -86,19 +84,6 @@ def test_the_file_holds_plain_containers_and_all_that_it_needs(file: Path) -> No
         "doubt": {"samples": 5 if "dropout" in file.name else 20, "seed": 1},
     }
     assert {tuple(sorted(one)) for one in contents["members"]} == {("drivezoo", "state_dict")}
-
-
-@pytest.mark.slow
-def test_it_drives_the_same_with_every_number_of_workers(file: Path, tmp_path: Path) -> None:
-    drives = []
-    for workers in (1, 2):
-        out = tmp_path / f"evaluation {workers}"
-        keys = ("laps=0.003", "seeds=2", "quality=simple", f"workers={workers}", f"out={out}")
-        evaluate([str(file), *keys])
-        found = json.loads((out / "metrics.json").read_text())["drives"]
-        drives.append([{k: one[k] for k in one if k != "latency_ms"} for one in found])
-    assert len(drives[0]) == 2
-    assert drives[0] == drives[1]
 
 
 @pytest.mark.parametrize(
