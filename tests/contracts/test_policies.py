@@ -128,19 +128,22 @@ def test_a_policy_states_its_facts(name: str, tmp_path: Path) -> None:
 def test_a_wrapper_forwards_all_methods_and_facts(wrap: str) -> None:
     policy = ensemble()
     wrapper = WRAPPERS[wrap](policy)
+    wrapper.reset()
     first = steering(wrapper)
     wrapper.reset()
     assert steering(wrapper) == first
     wrapper.latency_s = 0.4
-    wrapper.expect(np.full(3, 0.5))
     for fact in FACTS:
         assert getattr(wrapper, fact) == getattr(policy, fact), fact
     assert policy.latency_s == 0.4
     assert wrapper.members == policy.members
-    late = wrapper(FRAMES[0], 9.0).steering
-    policy.expect(np.full(3, -0.5))
-    policy.reset()
-    assert wrapper.session()(FRAMES[0], 9.0).steering != pytest.approx(late, abs=1e-9)
+    late = []
+    for steered in (-0.5, 0.5):
+        wrapper.reset()
+        wrapper.expect(np.full(20, steered))
+        late.append(wrapper(FRAMES[0], 9.0).steering)
+    assert late[0] != late[1], "the policy knows nothing of the commands on their way"
+    assert wrapper.session().policy is not policy
 
 
 @pytest.mark.parametrize("wrap", WRAPPERS)
