@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from zoo.runs.result_files import ResultFiles
+from zoo.worlds.cluster_pool import Executor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +19,7 @@ class BenchmarkOptions(ResultFiles):
         entry: name of the entry; null: the name of the network or of the baseline.
         out: output folder; null: named by date and time.
         workers: processes that drive; 0: one per core.
+        executor: processes; ray or slurm: each drive is a task of a cluster.
         drives: drives that verify repeats, chosen at random; 0: all.
         plot: file to draw each group's autonomy in: .pdf, .svg or .png.
     """
@@ -27,4 +29,5 @@ class BenchmarkOptions(ResultFiles):
     entry: str | None = None
     out: str | None = None
     workers: Annotated[int, Field(ge=0)] = 0
+    executor: Executor = "processes"
     drives: Annotated[int, Field(ge=0)] = 5

@@ -20,6 +20,7 @@ from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import check_fields
+from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.run_drives import run_drives
 
 MACHINE = ("latency_ms",)  # metrics that depend on the machine
@@ -34,6 +35,7 @@ def drive_suite(
     workers: int,
     console: Console,
     finished: "FinishedDrives | None" = None,
+    executor: Executor = "processes",
 ) -> list[DriveRecord]:
     """Return the drives of some drivers, in the order of the jobs.
 
@@ -44,6 +46,7 @@ def drive_suite(
         workers: number of processes; 0 for one per core. It does not change the figures.
         console: console that shows the progress.
         finished: drives that are not repeated; each further one is added.
+        executor: see `run_drives`.
 
     Raises:
         InputError: the simulator cannot be opened, or a process was killed.
@@ -61,6 +64,7 @@ def drive_suite(
         console=console,
         # Other renderers draw other frames: the digest would depend on the machine.
         renderer="none" if is_baseline else "software",
+        executor=executor,
     ):
         driver, one = jobs[order[place]]
         drives[order[place]] = DriveRecord(

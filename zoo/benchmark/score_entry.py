@@ -35,7 +35,8 @@ def score_entry(names: list[str], options: BenchmarkOptions, console: Console) -
         try:
             jobs = [(number, one) for number in range(len(drivers)) for one in suite.drives]
             mean = suite.mean_steering
-            drives = drive_suite(drivers, jobs, mean, options.workers, console, finished)
+            how = console, finished, options.executor
+            drives = drive_suite(drivers, jobs, mean, options.workers, *how)
         except KeyboardInterrupt:
             raise StoppedError(
                 f"stopped after {len(finished.drives)} of {len(drivers) * len(suite.drives)} "

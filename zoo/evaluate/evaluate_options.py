@@ -8,6 +8,7 @@ from pydantic import Field
 from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError, UsageError
 from zoo.runs.result_files import ResultFiles, TableFiles
+from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.scenario import Scenario, SpeedMph
 
 Count = Annotated[int, Field(ge=1)]
@@ -29,6 +30,7 @@ class EvaluateOptions(ResultFiles, Scenario):
         out: output folder; null: named by date and time.
         plot: file to draw the drives, or the perturbations, in: .pdf, .svg or .png.
         workers: processes that drive; 0: one per core.
+        executor: processes; ray or slurm: each drive is a task of a cluster.
     """
 
     weather: str = "clear"
@@ -39,6 +41,7 @@ class EvaluateOptions(ResultFiles, Scenario):
     replay: str | None = None
     out: str | None = None
     workers: Workers = 0
+    executor: Executor = "processes"
 
     @property
     def tracks(self) -> list[str]:

@@ -69,6 +69,7 @@ def score_driver(
             options.workers,
             options.played_at,
             more,
+            options.executor,
         )
         name = checkpoint if is_file else policy.name
         metrics = {"checkpoint": name, "drives": scores.drives, "tracks": scores.tracks}

@@ -30,6 +30,7 @@ from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.runs.plots import save_figure
+from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.embedded_world import EmbeddedWorld
 from zoo.worlds.run_drives import Keep, PolicyMaker, all_drives
 from zoo.worlds.scenario import Scenario
@@ -138,6 +139,7 @@ def score_on_tracks(
     workers: int,
     film_speed: float = 0.0,
     more: Sequence[Scenario] = (),
+    executor: Executor = "processes",
 ) -> TrackScores:
     """Drive a checkpoint or a policy on every track with every seed.
 
@@ -150,6 +152,7 @@ def score_on_tracks(
         workers: number of processes; 0 for one per core. It does not change the figures.
         film_speed: playing speed of the films; 0 for no film.
         more: further scenarios to drive, whose figures alone are kept.
+        executor: see `run_drives`.
 
     Raises:
         InputError: the simulator cannot be opened, or a process was killed.
@@ -163,7 +166,7 @@ def score_on_tracks(
     keeps += [KeptDrive()] * len(more)
     driven = [*scenarios, *more]
     what = driving_line(driven)
-    figures = all_drives(driver, driven, keeps, workers, what, console)
+    figures = all_drives(driver, driven, keeps, workers, what, console, executor=executor)
     by_scenario = dict(zip(driven, figures, strict=True))
     if warning := nan_line(figures):
         console.print(f"warning: {warning}", style="red", highlight=False, markup=False)
