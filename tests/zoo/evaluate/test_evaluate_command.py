@@ -113,7 +113,7 @@ def test_folders_of_drives_have_names_that_every_system_allows(
     family.write_text((road_folder() / "alpine.yaml").read_text())
     found = []
 
-    def drive_none(*arguments) -> list:
+    def drive_none(*arguments, **keywords) -> list:
         found.extend(arguments[2])
         raise InputError("nothing is driven here")
 
