@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 import socketio
 
@@ -241,3 +242,18 @@ def test_a_current_client_with_auth_is_driven(
     client.emit("telemetry", telemetry(jpeg=RED))
     assert tuple(client.receive(5)) == FINE
     client.disconnect()
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_handshakes(fresh: Served) -> None:
+    process = psutil.Process(fresh.process.pid)
+    for _ in range(500):
+        poll(fresh.port)
+    before = process.memory_info().rss
+    ends = time.monotonic() + 30
+    for _ in range(10_000):
+        poll(fresh.port)
+        if time.monotonic() > ends:
+            break
+    assert process.memory_info().rss - before < 30 << 20
+    assert_drives(fresh)

@@ -15,9 +15,10 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.commands import command, environment, run
+from tests.zoo.commands import command, environment, only_line, run
 from tests.zoo.trainings import SMALL
 from zoo.base.whole_file import remove_parts
+from zoo.checkpoints.checkpoint import load_checkpoint, read_checkpoint_file
 
 pytestmark = [
     pytest.mark.slow,
@@ -74,6 +75,40 @@ def test_a_kill_while_saving_leaves_the_last_whole_checkpoint(place: Path, tmp_p
     assert not list(tmp_path.glob("*.part"))
 
 
+def test_a_training_that_is_killed_several_times_resumes(
+    place: Path, recorded: Written, tmp_path: Path
+) -> None:
+    folder = place / "run"
+    shm = {"TMPDIR": str(SHM)} if SHM.is_dir() else {}
+    base = [*SMALL, f"data.root={recorded.folder}", f"data.cache={tmp_path / 'cache'}"]
+    begin = command("zoo", *base, "trainer.max_epochs=100000", f"hydra.run.dir={folder}")
+    last, epochs = folder / "checkpoints" / "last.ckpt", []
+    moments = random.Random(1)
+    for number in range(3):
+        training = subprocess.Popen(
+            begin if not number else command("zoo", f"resume={folder}"),
+            env=environment() | shm,
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        before = last.stat().st_mtime_ns if last.is_file() else 0
+        while training.poll() is None and (not last.is_file() or last.stat().st_mtime_ns == before):
+            time.sleep(0.02)
+        time.sleep(moments.uniform(0, 0.5))
+        training.kill()
+        assert training.wait() == -9, training.stderr.read()
+        epochs.append(read_checkpoint_file(last)["epoch"])
+        load_checkpoint(last)
+        # A file that a kill in the middle of a write leaves.
+        (last.parent / ".last.ckpt.0123456789abcdef.part").write_bytes(bytes(55_000_000))
+    assert epochs == sorted(epochs)
+    result = run(tmp_path, f"resume={folder}", f"trainer.max_epochs={epochs[-1] + 2}")
+    assert result.returncode == 0, result.stderr
+    assert {path.name for path in last.parent.iterdir()} == {"best.ckpt", "last.ckpt"}
+
+
 def test_a_run_killed_between_its_checkpoints_names_the_one_it_has(
     recorded: Written, tmp_path: Path
 ) -> None:
@@ -87,6 +122,28 @@ def test_a_run_killed_between_its_checkpoints_names_the_one_it_has(
     assert result.returncode == 0, result.stderr
     assert str(checkpoints / "best.ckpt") in result.stdout
     assert "no last.ckpt" in result.stdout
+
+
+@pytest.mark.parametrize("small_disk", ["5500k"], indirect=True)
+def test_a_disk_too_small_for_a_checkpoint_is_named_and_the_run_resumes_with_room(
+    recorded: Written, small_disk: Path, tmp_path: Path
+) -> None:
+    """The first checkpoint has 3 MB, the second does not fit; all loggers are on."""
+    folder = small_disk / "run"
+    base = [*SMALL, "model=nvidia", "data.crop=[40,20]", f"data.root={recorded.folder}"]
+    more = [f"data.cache={tmp_path / 'cache'}", "trainer.max_epochs=2", f"hydra.run.dir={folder}"]
+    line = only_line(run(tmp_path, *base, *more))
+    assert "No space left on device" in line
+    assert str(folder) in line
+    assert f"resume={folder}" in line
+    best = folder / "checkpoints" / "best.ckpt"
+    assert str(best) in line
+    load_checkpoint(best)
+    assert [one.name for one in best.parent.iterdir()] == ["best.ckpt"]
+    subprocess.run(["mount", "-o", "remount,size=40m", str(small_disk)], check=True)
+    result = run(tmp_path, f"resume={folder}")
+    assert result.returncode == 0, result.stderr
+    assert json.loads((folder / "metrics.json").read_text())["epochs"] == 2
 
 
 COMMANDS = {

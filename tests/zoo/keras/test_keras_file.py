@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests.hostile.mutations import check_reading
 from tests.zoo.bomb import Bomb
 from tests.zoo.keras.keras_files import (
     INPUT,
@@ -372,3 +373,15 @@ def test_reading_ends_after_the_time_for_a_files_size(
     monkeypatch.setattr("zoo.keras.keras_file.READ_S", 0.0)
     with pytest.raises(InputError, match=r"endless\.h5: is damaged.*copy it again"):
         read_keras_apart(path)
+
+
+@pytest.mark.parametrize("name", [pytest.param("keras 2", marks=pytest.mark.slow), "keras"])
+def test_a_damaged_file_never_raises_another_error(name: str, tmp_path: Path) -> None:
+    path = WRITERS[name](tmp_path)
+    data, rng = path.read_bytes(), np.random.default_rng(0)
+    for _ in range(20):
+        damaged = bytearray(data)
+        for place in rng.integers(0, len(data), 5):
+            damaged[place] = rng.integers(0, 256)
+        path.write_bytes(bytes(damaged))
+        check_reading(read_keras, path)
