@@ -19,9 +19,9 @@ CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["import
     "contracts"
 ]
 (LAYERS,) = [contract["layers"] for contract in CONTRACTS if contract["type"] == "layers"]
-# Those that import nothing of ours, then zoo's rooms, and the modules that need none.
-ROOMS = [f"zoo.{layer.split()[0]}" for layer in reversed(LAYERS[1:])]
-ORDER = ["simulator", "datamodules", *ROOMS, "zoo"]
+# The base room, which all import; the packages that import no other; zoo's rooms; its modules.
+BASE, *ROOMS = [f"zoo.{layer.split()[0]}" for layer in reversed(LAYERS[1:])]
+ORDER = [BASE, "simulator", "datamodules", *ROOMS, "zoo"]
 
 
 def room_of(module: str) -> str:
