@@ -96,3 +96,15 @@ def test_a_recording_that_is_open_is_a_world_too(folder: Path) -> None:
     (replayed,) = all_drives(straight, [Scenario(margin=0.5)], world=ReplayWorld(recording))
     (named,) = all_drives(straight, [Scenario("recording", world="replay", margin=0.5)])
     np.testing.assert_array_equal(replayed.cross_track_m, named.cross_track_m)
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("Lak-v0", r"^track=Lak-v0: "),
+        ("os:Lake-v0", r"^track=os:Lake-v0: names a module; .*parts="),
+    ],
+)
+def test_an_unknown_environment_is_named_and_imports_nothing(name: str, line: str) -> None:
+    with pytest.raises(InputError, match=line):
+        open_world(Scenario(name, world="gymnasium"))

@@ -85,10 +85,15 @@ def make_environment(scenario: Scenario) -> EnvironmentWorld:
     """Return the world of the environment that a scenario's `track` names.
 
     Raises:
-        InputError: there is no such environment.
+        InputError: there is no such environment, or the name would import a module.
     """
     import gymnasium
 
+    if ":" in scenario.track:  # a scenario can come from a file that somebody else wrote
+        raise InputError(
+            f"track={scenario.track}: names a module; register the environment in a file of your "
+            "own, name the file with parts=, and the environment with track="
+        )
     try:
         return EnvironmentWorld(gymnasium.make(scenario.track), scenario.frame_rate)
     except gymnasium.error.Error as error:
