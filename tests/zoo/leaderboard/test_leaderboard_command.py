@@ -194,7 +194,7 @@ def test_repeats_with_other_seeds_are_one_entry_with_a_spread(tmp_path: Path) ->
 def test_only_tracks_that_all_runs_share_count(tmp_path: Path) -> None:
     both = write_run(tmp_path / "both", 1.0, overrides=("x=1",), tracks=("lake", "mountain"))
     metrics = json.loads((both / "metrics.json").read_text())
-    metrics["drive"]["tracks"]["mountain"] = {"autonomy": [0.2, 0], "cte_mean_m": [1.0, 0]}
+    metrics["drive"]["tracks"]["mountain"] |= {"autonomy": [0.2, 0], "cte_mean_m": [1.0, 0]}
     (both / "metrics.json").write_text(json.dumps(metrics))
     lake = write_run(tmp_path / "lake", 0.9, overrides=("x=2",))
     assert ranked(both, lake) == [["both"], ["lake"]]
