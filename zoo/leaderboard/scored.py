@@ -288,7 +288,7 @@ def _of_tracks(tracks: dict[str, dict]) -> dict:
     counts = {
         name: Count(one["drives_without_intervention"], one["drives"])
         for name, one in tracks.items()
-        if one.get("drives_without_intervention") is not None
+        if one.get("drives_without_intervention") is not None and one.get("drives") is not None
     }
     overall = {}
     for field_name, key in (("autonomy", "autonomy"), ("cte_m", "cte_mean_m")):

@@ -67,7 +67,7 @@ Texts = Annotated[object, BeforeValidator(_texts)]
 class Figures(Fields):
     """A track's figures: counts of its drives, and the mean and spread of each metric."""
 
-    drives: Count
+    drives: Count | None = None
     drives_without_intervention: Count | None = None
     __pydantic_extra__: dict[str, Pair | None] = Field(init=False)
 
