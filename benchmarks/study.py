@@ -94,7 +94,7 @@ def main(arguments: list[str]) -> None:
         raise UsageError(f"no study named; available: {known}")
     study, failed = Study(arguments[0], arguments[1:]), []
     if study.values.get("add"):
-        from benchmarks.study_rows import submitted_rows
+        from benchmarks.board_rows import submitted_rows
 
         add_rows(study, submitted_rows(Path(study.values["add"])))
     elif study.options.runs and "grids" in study.config:

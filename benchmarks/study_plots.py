@@ -8,24 +8,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from benchmarks.study_cells import (
-    CELLS,
-    DATA,
+from benchmarks.rank_correlations import (
     DRIVEN,
     METRICS,
     RECOVERIES,
-    Rows,
     by_split,
     column,
+    networks,
+    rank_correlation,
+)
+from benchmarks.study_cells import (
+    CELLS,
+    DATA,
     floats,
-    grouped,
     headline,
     largest_group,
-    networks,
     of_group,
-    rank_correlation,
     relative_errors,
 )
+from benchmarks.study_lines import Rows, grouped
 from zoo.runs.plots import BLUE, GREY, ORANGE, save_figure
 
 USUAL_RATE = 15.0  # Hz

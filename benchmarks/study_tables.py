@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from benchmarks.marked_page import markdown_table, write_between
-from benchmarks.study_cells import CELLS, CHOICES, LARGEST, NOT_MEASURED, TEXTS, Row, Rows, grouped
+from benchmarks.study_cells import CELLS, CHOICES, LARGEST, NOT_MEASURED, TEXTS
+from benchmarks.study_lines import Row, Rows, grouped
 
 
 def read_csv(path: Path) -> list[dict[str, str]]:

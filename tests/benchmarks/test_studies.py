@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import study, study_grid, study_rows
+from benchmarks import board_rows, study, study_grid, study_rows
 from benchmarks.study_grid import FOLDER, Entry, Study
 from benchmarks.study_tables import merge, read_csv, write_csv
 from datamodules.recording import read_recordings
@@ -86,7 +86,7 @@ def test_the_committed_pages_are_those_of_the_committed_figures(
     for path in (ROOT / "docs").glob("*.csv"):
         shutil.copy(path, "docs")
     if name == "offline_metrics":  # bootstraps for half a minute
-        monkeypatch.setattr("benchmarks.study_cells.RESAMPLINGS", 2)
+        monkeypatch.setattr("benchmarks.rank_correlations.RESAMPLINGS", 2)
     study.main([name, "runs=false"])
     written = capsys.readouterr().out.strip().split(", ")
     assert len(written) > 1 or name == "pretrained"
@@ -263,7 +263,7 @@ def write_entry(folder: Path, headline: float = 0.9, **changes: object) -> Path:
 
 
 def add_entry(folder: Path, name: str, training: str = "whole") -> None:
-    rows = study_rows.rows_of_result(folder, name, training, "drivezoo train")
+    rows = board_rows.rows_of_result(folder, name, training, "drivezoo train")
     study.add_rows(Study("board", []), rows)
 
 

@@ -1,0 +1,112 @@
+"""Rows of the benchmark's board: what the suite says of an entry, trained here or submitted."""
+
+import itertools
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from benchmarks.study_grid import Entry, Study, run_logged
+from zoo.base.errors import InputError
+from zoo.cli.compose import compose_config
+
+Row = dict[str, object]
+SUITE = "v1"  # of the board
+FIGURES = ("autonomy", "m_per_intervention", "without_intervention", "cte_mean_m", "steering_per_s")
+
+
+def board_rows(study: Study, entry: Entry) -> list[Row]:
+    """Drive the suite with an entry's checkpoints; return its headline and a row for each group.
+
+    Raises:
+        InputError: the drives failed, or a checkpoint was trained on other rows.
+    """
+    drivers = [str(run / "checkpoints" / "best.ckpt") for run in entry.finished] or [entry.name]
+    suite = study.options.suite
+    folder = entry.folder / f"{Path(suite).stem}-{len(drivers)}"
+    if not (folder / "result.json").is_file():
+        words = ["zoo.benchmark", *drivers, f"suite={suite}", f"entry={entry.folder.name}"]
+        words += [f"out={folder}", f"workers={study.options.threads}"]
+        run_logged(entry.folder / f"{folder.name}.txt", words, 1)
+        print(f"{folder}: driven", flush=True)
+    if suite != SUITE:
+        return []
+    if not entry.words:
+        return rows_of_result(folder, entry.name, "", "")
+    command = shlex.join(["drivezoo", "train", *study.command(entry)])
+    training = "quick" if study.options.quick else "whole"
+    return rows_of_result(folder, entry.name, training, command)
+
+
+def rows_of_result(folder: Path, name: str, training: str, command: str) -> list[Row]:
+    """Return the rows of an entry: its headline, then a row for each group.
+
+    Args:
+        folder: folder with the `result.json`.
+        name: name of the entry.
+        training: `whole`, `quick` or `submitted`; empty for a baseline.
+        command: command that trains it, without the seed.
+
+    Raises:
+        InputError: `result.json` is damaged, or a checkpoint was trained on other rows.
+    """
+    from zoo.benchmark.checked_result import read_result
+
+    result = read_result(folder)
+    first = result.checkpoints[0]
+    trained_on = " ".join(dict.fromkeys(driver.data for driver in result.checkpoints))
+    wanted = compose_config(["data=bench_v1"])["data"]["record"]["fingerprint"]
+    if training and trained_on != wanted:
+        raise InputError(
+            f"{folder}: trained on rows with the fingerprint {trained_on or 'unknown'}, bench_v1 "
+            f"has {wanted}; train on data=bench_v1 alone"
+        )
+    entry = {
+        "entry": name,
+        "training": training,
+        "network": first.model,
+        "parameters": str(first.parameters),
+        "training_seeds": str(len(result.checkpoints)),
+        "suite": result.suite,
+        "roads": result.roads,
+        "data": trained_on,
+        "code": str(result.code.get("hash")),
+        "digest": result.digest,
+        "command": command,
+    }
+    rows = []
+    for group, figures in {"headline": {"autonomy": result.headline}, **result.groups}.items():
+        roads = [drive for drive in result.drives if drive.group != "laps"]  # the headline's
+        row = entry | {"group": group, "drives": str(len(result.of_group(group) or roads))}
+        for figure, (bound, key) in itertools.product(
+            FIGURES, (("", "value"), ("_low", "low"), ("_high", "high"))
+        ):
+            value = getattr(figures.get(figure), key, None)
+            row[figure + bound] = "" if value is None else f"{value:.4f}"
+        rows.append(row)
+    return rows
+
+
+def submitted_rows(folder: Path) -> list[Row]:
+    """Drive all drives of a submitted entry again; return its rows if each digest is the same.
+
+    Raises:
+        InputError: a file is missing or damaged, or a drive differs.
+    """
+    from zoo.benchmark.checked_result import read_result
+
+    result = read_result(folder)
+    if result.suite != SUITE:
+        raise InputError(f"{folder}: drove the suite {result.suite}; the board has only {SUITE}")
+    for text in (result.entry, result.checkpoints[0].model):
+        if not re.fullmatch(r"[\w.-]{1,60}", text):  # it stands in Markdown
+            raise InputError(f"{folder}: {text[:60]!r}: name it with letters, digits, _, . and -")
+    for path in (folder / "card.md", folder / "command.txt"):
+        if not path.is_file():
+            raise InputError(f"{path}: does not exist; docs/benchmark.md says what it contains")
+    verify = [sys.executable, "-m", "zoo.benchmark", "verify", str(folder), "drives=0"]
+    if subprocess.run(verify, check=False).returncode:
+        raise InputError(f"{folder}: not added, since the drives could not be verified")
+    command = (folder / "command.txt").read_text().strip()
+    return rows_of_result(folder, result.entry, "submitted", command)
