@@ -7,11 +7,9 @@ returns the rows of one entry whose trainings have finished.
 import csv
 import hashlib
 import itertools
-import multiprocessing
 import os
 import shlex
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -33,7 +31,12 @@ from zoo.base.bounded_files import read_json
 from zoo.base.errors import InputError
 from zoo.base.whole_file import json_text, write_whole
 from zoo.cli.compose import compose_config
+from zoo.drives.drive_log import summarize
+from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.speed_controller import PI, Constant, SpeedController
 from zoo.runs.metrics_file import read_metrics_file
+from zoo.worlds.run_drives import Keep, run_drives
+from zoo.worlds.scenario import Scenario
 
 console = Console(soft_wrap=True)
 CHUNK_ROWS = 75  # five seconds: rows of a share are drawn in such pieces, not one by one
@@ -175,66 +178,36 @@ def recovery_figures(checkpoint: Path) -> dict[str, float]:
     }
 
 
-class StalledError(Exception):
-    """The end of a drive whose throttle does not move the car; `args[0]` is the distance in m."""
+class LapFigures(Keep):
+    """A drive's figures; those of a throttle that does not move the car are only `stalled_m`.
 
-
-def drive_lap(
-    checkpoint: Path,
-    track: str,
-    control: str = "hold 15 mph",
-    frame_rate: float = 15.0,
-    laps: float = 1.0,
-) -> dict:
-    """Drive from a track's first point, and return the figures.
-
-    A drive ends where a throttle cannot move the car: putting it back at 0 mph would not help. Its
-    figures have only `stalled_m`, the distance.
+    Such a drive ends, since putting the car back at 0 mph would not help.
     """
-    from zoo.checkpoints.policy import load_policy
-    from zoo.drives.drive_log import summarize
-    from zoo.drives.speed_controller import PI, Constant
-    from zoo.worlds.drive_loop import drive
-    from zoo.worlds.embedded_world import open_embedded
-    from zoo.worlds.run_drives import one_thread
-    from zoo.worlds.scenario import Scenario
 
-    kind, value = control.removesuffix(" mph").split()
-    controls = {
-        "hold": lambda: PI(float(value), kp=0.1, ki=0.002),
-        "proportional": lambda: PI(float(value), kp=0.5),
-        "throttle": lambda: Constant(float(value)),
-    }
-    scenario = Scenario(
-        track,
-        laps=laps,
-        speed=15.0 if kind == "throttle" else float(value),
-        throttle="network" if kind == "throttle" else "hold",  # it starts at a standstill
-        frame_rate=frame_rate,
-    )
-    world, moved_s = open_embedded(scenario), 0.0
+    moved_s, stalled = 0.0, False
 
-    def check(_: object, row: object) -> None:
-        nonlocal moved_s
-        if row.speed_mph > 1:
-            moved_s = row.time_s
-        elif row.time_s - moved_s > STALLED_S:
-            raise StalledError(world.simulated.travelled)
+    def show(self, frame: object, row: DriveRow) -> bool:
+        """Return whether the car has stood still for too long."""
+        self.moved_s = row.time_s if row.speed_mph > 1 else self.moved_s
+        self.stalled = row.time_s - self.moved_s > STALLED_S
+        return self.stalled
 
-    try:
-        policy, speed = load_policy(checkpoint), controls[kind]()
-        with one_thread():
-            return summarize(drive(policy, world, scenario, show=check, speed=speed))
-    except StalledError as stalled:
-        return {"stalled_m": round(stalled.args[0])}
-    finally:
-        world.close()
+    def result(self, drive: Drive, policy: object, world: object) -> dict:
+        """Return the figures, or the distance in metres after which the car stood still."""
+        return {"stalled_m": round(drive.driven_m)} if self.stalled else summarize(drive)
 
 
-def drive_and_keep(path: Path, settings: dict) -> dict:
-    """Drive the best checkpoint of a run, and keep the figures in a file of the run's folder."""
-    checkpoint = path.parents[1] / "checkpoints" / "best.ckpt"
-    return kept(path, lambda: drive_lap(checkpoint, **settings))
+def lap(
+    track: str, control: str = "hold 15 mph", frame_rate: float = 15.0, laps: float = 1.0
+) -> tuple[Scenario, SpeedController | None]:
+    """Return a drive from a track's first point, and its speed controller."""
+    kind, text = control.removesuffix(" mph").split()
+    value = float(text)
+    if kind == "throttle":  # it starts at a standstill
+        scenario = Scenario(track, laps=laps, throttle="network", frame_rate=frame_rate)
+        return scenario, Constant(value)
+    speed = PI(value, kp=0.5) if kind == "proportional" else None
+    return Scenario(track, laps=laps, speed=value, frame_rate=frame_rate), speed
 
 
 def driven(
@@ -249,8 +222,15 @@ def driven(
     ]
     names = ("-".join(map(str, drive.values())).replace(" ", "_") for drive in settings)
     paths = [run / "drives" / f"{name}.json" for name in names]
-    with ProcessPoolExecutor(study.options.threads, multiprocessing.get_context("spawn")) as pool:
-        return list(zip(settings, pool.map(drive_and_keep, paths, settings), strict=True))
+    missing = [number for number, path in enumerate(paths) if not path.is_file()]
+    laps = [lap(**settings[number]) for number in missing]
+    checkpoint = str(run / "checkpoints" / "best.ckpt")
+    scenarios, speeds = [scenario for scenario, _ in laps], [speed for _, speed in laps]
+    keeps = [LapFigures() for _ in laps]
+    workers = study.options.threads
+    for place, figures in run_drives(checkpoint, scenarios, keeps, workers, speeds=speeds):
+        kept(paths[missing[place]], lambda driven=figures: driven)
+    return list(zip(settings, map(read_json, paths), strict=True))
 
 
 def claim_rows(study: Study, entry: Entry) -> list[Row]:

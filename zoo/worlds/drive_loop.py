@@ -15,7 +15,7 @@ from zoo.drives.speed_controller import PI, Network, SpeedController, keep_limit
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
-Show = Callable[[np.ndarray | None, DriveRow], None]
+Show = Callable[[np.ndarray | None, DriveRow], bool | None]
 
 
 def speed_controller(scenario: Scenario) -> SpeedController:
@@ -45,7 +45,8 @@ def drive(
             ahead, its `latency_s` is measured.
         world: world to drive in.
         scenario: what to drive.
-        show: function called with every frame, uint8 [160, 320, 3] RGB, and its row.
+        show: function called with every frame, uint8 [160, 320, 3] RGB, and its row; the drive
+            ends when it returns True.
         report: function called at every frame with the share of the drive that is done, 0..1.
         first_only: end the drive at its first intervention.
         speed: speed controller; None for the scenario's.
@@ -102,11 +103,10 @@ def drive(
         rows.append(row)
         places.append(state.xy)
         distance_m.append(state.distance_m)
-        if show:
-            show(frame, row)
+        ended = show is not None and show(frame, row)
         if report:
             report(state.share)
-        if row.intervention and first_only:
+        if ended or (row.intervention and first_only):
             break
         if row.intervention:
             state = world.put_back(mph if speed.set_mph is None else speed.set_mph)

@@ -16,6 +16,7 @@ from zoo.base.process_pool import Pool, ThisProcess, opened_pool, run_jobs
 from zoo.checkpoints.command import Policy
 from zoo.cli.console_progress import progress_bar
 from zoo.drives.drive_record import Drive, DriveRow
+from zoo.drives.speed_controller import SpeedController
 from zoo.worlds.cluster_pool import Executor, opened_cluster
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.open_world import open_world
@@ -48,8 +49,9 @@ class Keep:
     ) -> None:
         pass
 
-    def show(self, frame: np.ndarray | None, row: DriveRow) -> None:
-        """Take the next frame, uint8 [160, 320, 3] RGB, and its row."""
+    def show(self, frame: np.ndarray | None, row: DriveRow) -> bool | None:
+        """Take the next frame, uint8 [160, 320, 3] RGB, and its row; True ends the drive."""
+        return None
 
     def result(self, drive: Drive, policy: Policy, world: World) -> Any:
         """Return what is kept, after the drive and before the world is closed."""
@@ -72,6 +74,7 @@ def run_drives(
     world: World | None = None,
     pool: Pool | None = None,
     executor: Executor = "processes",
+    speeds: Sequence[SpeedController | None] | None = None,
 ) -> Iterator[tuple[int, Any]]:
     """Drive scenarios, in parallel; yield number and result of each drive as soon as it ends.
 
@@ -91,6 +94,7 @@ def run_drives(
             drive.
         pool: open pool of processes, in place of `workers`.
         executor: processes of this machine, or tasks of a cluster of `ray` or `slurm`.
+        speeds: speed controller of each drive; None for that of its scenario.
 
     Raises:
         InputError: a world or a policy cannot be opened; or a process was killed, for example
@@ -98,7 +102,8 @@ def run_drives(
     """
     own = [drivers] * len(scenarios) if isinstance(drivers, Driver) else list(drivers)
     keeps = [keep or Keep()] * len(scenarios) if not isinstance(keep, Sequence) else list(keep)
-    jobs = [(*job, renderer, first_only, world) for job in zip(own, scenarios, keeps, strict=True)]
+    parts = zip(own, scenarios, keeps, speeds or [None] * len(own), strict=True)
+    jobs = [(*part, renderer, first_only, world) for part in parts]
     if world is not None or any(isinstance(one, Policy) for one in own):
         pool = ThisProcess()  # a policy or a world may not fit through a pipe
     with ExitStack() as stack:
@@ -150,6 +155,7 @@ def _drive_once(
     driver: Driver,
     scenario: Scenario,
     keep: Keep,
+    speed: SpeedController | None,
     renderer: str,
     first_only: bool,
     world: World | None,
@@ -160,18 +166,20 @@ def _drive_once(
         if world is None:
             world = open_world(scenario, renderer)
             stack.callback(world.close)
-        policy = _policy(driver, world, scenario)
+        policy = _policy(driver, world, scenario, speed is None)
         with keep:
-            driven = drive(policy, world, scenario, keep.show, report, first_only)
+            driven = drive(policy, world, scenario, keep.show, report, first_only, speed)
             return keep.result(driven, policy, world)
 
 
-def _policy(driver: Driver, world: World, scenario: Scenario) -> Policy:
+def _policy(driver: Driver, world: World, scenario: Scenario, own_speed: bool) -> Policy:
+    """Return what drives; without a controller of its own, the scenario's throttle is checked."""
     if isinstance(driver, PolicyMaker):
         policy = driver.policy(world, scenario)
     else:
         policy = (load_kept(driver) if isinstance(driver, str) else driver).session()
-        check_throttle(policy, scenario.throttle)
+        if own_speed:
+            check_throttle(policy, scenario.throttle)
     if scenario.guard:
         from zoo.monitor.guard_file import read_guard
         from zoo.monitor.guarded_policy import GuardedPolicy
