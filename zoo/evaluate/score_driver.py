@@ -89,7 +89,7 @@ def score_driver(
         evidence = Evidence(None, policy.config)
         if is_file:
             evidence = read_evidence(checkpoint, policy.config, policy.data)
-        verdict = judge(scores.drives, evidence, options.tracks)
+        verdict = judge(scores.drives, evidence, options.tracks, options.world)
         metrics["verdict"] = verdict.plain()
         write_metrics_file(folder, metrics)
         nan = nan_line(list(scores.by_scenario.values()))

@@ -53,7 +53,10 @@ class Verdict:
 
 
 def judge(
-    drives: Sequence[Mapping], evidence: Evidence, tracks: Sequence[str] | None = None
+    drives: Sequence[Mapping],
+    evidence: Evidence,
+    tracks: Sequence[str] | None = None,
+    world: str = "embedded",
 ) -> Verdict:
     """Judge a network by its drives.
 
@@ -62,6 +65,7 @@ def judge(
         evidence: config, metrics and command of the network, for causes and commands.
         tracks: tracks as the user typed them, such as `my_track.yaml`, whose recorded name is
             `my_track`; None for those of the run's `score`.
+        world: world that was driven in.
     """
     by_track: dict[str, list[Mapping]] = {}
     for one in drives:
@@ -84,7 +88,7 @@ def judge(
         tuple(_track_line(track, levels[track], by_track[track]) for track in names),
         _certainty(by_track, evidence),
         tuple(cause.text for cause in causes),
-        tuple(_commands(level, evidence, again, worst)),
+        tuple(_commands(level, evidence, again, worst, world)),
     )
 
 
@@ -177,7 +181,7 @@ def _count(number: int, noun: str) -> str:
 
 
 def _commands(
-    level: str, evidence: Evidence, again: str | None, track: str
+    level: str, evidence: Evidence, again: str | None, track: str, world: str
 ) -> list[tuple[str, str]]:
     """Return pairs of a purpose and a command; the first is the one to try first."""
     found = [("train again", again)] if again else []
@@ -186,6 +190,9 @@ def _commands(
     if evidence.checkpoint is None:
         return found
     on_track = [evidence.checkpoint, f"track={track}"]
+    if world != "embedded":  # the only world that `correct` and `drive` have
+        more = ["drivezoo", "evaluate", *on_track, f"world={world}", "seeds=3"]
+        return [*found, ("drive it from other starts", command_line(more))]
     if level in (ALMOST, FAILS):
         correct = command_line(["drivezoo", "correct", *on_track])
         return [*found, ("or let the expert correct it", correct)]

@@ -73,6 +73,10 @@ class EnvironmentWorld(World):
         """Close the environment."""
         self.environment.close()
 
+    def facts(self, scenario: Scenario) -> dict[str, Any]:
+        """Return the environment's name as the track, and the seed."""
+        return super().facts(scenario) | {"track": scenario.track}
+
     def _state(self, info: dict[str, Any], done: bool = False) -> State:
         speed = info.get("speed_mph", float("nan"))
         if isinstance(self.observation, dict) and "speed" in self.observation:
