@@ -20,8 +20,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.marked_page import markdown_table, write_between
-from benchmarks.measuring import make_console
+from benchmarks.measuring import make_console, markdown_table, write_between
 from benchmarks.timing import COLUMNS, Row, print_rows
 from zoo.base.child_process import child_environment
 from zoo.base.cores import usable_cores

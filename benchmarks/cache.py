@@ -1,29 +1,20 @@
-"""Measure how fast all cores decode into the cache: `python benchmarks/cache.py [parts [FOLDER]]`.
-
-`parts` prints the microseconds of each part of an image's work on one core, for the images in a
-folder.
-"""
+"""Measure how fast all cores decode into the cache: `python benchmarks/cache.py`."""
 
 import multiprocessing
-import os
 import shutil
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from benchmarks.material import OUT, linked_recording
-from benchmarks.timing import Row, compared, medians, run_part, take_turns
-from datamodules.image import MOST_IMAGE_BYTES, decode_image
+from benchmarks.timing import Row, compared, run_part, take_turns
+from datamodules.image import decode_image
 from datamodules.view import View
-from datamodules.view_store import CHUNK, load_views
+from datamodules.view_store import load_views
 from zoo.base.cores import usable_cores
-from zoo.base.regular_file import read_regular
 
 VIEW = View((40, 20), "rgb", (66, 200))
 ROWS = 1_500
@@ -47,9 +38,8 @@ def measure(short: bool) -> list[Row]:
 
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(cores, spawn, cv2.setNumThreads, (1,)) as pool:
-        list(
-            pool.map(decode, [share[:5] for share in shares])
-        )  # starts the processes and their imports
+        # Starts the processes and their imports.
+        list(pool.map(decode, [share[:5] for share in shares]))
         found = take_turns(
             {
                 "ours/s": ours,
@@ -87,42 +77,5 @@ def seconds_of(work: Callable[[], object]) -> float:
     return time.perf_counter() - began
 
 
-def parts_of_image(paths: list[str]) -> dict[str, float]:
-    """Return the microseconds that each part takes for an image: medians, but for the sync."""
-    cv2.setNumThreads(1)
-    chunk = np.zeros((CHUNK, *VIEW.shape), np.uint8)
-    times: dict[str, list[float]] = {}
-
-    def timed(part: str, work: Callable, *arguments: object) -> None:
-        began = time.perf_counter()
-        work(*arguments)
-        times.setdefault(part, []).append(1e6 * (time.perf_counter() - began))
-
-    OUT.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=OUT) as file:
-        for path in paths:
-            data = read_regular(path, MOST_IMAGE_BYTES)
-            image, pixels = decode_image(data), np.frombuffer(data, np.uint8)
-            timed("read", read_regular, path, MOST_IMAGE_BYTES)
-            timed("check and decode", decode_image, data)
-            timed("of that, decode", cv2.imdecode, pixels, cv2.IMREAD_COLOR_RGB)
-            timed("crop and resize", VIEW, image, chunk[0])
-        for _ in range(0, len(paths), CHUNK):
-            timed("write", os.write, file.fileno(), chunk.data)
-        sync = 1e6 * seconds_of(lambda: os.fsync(file.fileno())) / len(paths)
-    found = medians(times)
-    return found | {"write": found["write"] / CHUNK, "sync, if it is one at the end": sync}
-
-
-def print_parts(folder: Path) -> None:
-    """Print the parts of an image's work for up to `ROWS` images."""
-    for part, microseconds in parts_of_image(sorted(map(str, folder.glob("*.jpg")))[:ROWS]).items():
-        print(f"{part}: {microseconds:.1f}")
-
-
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["parts"]:
-        folder = sys.argv[2] if sys.argv[2:] else linked_recording(ROWS, ("center",)) / "IMG"
-        print_parts(Path(folder))
-    else:
-        run_part(measure)
+    run_part(measure)

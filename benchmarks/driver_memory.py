@@ -1,7 +1,7 @@
 """The memory of `drivezoo drive`: `python benchmarks/driver_memory.py NAME ...`, a function each.
 
-`traffic` is that of the original's client. Each of the nine attacks sends what a hostile client
-may, over connections that it leaves open. The network has random weights.
+`traffic` is that of the original's client. `attack` sends what a hostile client may, over
+connections that it leaves open. The network has random weights.
 """
 
 import contextlib
@@ -18,25 +18,18 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
 import psutil
 
-from benchmarks.driver import noise_telemetry, random_checkpoint
+from benchmarks.driver import FPS, noise_telemetry
 from benchmarks.measuring import print_table, run_named
 from simulator.legacy_socket import OPENED, LegacySocket
-from simulator.telemetry import make_telemetry
 
-MESSAGES, FPS = 72_000, 60
+MESSAGES = 72_000
 MOST_GROWTH_MB = 100
-LEAST_ANSWERED = 0.9  # share of a genuine client's telemetry
-SETTLE_S = 2.0  # pause before the first and the last reading of memory
-EVERY_S = 2.0  # between a genuine client and the next
 MOST_OPEN = 500  # connections that an attack holds at a time; the driver allows 512
-LARGE_S = 0.1  # pause between large messages: 10 per second, 21 MB/s
+EVERY_S = 0.1  # pause between messages: 10 per second, 21 MB/s
 POLLING = b"GET /socket.io/?EIO=4&transport=polling HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
 POST = (
     b"POST /socket.io/?EIO=4&transport=polling&sid=%s HTTP/1.1\r\nHost: 127.0.0.1\r\n"
@@ -104,129 +97,44 @@ def frame(opcode: int, size: int, sent: bytes) -> bytes:
     return head + bytes(4) + sent
 
 
-def handshakes(attacker: Attacker) -> float:
-    """Open a polling session and leave it open."""
-    attacker.ask(POLLING)
-    return 0.0
-
-
-def half_open(attacker: Attacker) -> float:
-    """Send half of a request's head."""
-    attacker.connect(b"GET / HT")
-    return 0.0
-
-
-def quiet(attacker: Attacker) -> float:
-    """Open a WebSocket and send nothing."""
-    attacker.websocket()
-    return 0.0
-
-
-def half_sent(attacker: Attacker) -> float:
-    """Send all but the last byte of the longest message."""
-    attacker.websocket().sendall(frame(TEXT, LARGE, b"4" * (LARGE - 1)))
-    return LARGE_S
-
-
-def after_telemetry(attacker: Attacker) -> float:
-    """Send a telemetry, and all but the last byte of the longest message after it."""
-    connection = attacker.websocket()
-    connection.sendall(frame(TEXT, 400, b'42["telemetry",{}]'.ljust(400)))
-    connection.sendall(frame(TEXT, LARGE, b"4" * (LARGE - 1)))
-    return LARGE_S
-
-
-def whole(attacker: Attacker) -> float:
-    """Send the longest message, and nothing more."""
-    attacker.websocket().sendall(frame(TEXT, LARGE, b'42["x","' + b"y" * (LARGE - 10) + b'"]'))
-    return LARGE_S
-
-
-def lists(attacker: Attacker) -> float:
-    """Send a message that takes 20 times its size in memory when parsed."""
-    text = b'42["telemetry"' + b",[]" * (LARGE // 3 - 10) + b"]"
-    attacker.websocket().sendall(frame(TEXT, len(text), text))
-    return LARGE_S
-
-
-def attachments(attacker: Attacker) -> float:
-    """Send one of two large attachments of a telemetry."""
-    connection = attacker.websocket()
-    connection.sendall(frame(TEXT, 400, b'452-["telemetry",{}]'.ljust(400)))
-    size = LARGE - 1000
-    connection.sendall(frame(BINARY, size, bytes(size)))
-    return LARGE_S
-
-
-def half_posts(attacker: Attacker) -> float:
+def half_post(attacker: Attacker) -> None:
     """Send all but the last byte of the longest polling request."""
     sid = json.loads(attacker.ask(POLLING).partition(b"\r\n\r\n")[2][1:])["sid"]
     attacker.connect(POST % (sid.encode(), LARGE) + b"4" * (LARGE - 1))
-    return LARGE_S
 
 
-# Each makes one request and returns the smallest pause before the next, in seconds.
-ATTACKS: dict[str, Callable[[Attacker], float]] = {
-    "polling handshakes": handshakes,
-    "half-open connections": half_open,
-    "half-sent messages": half_sent,
-    "half-sent after telemetry": after_telemetry,
-    "half-sent polling requests": half_posts,
-    "whole large messages": whole,
-    "lists of 20 times their size": lists,
-    "missing attachments": attachments,
-    "quiet WebSockets": quiet,
+HALF = frame(TEXT, LARGE, b"4" * (LARGE - 1))  # all but the last byte of the longest message
+WHOLE = frame(TEXT, LARGE, b'42["x","' + b"y" * (LARGE - 10) + b'"]')
+DRIVING = frame(TEXT, 400, b'42["telemetry",{}]'.ljust(400))
+# One of two large attachments of a telemetry.
+ATTACHED = frame(TEXT, 400, b'452-["telemetry",{}]'.ljust(400))
+ATTACHED += frame(BINARY, LARGE - 1000, bytes(LARGE - 1000))
+ATTACKS: dict[str, Callable[[Attacker], None]] = {
+    "half-sent messages": lambda attacker: attacker.websocket().sendall(HALF),
+    "half-sent after telemetry": lambda attacker: attacker.websocket().sendall(DRIVING + HALF),
+    "half-sent polling requests": half_post,
+    "whole large messages": lambda attacker: attacker.websocket().sendall(WHOLE),
+    "missing attachments": lambda attacker: attacker.websocket().sendall(ATTACHED),
 }
-
-
-class Genuine(threading.Thread):
-    """A simulator's client that counts the driver's answers.
-
-    Args:
-        port: port of the driver.
-        steady: whether it keeps its connection; otherwise it connects for each telemetry.
-    """
-
-    def __init__(self, port: int, steady: bool) -> None:
-        super().__init__(daemon=True)
-        self.sent = self.answered = 0
-        self.ended = threading.Event()
-        self._url, self._steady = f"http://127.0.0.1:{port}", steady
-        image = np.full((160, 320, 3), 99, np.uint8)
-        self._message = make_telemetry(image, 0.0, 0.0, 9.0, False)
-
-    def run(self) -> None:
-        client = None
-        while not self.ended.is_set():
-            self.sent += 1
-            try:
-                client = client or LegacySocket(self._url)
-                self.answered += self._answered(client)
-            except OSError:
-                client = None
-            if client is not None and not self._steady:
-                client.close()
-                client = None
-            self.ended.wait(0.1 if self._steady else EVERY_S)
-
-    def _answered(self, client: LegacySocket) -> bool:
-        client.emit("telemetry", self._message)
-        ends = time.monotonic() + 10
-        while (left_s := ends - time.monotonic()) > 0:
-            # A reply to telemetry has an argument; the first message to a new client has none.
-            if any(name != OPENED and argument for name, argument in client.events(left_s)):
-                return True
-        return False
-
-    @property
-    def is_served(self) -> bool:
-        """Whether the driver answered nearly all messages."""
-        return self.answered >= LEAST_ANSWERED * self.sent
 
 
 def megabytes(process: psutil.Process) -> float:
     """Return the resident memory of a process."""
     return process.memory_info().rss / 1e6
+
+
+def random_checkpoint(folder: Path) -> str:
+    """Write a checkpoint of nvidia with random weights; return its path."""
+    import torch
+
+    from benchmarks.material import random_network
+    from zoo.checkpoints.checkpoint import PREFIX, make_card
+
+    network, view, config = random_network("nvidia")
+    weights = {f"{PREFIX}{key}": value for key, value in network.state_dict().items()}
+    card = make_card(config, view, {"fingerprint": "0" * 16, "rows": 10})
+    torch.save({"state_dict": weights, "drivezoo": card, "epoch": 0}, folder / "random.ckpt")
+    return str(folder / "random.ckpt")
 
 
 @contextlib.contextmanager
@@ -250,56 +158,25 @@ def started_driver() -> Iterator[tuple[psutil.Process, int]]:
                 process.kill()
 
 
-def attack(name: str, seconds: float, rate: float) -> tuple[list[str], bool]:
-    """Attack a driver; return its line of the table, and whether it withstood.
-
-    It withstands if it grows little and answers one client that drives throughout, and others that
-    connect during the attack.
-    """
+def attack(name: str, seconds: str = "600") -> int:
+    """Measure a driver under attack: `attack NAME [seconds=600]`; return 1 if it grew too much."""
+    if name not in ATTACKS:
+        sys.exit(f"{name}: no such attack; available: {', '.join(ATTACKS)}")
+    requests, ends = 0, time.monotonic() + float(seconds)
     with started_driver() as (process, port):
-        genuine = [Genuine(port, True), Genuine(port, False)]
-        for client in genuine:
-            client.start()
-        time.sleep(SETTLE_S)
-        before = peak = megabytes(process)
-        attacker, requests = Attacker(port), 0
-        ends = time.monotonic() + seconds
-        while (began := time.monotonic()) < ends:
-            wait_s = 1 / rate
+        attacker, before = Attacker(port), megabytes(process)
+        peak = before
+        while time.monotonic() < ends:
             # A driver may close the connection, as it should.
             with contextlib.suppress(OSError, ValueError):
-                wait_s = max(wait_s, ATTACKS[name](attacker))
-            requests += 1
-            peak = max(peak, megabytes(process))
-            time.sleep(max(began + wait_s - time.monotonic(), 0))
-        for client in genuine:
-            client.ended.set()
-            client.join(20)
+                ATTACKS[name](attacker)
+            requests, peak = requests + 1, max(peak, megabytes(process))
+            time.sleep(EVERY_S)
         attacker.close()
-        time.sleep(SETTLE_S)
-        sizes = (before, peak, megabytes(process), peak - before)
-    cells = [name, f"{seconds:g}", f"{requests:,}", *(f"{size:.0f}" for size in sizes)]
-    cells += [f"{client.answered:,} of {client.sent:,}" for client in genuine]
-    return cells, sizes[-1] < MOST_GROWTH_MB and all(client.is_served for client in genuine)
-
-
-def attacks(seconds: str = "600", rate: str = "100", only: str | None = None) -> int:
-    """Measure drivers under attack: `attacks [seconds=600] [rate=100] [only=NAME]`.
-
-    It starts a driver process for each attack, all at the same time, and attacks each from one
-    thread with at most `rate` requests per second. It returns 1 if a driver grew too much or left a
-    genuine client unanswered.
-    """
-    if only not in (None, *ATTACKS):
-        sys.exit(f"only={only}: no such attack; available: {', '.join(ATTACKS)}")
-    names = [only] if only else list(ATTACKS)
-    # A process for each attacker, because threads of one process would wait for each other.
-    with ProcessPoolExecutor(len(names), get_context("spawn")) as pool:
-        jobs = [pool.submit(attack, name, float(seconds), float(rate)) for name in names]
-        found = [job.result() for job in jobs]
-    head = ["attack", "seconds", "requests", "before MB", "peak MB", "after MB", "growth MB"]
-    print_table([*head, "steady client", "new clients"], [cells for cells, _ in found])
-    return int(not all(withstood for _, withstood in found))
+    figures = [f"{size:.0f}" for size in (before, peak, peak - before)]
+    head = ["attack", "requests", "before MB", "peak MB", "growth MB"]
+    print_table(head, [[name, f"{requests:,}", *figures]])
+    return int(peak - before > MOST_GROWTH_MB)
 
 
 def traffic(messages: str = str(MESSAGES)) -> None:
@@ -334,4 +211,4 @@ def traffic(messages: str = str(MESSAGES)) -> None:
 
 
 if __name__ == "__main__":
-    run_named(attacks, traffic)
+    run_named(attack, traffic)

@@ -1,12 +1,16 @@
-"""Recordings of any length for the benchmarks, and configs for them."""
+"""Recordings of any length for the benchmarks, configs for them, and untrained networks."""
 
 import datetime
 from pathlib import Path
 
+import numpy as np
+import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from datamodules.driving import DrivingData
+from datamodules.view import View
+from zoo.checkpoints.policy import CheckpointPolicy
 from zoo.cli.compose import compose_config
 
 OUT = Path("outputs/bench")
@@ -87,3 +91,24 @@ def config_for(folder: Path, *overrides: str) -> DictConfig:
     config = OmegaConf.create(compose_config(list(ours)))
     OmegaConf.set_struct(config, True)
     return config
+
+
+def random_network(name: str) -> tuple[torch.nn.Module, View, dict]:
+    """Return the network of `model=name` with random weights, its view and its config."""
+    from zoo.models.make_network import make_network, view_of
+
+    config = compose_config([f"model={name}", "model.weights=null"])
+    view = view_of(config["model"], config["data"]["crop"])
+    return make_network(config["model"], view), view, config
+
+
+def random_policy(name: str) -> CheckpointPolicy:
+    """Return the untrained network of `model=name` as a policy on one thread."""
+    from zoo.checkpoints.checkpoint import Checkpoint
+
+    torch.set_num_threads(1)
+    network, view, config = random_network(name)
+    policy = CheckpointPolicy(Checkpoint(network.eval(), view, config, {}))
+    for _ in range(3):
+        policy(np.zeros((160, 320, 3), np.uint8), 0.0)
+    return policy

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from torch import nn
 
-from benchmarks.marked_page import markdown_table, write_between
+from benchmarks.measuring import markdown_table, write_between
 from zoo.cli.compose import compose_config
 from zoo.models.efficientnet_lite0 import InvertedResidual
 from zoo.models.layers import SCALE, LogSpread, Normalize, SameConv2d

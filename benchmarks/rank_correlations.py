@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.marked_page import markdown_table
+from benchmarks.measuring import markdown_table
 from benchmarks.study_lines import Row, Rows, grouped
 
 METRICS = {

@@ -2,33 +2,24 @@
 
 It compares the CPU time of a scored drive on the lake with that of rendering the same frames and
 running the network on them, each on one thread. PilotNet has random weights; the car is put back
-often, which costs nothing extra. It also compares the wall time of four drives on four cores with
-one on one core.
+often, which costs nothing extra.
 """
 
-import tempfile
 import time
-from pathlib import Path
 
-import torch
-
-from benchmarks.driver import random_checkpoint, random_policy
-from benchmarks.timing import Row, compared, median_ratio, medians, run_part, take_turns
+from benchmarks.material import random_policy
+from benchmarks.timing import Row, median_ratio, medians, run_part, take_turns
 from simulator.world import Start
-from zoo.base.cores import usable_cores
 from zoo.drives.drive_record import Drive
 from zoo.worlds.drive_loop import drive
 from zoo.worlds.open_world import open_world
-from zoo.worlds.run_drives import all_drives
 from zoo.worlds.scenario import Scenario
 
 LAPS, SHORT_LAPS = 0.2, 0.02
-MANY = 4
 
 
 def measure(short: bool) -> list[Row]:
-    """Measure the two ratios."""
-    torch.set_num_threads(1)
+    """Compare the drive with its parts."""
     laps, rounds = (SHORT_LAPS, 1) if short else (LAPS, 3)
     scenario = Scenario("lake", laps=laps, speed=20.0)
     policy, world = random_policy("nvidia"), open_world(scenario)
@@ -63,39 +54,8 @@ def measure(short: bool) -> list[Row]:
     world.close()
     sums = [a + b for a, b in zip(turns["rendering s"], turns["network s"], strict=True)]
     what = f"{laps:g} scored laps of the lake, nvidia, one core"
-    rows = [
-        Row(
-            what,
-            "rendering alone + network alone",
-            median_ratio(turns["scored s"], sums),
-            1.2,
-            False,
-            medians(turns),
-        )
-    ]
-    return rows if usable_cores() < MANY else rows + [_many(short)]
-
-
-def _many(short: bool) -> Row:
-    """Compare four parallel laps, including the start of their processes, with one."""
-    laps, rounds = (SHORT_LAPS, 1) if short else (1.0, 1)
-    with tempfile.TemporaryDirectory() as folder:
-        checkpoint = random_checkpoint(Path(folder))
-        scenarios = [Scenario("lake", seed, laps, 20.0) for seed in range(MANY)]
-
-        def one() -> float:
-            began = time.perf_counter()
-            all_drives(checkpoint, scenarios[:1])
-            return time.perf_counter() - began
-
-        def many() -> float:
-            began = time.perf_counter()
-            all_drives(checkpoint, scenarios, workers=MANY)
-            return time.perf_counter() - began
-
-        turns = take_turns({"four s": many, "one s": one}, rounds)
-    what = f"four drives of {laps:g} laps on four cores"
-    return compared(turns, what, "one on one core", ("four s", "one s"), 1.3, False)
+    ratio, parts = median_ratio(turns["scored s"], sums), "rendering alone + network alone"
+    return [Row(what, parts, ratio, 1.2, False, medians(turns))]
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from benchmarks.marked_page import markdown_table, write_between
+from benchmarks.measuring import markdown_table, write_between
 from benchmarks.study_cells import CELLS, CHOICES, LARGEST, NOT_MEASURED, TEXTS
 from benchmarks.study_lines import Row, Rows, grouped
 

@@ -22,9 +22,15 @@ from pathlib import Path
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from benchmarks.material import AUGMENT, OUT, config_for, linked_recording, loaded_data
+from benchmarks.material import (
+    AUGMENT,
+    OUT,
+    config_for,
+    linked_recording,
+    loaded_data,
+    random_network,
+)
 from benchmarks.timing import Row, compared, contestants, median_ratio, run_part, take_turns
-from zoo.cli.compose import compose_config
 from zoo.training.host_settings import multiplies_bf16
 
 BATCH, WORKERS, ROWS = 64, 4, 2_000
@@ -246,12 +252,8 @@ def wait_for(device: str) -> None:
 
 def untrained(name: str, samples: int) -> tuple[torch.nn.Module, dict[str, torch.Tensor]]:
     """Return a network with random weights, and a batch of noise."""
-    from zoo.models.make_network import make_network, view_of
-
-    config = compose_config([f"model={name}", "model.weights=null"])
     torch.manual_seed(0)
-    view = view_of(config["model"], config["data"]["crop"])
-    network = make_network(config["model"], view)
+    network, view, _ = random_network(name)
     height, width, channels = view.shape
     frames = (getattr(network, "sequence", 1),) if getattr(network, "sequence", 1) > 1 else ()
     images = torch.randint(0, 256, (samples, *frames, channels, height, width), dtype=torch.uint8)

@@ -1,16 +1,11 @@
 """Measurements of the embedded world: `python benchmarks/worlds.py NAME ...`, one function each."""
 
 import time
-from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.measuring import make_console, print_table, run_named
-from datamodules.image import read_image
-from datamodules.recording import read_recordings
+from benchmarks.measuring import print_table, run_named
 from simulator.expert import Expert, ExpertSettings
-from simulator.rig import CAMERAS
 from simulator.road_family import draw_road, family_names, find_family
 from simulator.track import Track
 from simulator.track_names import track_names
@@ -18,12 +13,6 @@ from simulator.world import Start, open_world
 from simulator.world import World as Embedded
 
 SLOWEST_MPS = 1.0  # a driver that is slower than this on average is stuck
-ROWS = (0, 10, 20, 30, 40, 50, 60, 68, 76, 84, 92, 100, 108, 116, 124, 132, 140, 148, 156)
-ROAD = slice(130, 190)  # columns that show only road below the horizon
-# Places matched by eye: a row as a share of the recording, and metres along our lap.
-PAIRS = {0.0: 0, 0.13: 320, 0.2186: 460, 0.2685: 700, 0.0433: 120, 0.411: 800, 0.348: 845} | {
-    0.4345: 1000
-}
 
 
 def roads(count: str = "1000") -> int:
@@ -107,63 +96,5 @@ def expert(*tracks: str) -> None:
         print(f"{track}: 200 random starts and weathers driven, {off} frames off the road")
 
 
-def likeness(root: str) -> None:
-    """Compare our frames with the original simulator's: `likeness RECORDING`.
-
-    RECORDING is from the original simulator's lake track. It prints for rows of pixels the mean
-    colour, the road's colour, its grain, and the saturation, of both simulators. It also writes
-    `outputs/likeness/sheet.png`: left, centre and right camera at eight places, the original's
-    frames above ours.
-    """
-    recording = read_recordings([root])
-    theirs = np.stack([read_image(path) for path in recording.images[::20, 0]])
-    world = open_world("lake", renderer="software")
-    ours = our_frames(world)
-    # Each row's mean saturation, 0..255.
-    saturations = [
-        np.mean([cv2.cvtColor(frame, cv2.COLOR_RGB2HSV)[..., 1].mean(1) for frame in frames], 0)
-        for frames in (theirs, ours)
-    ]
-    rows = []
-    for row in ROWS:
-        both = [frames[:, row].astype(float) for frames in (theirs, ours)]
-        cells = [_rgb(pixels.mean((0, 1))) for pixels in both]
-        cells += [_rgb(np.median(pixels[:, ROAD], (0, 1))) for pixels in both]
-        cells += [f"{pixels[:, ROAD].std(1).mean():.0f}" for pixels in both]
-        rows.append([row, *cells, *(f"{values[row]:.0f}" for values in saturations)])
-    print_table(
-        ["row", "mean RGB", "ours", "road RGB", "ours", "grain", "ours", "saturation", "ours"], rows
-    )
-    apart = np.abs(theirs.mean((0, 2)) - ours.mean((0, 2))).mean(0)
-    print(f"rows' mean colours differ by {_rgb(apart)} (RGB, mean over 160 rows)")
-    strips = []
-    for share, distance in PAIRS.items():
-        images = recording.images[round(share * (len(recording) - 1))]
-        world.reset(0, Start(distance))
-        order = ("left", "center", "right")
-        strips.append(np.hstack([read_image(images[CAMERAS.index(name)]) for name in order]))
-        strips.append(np.hstack([world.frame(name) for name in order]))
-        strips.append(np.zeros((6, 960, 3), np.uint8))
-    sheet = Path("outputs/likeness/sheet.png")
-    sheet.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(sheet), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))
-    make_console().print(str(sheet), highlight=False)
-
-
-def our_frames(world: Embedded) -> np.ndarray:
-    """Return uint8 [120, 160, 320, 3], half of them backward, slightly off the centreline."""
-    frames = []
-    for number in range(120):
-        world.direction = 1 if number % 2 else -1
-        world.reset(0, Start(number * world.track.length / 120, 0.6 * np.sin(number)))
-        frames.append(world.frame())
-    world.direction = 1
-    return np.stack(frames)
-
-
-def _rgb(colour: np.ndarray) -> str:
-    return " ".join(f"{value:.0f}" for value in colour)
-
-
 if __name__ == "__main__":
-    run_named(expert, likeness, roads)
+    run_named(expert, roads)

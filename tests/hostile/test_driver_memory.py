@@ -1,7 +1,6 @@
 """The driver's memory while clients hold requests, messages and WebSockets open."""
 
 import contextlib
-import subprocess
 
 import psutil
 import pytest
@@ -13,12 +12,11 @@ from benchmarks.driver_memory import (
     TEXT,
     Attacker,
     frame,
-    half_sent,
     megabytes,
 )
 from benchmarks.driver_memory import LARGE as LONGEST
 from tests.hostile.test_driver_sessions import FINE, RED, assert_drives, closed
-from tests.zoo.commands import ROOT, command, environment, run
+from tests.zoo.commands import ROOT, run
 from tests.zoo.drive.old_client import OldClient
 from tests.zoo.drive.serve import Served
 from zoo.drive.connections import MOST_HELD, MOST_QUIET_WEBSOCKETS
@@ -89,7 +87,7 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
     oldest.sendall(frame(TEXT, LONGEST, b"4" * (LONGEST - 1)))
     for _ in range(MOST_HELD // LONGEST + 4):
         with contextlib.suppress(OSError):
-            half_sent(attacker)
+            ATTACKS["half-sent messages"](attacker)
     assert closed(oldest)
     small.send_frame(0, b'etry",{}]')
     assert small.reply()[0] == "steer"
@@ -101,7 +99,7 @@ def test_the_largest_unfinished_message_is_closed_and_logged(fresh: Served) -> N
 def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
     attacker = Attacker(fresh.port)
     for _ in range(MOST_HELD // LONGEST - 1):
-        half_sent(attacker)
+        ATTACKS["half-sent messages"](attacker)
     post = attacker.connect(POST % (b"none", LONGEST))
     assert closed(post)
     attacker.close()
@@ -110,17 +108,9 @@ def test_a_request_that_is_itself_the_largest_is_closed(fresh: Served) -> None:
     assert not any("Traceback" in line or "failed" in line for line in fresh.lines)
 
 
-def test_a_wrong_option_of_the_measurement_gets_one_line() -> None:
-    result = run(ROOT, "attacks", "only=nothing", module=MEASUREMENT)
-    assert result.returncode == 1
-    (line,) = result.stderr.splitlines()
-    assert "only" in line
-
-
 @pytest.mark.slow
 def test_ten_seconds_of_an_attack_are_measured() -> None:
     """The measurement exits with 1 where a driver grows too much."""
-    words = command(MEASUREMENT, "attacks", "seconds=10", "only=half-sent messages")
-    result = subprocess.run(words, env=environment(), capture_output=True, text=True, check=False)
+    result = run(ROOT, "attack", "half-sent messages", "seconds=10", module=MEASUREMENT)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "half-sent messages" in result.stdout

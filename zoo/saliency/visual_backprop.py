@@ -42,7 +42,7 @@ class Saliency:
     road's edges changed the steering. Here, a feature therefore counts by the absolute value of
     (feature - its mean over the image) * (gradient of the steering by the feature), and the root of
     the product is shown. The rank correlation with greying out patches is 0.66 for a PilotNet, and
-    0.22 for VisualBackProp as published (`python benchmarks/policies.py saliency CKPT RECORDING`).
+    0.22 for VisualBackProp as published (over 11 frames).
 
     A network without `nn.Conv2d`, such as `tiny`, has no such maps. Its saliency is the gradient
     times the image's deviation from its mean, averaged over noisy copies (SmoothGrad, Smilkov et

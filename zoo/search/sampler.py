@@ -57,7 +57,7 @@ class ArchiveSampler:
     earlier failures, as in MAP-Elites (Mouret and Clune 2015, "Illuminating search spaces by
     mapping elites", arXiv:1504.04909). Thompson sampling chooses among them, by the share of their
     drives that failed in a new cell. A road is drawn in 10 ms, and driven only if its cell has no
-    failure yet, since a drive takes seconds. `benchmarks/search.py` compares the samplers.
+    failure yet, since a drive takes seconds.
 
     Args:
         space: roads and days.
