@@ -22,6 +22,7 @@ WHITE, GREY, GREEN, RED, AMBER = (
     (255, 184, 64),
 )
 PANEL = 104  # height in pixels of the darkened band for the instruments, over the car's bonnet
+Label = tuple[str, int, int, int, tuple[int, int, int], str]
 _SUBPIXEL = 4  # fractional bits of OpenCV's coordinates
 
 
@@ -59,50 +60,50 @@ def draw_overlay(
     )
     height, width = frame.shape[0] * SCALE, frame.shape[1] * SCALE
     image = cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC)
+    texts: list[Label] = []
     if any(value is not None for value in (steering, throttle, speed_mph)):
-        _darken(image, height - PANEL, height)
+        # Fade to black, so that text is readable on any road.
+        light = 1 - 0.72 * np.linspace(0, 1, PANEL) ** 0.6
+        image[-PANEL:] = (image[-PANEL:] * light[:, None, None]).astype(np.uint8)
     if steering is not None:
-        _draw_wheel(image, (70, height - 54), 40, steering * UDACITY.steering_deg * WHEEL_RATIO)
-        degrees = f"{steering * UDACITY.steering_deg + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
-        _write(image, degrees, 128, height - 57, 26, WHITE)
-        doubt = "" if spread is None else f" ±{BAND * spread * UDACITY.steering_deg:.1f}°"
-        _write(image, f"STEERING{doubt}", 128, height - 26, 13, GREY)
+        lock_deg = UDACITY.steering_deg
+        _draw_wheel(image, (70, height - 54), 40, steering * lock_deg * WHEEL_RATIO)
+        degrees = f"{steering * lock_deg + 0.0:+.1f}°".replace("-", "\N{MINUS SIGN}")
+        doubt = "" if spread is None else f" ±{BAND * spread * lock_deg:.1f}°"
+        texts += [
+            (degrees, 128, height - 57, 26, WHITE, "lm"),
+            (f"STEERING{doubt}", 128, height - 26, 13, GREY, "lm"),
+        ]
         _draw_steering_bar(image, (width // 2, height - 40), 150, steering, spread or 0.0)
     if speed_mph is not None:
-        _write(image, f"{speed_mph:.1f}", width - 84, height - 50, 38, WHITE, "right")
-        _write(image, "mph", width - 76, height - 43, 17, GREY)
+        texts += [
+            (f"{speed_mph:.1f}", width - 84, height - 50, 38, WHITE, "rm"),
+            ("mph", width - 76, height - 43, 17, GREY, "lm"),
+        ]
     if throttle is not None:
         _draw_pedals(image, (width - 208, height - 20), 184, throttle)
-    _draw_state(image, autonomy, cte_m)
-    if note:
-        _draw_note(image, note)
-    return image
-
-
-def _draw_state(image: np.ndarray, autonomy: float | None, cte_m: float | None) -> None:
-    """Draw autonomy and cross-track error at the top right, one line each."""
     lines = []
     if autonomy is not None:
         colour = GREEN if autonomy >= 0.995 else AMBER if autonomy >= 0.9 else RED
         lines.append(("AUTONOMY", f"{autonomy:.1%}", colour))
     if cte_m is not None:
-        lines.append(
-            ("OFF CENTRE", f"{abs(cte_m):.2f} m {'right' if cte_m > 0 else 'left'}", WHITE)
-        )
-    if not lines:
-        return
-    width, right = 268, image.shape[1] - 20
-    _shade(image, right - width, 18, right, 18 + 14 + 30 * len(lines))
-    for number, (label, text, colour) in enumerate(lines):
-        y = 40 + 30 * number
-        _write(image, label, right - width + 14, y, 13, GREY)
-        _write(image, text, right - 14, y, 20, colour, "right")
-
-
-def _draw_note(image: np.ndarray, note: str) -> None:
-    width = _letters(note, 18).shape[1]
-    _shade(image, 20, 18, 20 + width + 28, 54)
-    _write(image, note, 34, 36, 18, WHITE)
+        side = "right" if cte_m > 0 else "left"
+        lines.append(("OFF CENTRE", f"{abs(cte_m):.2f} m {side}", WHITE))
+    left, right = width - 288, width - 20
+    boxes = [(left, 18, right, 32 + 30 * len(lines))] if lines else []
+    for y, (label, text, colour) in zip(range(40, 100, 30), lines, strict=False):
+        texts.append((label, left + 14, y, 13, GREY, "lm"))
+        texts.append((text, right - 14, y, 20, colour, "rm"))
+    if note:
+        boxes.append((20, 18, 48 + int(_font(18).getlength(note)), 54))
+        texts.append((note, 34, 36, 18, WHITE, "lm"))
+    drawn = Image.fromarray(image)
+    blending, draw = ImageDraw.Draw(drawn, "RGBA"), ImageDraw.Draw(drawn)
+    for box in boxes:
+        blending.rounded_rectangle(box, 10, fill=(12, 16, 22, 140))
+    for text, x, y, size, colour, anchor in texts:
+        draw.text((x, y), text, fill=colour, font=_font(size), anchor=anchor)
+    return np.array(drawn)
 
 
 def _draw_wheel(image: np.ndarray, centre: tuple[int, int], radius: int, angle_deg: float) -> None:
@@ -147,52 +148,6 @@ def _line(
 ) -> None:
     first, last = (np.round(np.array([start, end]) * (1 << _SUBPIXEL))).astype(int).tolist()
     cv2.line(image, first, last, colour, thickness, cv2.LINE_AA, _SUBPIXEL)
-
-
-def _darken(image: np.ndarray, top: int, bottom: int) -> None:
-    """Fade rows towards black, so that text on them is readable on any road."""
-    light = 1 - 0.72 * np.linspace(0, 1, bottom - top) ** 0.6
-    image[top:bottom] = (image[top:bottom] * light[:, None, None]).astype(np.uint8)
-
-
-def _shade(image: np.ndarray, left: int, top: int, right: int, bottom: int) -> None:
-    """Darken a rectangle with round corners."""
-    patch = image[top:bottom, left:right]
-    share = 0.55 * _round_mask(bottom - top, right - left)[..., None]
-    patch[:] = (patch * (1 - share) + np.array((12, 16, 22)) * share).astype(np.uint8)
-
-
-@functools.lru_cache(64)
-def _round_mask(height: int, width: int) -> np.ndarray:
-    """Return float64 [height, width]: 1 inside a rectangle with round corners, 0 outside."""
-    image = Image.new("L", (4 * width, 4 * height))
-    ImageDraw.Draw(image).rounded_rectangle((0, 0, 4 * width - 1, 4 * height - 1), 40, fill=255)
-    return np.asarray(image.resize((width, height), Image.Resampling.BOX)) / 255
-
-
-def _write(
-    image: np.ndarray, text: str, x: int, y: int, size: int, colour: tuple, side: str = "left"
-) -> None:
-    """Write text vertically centred at `y`, with its `side` at `x`; clip it at the borders."""
-    letters = _letters(text, size)
-    height, width = letters.shape
-    left, top = (x if side == "left" else x - width), y - height // 2
-    letters = letters[max(-top, 0) :, max(-left, 0) :]
-    left, top = max(left, 0), max(top, 0)
-    patch = image[top : top + letters.shape[0], left : left + letters.shape[1]]
-    share = letters[: patch.shape[0], : patch.shape[1], None]
-    patch[:] = (patch * (1 - share) + np.array(colour) * share).astype(np.uint8)
-
-
-@functools.lru_cache(1024)
-def _letters(text: str, size: int) -> np.ndarray:
-    """Return the coverage of each pixel by a text, float64 [H, W] in 0..1."""
-    font = _font(size)
-    left, _, right, _ = font.getbbox(text)
-    ascent, descent = font.getmetrics()
-    image = Image.new("L", (max(int(right - left), 1), ascent + descent))
-    ImageDraw.Draw(image).text((-left, 0), text, fill=255, font=font)
-    return np.asarray(image) / 255
 
 
 @functools.lru_cache(16)
