@@ -13,7 +13,6 @@ from zoo.drive.origin import is_loopback
 from zoo.drives.speed_controller import (
     PI,
     Constant,
-    Doubt,
     Network,
     SpeedController,
     SteeringFilter,
@@ -24,7 +23,7 @@ _PI = partial(PI, kp=0.1, ki=0.002)  # of the Udacity course
 CONTROLLERS = {
     "bends": partial(_PI, set_mph=15.0, bend_mph=5.0),
     "constant": partial(Constant, throttle=0.2),
-    "doubt": partial(Doubt, set_mph=15.0, kp=0.1, ki=0.002, doubt_mph=5.0, sure=0.05, unsure=0.2),
+    "doubt": partial(_PI, set_mph=15.0, doubt_mph=5.0),
     "network": Network,
     "pi": partial(_PI, set_mph=9.0),
     "proportional": partial(PI, set_mph=9.0, kp=0.1),

@@ -28,7 +28,7 @@ from zoo.drive.telemetry_message import (
 )
 from zoo.drives.drive_record import FALLBACK, PERSON, DriveRow
 from zoo.drives.interventions import OFF_ROAD, STANDSTILL, TAKEOVER, WORDS
-from zoo.drives.speed_controller import SpeedController, SteeringFilter, keep_limit, limit_pedal
+from zoo.drives.speed_controller import SpeedController, SteeringFilter, limit_pedal
 from zoo.drives.tally import LONGEST_STEP_S, Tally, summary_lines
 
 GENTLE_BRAKE = -0.2
@@ -164,20 +164,15 @@ class Driver:
         self, session: Session, telemetry: Telemetry, now_s: float, lost: str | None
     ) -> Reply:
         command = session.predict(self.policy, telemetry, now_s)
-        if not math.isfinite(command.steering):
-            raise ValueError(f"its steering is {command.steering}")
+        if not math.isfinite(command.steering) or not math.isfinite(command.throttle or 0.0):
+            raise ValueError(f"its steering is {command.steering}, its throttle {command.throttle}")
         steering = session.steer(float(command.steering), now_s)
-        throttle = session.controller.throttle(
-            session.speed_mph, steering, command.throttle, now_s, command.spread
-        )
-        if not math.isfinite(throttle):
-            raise ValueError(f"its throttle is {throttle}")
+        command = replace(command, steering=steering)
+        throttle = session.controller.pedal(command, session.speed_mph, now_s)
         session.send(steering)
-        throttle = keep_limit(session.controller, throttle, session.speed_mph, command.limit_mph)
         self._count_alarm(session, command.limit_mph is not None, now_s)
         if self.paused:
-            throttle = GENTLE_BRAKE
-        throttle = limit_pedal(throttle, session.speed_mph)
+            throttle = limit_pedal(GENTLE_BRAKE, session.speed_mph)
         row = DriveRow(
             time_s=self._time(now_s),
             client=session.number,

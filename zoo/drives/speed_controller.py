@@ -2,8 +2,13 @@
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
 
 from zoo.base.errors import InputError
+from zoo.checkpoints.command import Command
 
 LONGEST_STEP_S = 0.5  # longest step that the integral counts; a longer one is a pause
 LIMIT_GAIN = 0.2  # throttle per mph below a speed limit; above it, brake per mph
@@ -11,6 +16,10 @@ REVERSES_BELOW_MPH = 5.0  # below it, a negative throttle makes the original's c
 # The Udacity course's controller sums the error per telemetry message, and its server received
 # 43 messages per second.
 TELEMETRY_HZ = 43.0
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+AboveZero = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Pedal = Annotated[float, Field(ge=-1, le=1)]
 
 
 class SpeedController(ABC):
@@ -21,56 +30,70 @@ class SpeedController(ABC):
         needs_spread: whether the policy must predict the spread of its steering.
     """
 
-    set_mph: float | None = None
-    needs_spread = False
+    set_mph: float | None
+    needs_spread: bool = False
 
     @abstractmethod
-    def throttle(
-        self,
-        speed_mph: float,
-        steering: float,
-        predicted: float | None,
-        now_s: float,
-        spread: float | None = None,
-    ) -> float:
-        """Return the throttle; negative brakes. `limit_pedal` limits it to -1..1.
+    def throttle(self, command: Command, speed_mph: float, now_s: float) -> float:
+        """Return the throttle without limits; negative brakes.
 
         Args:
+            command: command of the policy, with the steering that is sent.
             speed_mph: speed of the car.
-            steering: steering that is sent, -1..1.
-            predicted: throttle of the network, -1..1; None if it predicts none.
             now_s: time of the drive in seconds.
-            spread: standard deviation of the steering; None if the policy predicts none.
         """
 
     def reset(self) -> None:  # noqa: B027 - a controller without a state has nothing to forget
         """Forget earlier telemetry, after a person drove."""
 
+    def pedal(self, command: Command, speed_mph: float, now_s: float) -> float:
+        """Return the throttle to send, -1..1, which slows the car down to the command's limit.
 
+        At a limit the controller forgets its integral, which would grow while the car is slower
+        than it wants.
+        """
+        throttle = self.throttle(command, speed_mph, now_s)
+        if command.limit_mph is not None:
+            self.reset()
+            throttle = min(throttle, LIMIT_GAIN * (command.limit_mph - speed_mph))
+        return limit_pedal(throttle, speed_mph)
+
+
+@dataclass
 class PI(SpeedController):
     """PI controller of the Udacity course, scaled by the elapsed time.
+
+    It may slow down in bends, and where the policy doubts its steering: the speed to hold falls
+    linearly with the steering, and with its spread. An unknown spread counts as `unsure`.
 
     Args:
         set_mph: speed to hold.
         kp: throttle per mph of speed error.
         ki: throttle per mph of speed error and 1/43 s, the telemetry interval of the course's
             server.
-        bend_mph: speed to hold at full steering; the speed to hold falls linearly with the
-            steering. None keeps `set_mph`.
+        bend_mph: speed to hold at full steering; null keeps `set_mph`.
+        doubt_mph: speed to hold at full doubt; null: the spread changes nothing.
+        sure: spread, a standard deviation of the steering, up to which the car does not slow down.
+        unsure: spread from which the car holds `doubt_mph`; above `sure`.
     """
 
-    set_mph: float
+    set_mph: NotNegative
+    kp: NotNegative
+    ki: NotNegative = 0.0
+    bend_mph: NotNegative | None = None
+    doubt_mph: NotNegative | None = None
+    sure: NotNegative = 0.05
+    unsure: NotNegative = 0.2
 
-    def __init__(
-        self, set_mph: float, kp: float, ki: float = 0.0, bend_mph: float | None = None
-    ) -> None:
-        _check("set_mph", set_mph, least=0)
-        _check("kp", kp, least=0)
-        _check("ki", ki, least=0)
-        if bend_mph is not None:
-            _check("bend_mph", bend_mph, least=0)
-        self.set_mph = float(set_mph)
-        self.kp, self.ki, self.bend_mph = kp, ki, bend_mph
+    def __post_init__(self) -> None:
+        """Check the spreads.
+
+        Raises:
+            InputError: `unsure` is not above `sure`.
+        """
+        if not self.unsure > self.sure:
+            raise InputError(f"speed.unsure={self.unsure}: must be above sure={self.sure}")
+        self.needs_spread = self.doubt_mph is not None
         self.reset()
 
     def reset(self) -> None:
@@ -78,16 +101,9 @@ class PI(SpeedController):
         self._integral = 0.0
         self._last_s: float | None = None
 
-    def throttle(
-        self,
-        speed_mph: float,
-        steering: float,
-        predicted: float | None,
-        now_s: float,
-        spread: float | None = None,
-    ) -> float:
+    def throttle(self, command: Command, speed_mph: float, now_s: float) -> float:
         """Return the throttle that reduces the speed error."""
-        error = self.target_mph(steering, spread) - speed_mph
+        error = self.target_mph(command) - speed_mph
         elapsed_s = 0.0 if self._last_s is None else min(now_s - self._last_s, LONGEST_STEP_S)
         self._last_s = now_s
         integral = self._integral + error * elapsed_s * TELEMETRY_HZ
@@ -97,48 +113,16 @@ class PI(SpeedController):
             self._integral = integral
         return wanted
 
-    def target_mph(self, steering: float, spread: float | None = None) -> float:
-        """Return the speed to hold at a steering of -1..1, whatever its spread."""
-        if self.bend_mph is None or self.bend_mph >= self.set_mph:
-            return self.set_mph
-        return self.set_mph - (self.set_mph - self.bend_mph) * min(abs(steering), 1.0)
-
-
-class Doubt(PI):
-    """PI controller that slows down where the policy doubts its steering.
-
-    The speed to hold falls linearly from `set_mph` at a spread of `sure` to `doubt_mph` at a spread
-    of `unsure`. An unknown spread counts as `unsure`.
-
-    Args:
-        set_mph: speed to hold.
-        kp: see `PI`.
-        ki: see `PI`.
-        doubt_mph: speed to hold at full doubt.
-        sure: spread, a standard deviation of the steering, up to which the car does not slow down.
-        unsure: spread from which the car holds `doubt_mph`; above `sure`.
-    """
-
-    needs_spread = True
-
-    def __init__(
-        self, set_mph: float, kp: float, ki: float, doubt_mph: float, sure: float, unsure: float
-    ) -> None:
-        super().__init__(set_mph, kp, ki)
-        _check("doubt_mph", doubt_mph, least=0)
-        _check("sure", sure, least=0)
-        _check("unsure", unsure, least=sure)
-        if unsure == sure:
-            raise InputError(f"speed.unsure={unsure}: must be above sure={sure}")
-        self.doubt_mph, self.sure, self.unsure = doubt_mph, sure, unsure
-
-    def target_mph(self, steering: float, spread: float | None = None) -> float:
-        """Return the speed to hold at a spread of the steering."""
-        if spread is None or math.isnan(spread):
-            spread = self.unsure
-        share = (spread - self.sure) / (self.unsure - self.sure)
-        least = min(self.doubt_mph, self.set_mph)
-        return self.set_mph - (self.set_mph - least) * min(max(share, 0.0), 1.0)
+    def target_mph(self, command: Command) -> float:
+        """Return the speed to hold."""
+        spread = math.nan if command.spread is None else command.spread
+        doubt = 1.0 if math.isnan(spread) else (spread - self.sure) / (self.unsure - self.sure)
+        target_mph = self.set_mph
+        for least_mph, share in ((self.bend_mph, abs(command.steering)), (self.doubt_mph, doubt)):
+            if least_mph is not None and least_mph < self.set_mph:
+                slower = (self.set_mph - least_mph) * min(max(share, 0.0), 1.0)
+                target_mph = min(target_mph, self.set_mph - slower)
+        return target_mph
 
 
 class Constant(SpeedController):
@@ -148,22 +132,17 @@ class Constant(SpeedController):
         throttle: throttle, -1..1.
     """
 
-    def __init__(self, throttle: float) -> None:
-        _check("throttle", throttle, least=-1, most=1)
+    set_mph = None
+
+    def __init__(self, throttle: Pedal) -> None:
         self.value = float(throttle)
 
-    def throttle(
-        self,
-        speed_mph: float,
-        steering: float,
-        predicted: float | None,
-        now_s: float,
-        spread: float | None = None,
-    ) -> float:
+    def throttle(self, command: Command, speed_mph: float, now_s: float) -> float:
         """Return the constant throttle."""
         return self.value
 
 
+@dataclass
 class Network(SpeedController):
     """Throttle that the network predicts, such as one of `model=nvidia_speed`.
 
@@ -172,44 +151,31 @@ class Network(SpeedController):
         fallback: throttle if the network predicts none, -1..1.
     """
 
-    def __init__(self, gain: float = 1.0, fallback: float = 0.2) -> None:
-        _check("gain", gain, least=0)
-        _check("fallback", fallback, least=-1, most=1)
-        self.gain, self.fallback = gain, fallback
+    gain: NotNegative = 1.0
+    fallback: Pedal = 0.2
+    set_mph = None
 
-    def throttle(
-        self,
-        speed_mph: float,
-        steering: float,
-        predicted: float | None,
-        now_s: float,
-        spread: float | None = None,
-    ) -> float:
+    def throttle(self, command: Command, speed_mph: float, now_s: float) -> float:
         """Return the predicted throttle times the gain, or the fallback."""
-        return self.fallback if predicted is None else self.gain * predicted
+        return self.fallback if command.throttle is None else self.gain * command.throttle
 
 
+@dataclass
 class SteeringFilter:
     """Steering filter: a gain, then a low pass, then a rate limit; the last two off by default.
 
     Args:
         gain: factor of the network's steering.
-        low_pass_s: time constant of a first-order low pass in seconds; None for no low pass.
-        rate_per_s: greatest change of the steering (-1..1) per second; None for no limit.
+        low_pass_s: time constant of a first-order low pass in seconds; null for no low pass.
+        rate_per_s: greatest change of the steering (-1..1) per second; null for no limit.
     """
 
-    def __init__(
-        self,
-        gain: float = 1.0,
-        low_pass_s: float | None = None,
-        rate_per_s: float | None = None,
-    ) -> None:
-        for key, value in (("gain", gain), ("low_pass_s", low_pass_s), ("rate_per_s", rate_per_s)):
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            positive = number and value is not None and 0 < value < math.inf
-            if not positive and not (value is None and key != "gain"):
-                raise InputError(f"drive.steering.{key}={value}: must be a number above 0")
-        self.gain, self.low_pass_s, self.rate_per_s = gain, low_pass_s, rate_per_s
+    gain: AboveZero = 1.0
+    low_pass_s: AboveZero | None = None
+    rate_per_s: AboveZero | None = None
+
+    def __post_init__(self) -> None:
+        """Begin without earlier steering."""
         self.reset()
 
     def reset(self) -> None:
@@ -239,32 +205,6 @@ class SteeringFilter:
         return wanted
 
 
-def keep_limit(
-    controller: SpeedController, throttle: float, speed_mph: float, limit_mph: float | None
-) -> float:
-    """Return a throttle that slows the car down to a speed limit.
-
-    The controller forgets its integral, which would grow while the car is slower than it wants.
-
-    Args:
-        controller: controller that returned the throttle.
-        throttle: throttle of the controller.
-        speed_mph: speed of the car.
-        limit_mph: speed limit; None for none.
-    """
-    if limit_mph is None:
-        return throttle
-    controller.reset()
-    return min(throttle, LIMIT_GAIN * (limit_mph - speed_mph))
-
-
 def limit_pedal(throttle: float, speed_mph: float) -> float:
     """Return a throttle in -1..1, without the brake at speeds at which the car would reverse."""
     return min(max(throttle, -1.0 if speed_mph > REVERSES_BELOW_MPH else 0.0), 1.0)
-
-
-def _check(key: str, value: float, least: float, most: float = math.inf) -> None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (is_number and least <= value <= most):
-        bounds = f"a number, {least:g} or more" if most == math.inf else f"in {least:g}..{most:g}"
-        raise InputError(f"speed.{key}={value}: must be {bounds}")

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
 from zoo.drives.drive_record import Drive, DriveRow
 from zoo.drives.interventions import DEFAULT_MARGIN_M, InterventionRule
 from zoo.drives.latency_meter import latency_meter
-from zoo.drives.speed_controller import PI, Network, SpeedController, keep_limit, limit_pedal
+from zoo.drives.speed_controller import PI, Network, SpeedController
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
@@ -81,8 +82,7 @@ def drive(
             meter.send(steering)
         throttle = state.throttle
         if throttle is None:
-            throttle = speed.throttle(mph, steering, command.throttle, state.time_s, command.spread)
-            throttle = limit_pedal(keep_limit(speed, throttle, mph, command.limit_mph), mph)
+            throttle = speed.pedal(replace(command, steering=steering), mph, state.time_s)
         if scenario.margin is None and state.width_m is not None:
             rule.margin_m = state.width_m / 2
         cross_track_m = math.nan if state.cross_track_m is None else state.cross_track_m

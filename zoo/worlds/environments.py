@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 from simulator.rig import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.errors import InputError
 from zoo.checkpoints.command import Policy, PolicyFunction, as_policy
-from zoo.drives.speed_controller import SpeedController, keep_limit, limit_pedal
+from zoo.drives.speed_controller import SpeedController
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import State, World
 
@@ -139,8 +140,7 @@ class EnvironmentPolicy:
         mph = float(np.asarray(observation["speed"]).item())
         command = self.policy(observation["image"], mph)
         steering = 0.0 if math.isnan(command.steering) else command.steering
-        now_s = self._steps / self.frame_rate
-        throttle = self.speed.throttle(mph, steering, command.throttle, now_s, command.spread)
-        throttle = limit_pedal(keep_limit(self.speed, throttle, mph, command.limit_mph), mph)
+        command = replace(command, steering=min(max(steering, -1.0), 1.0))
+        throttle = self.speed.pedal(command, mph, self._steps / self.frame_rate)
         self._steps += 1
-        return np.array([min(max(steering, -1.0), 1.0), throttle], np.float32)
+        return np.array([command.steering, throttle], np.float32)

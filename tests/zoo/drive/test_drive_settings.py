@@ -9,6 +9,7 @@ from tests.zoo.written_checkpoints import write_constant
 from zoo.base.command_keys import constructed, read_options
 from zoo.base.errors import InputError
 from zoo.base.regular_file import hash_file
+from zoo.checkpoints.command import Command
 from zoo.drive.__main__ import load_warm_policy
 from zoo.drive.drive_settings import CONTROLLERS, DriveSettings, check_settings
 from zoo.drives.speed_controller import PI
@@ -20,7 +21,7 @@ from zoo.monitor.scores import make_score
 def test_every_way_to_choose_the_throttle_can_be_built(choice: str) -> None:
     speed = read_options(DriveSettings, [f"speed={choice}"]).speed
     speed.reset()
-    assert -1 <= speed.throttle(9.0, 0.0, 0.5, 0.0) <= 1
+    assert -1 <= speed.pedal(Command(0.0, 0.5), 9.0, 0.0) <= 1
 
 
 def test_the_defaults_are_the_courses_controller_on_loopback() -> None:
@@ -33,7 +34,7 @@ def test_the_defaults_are_the_courses_controller_on_loopback() -> None:
 
 def test_keys_of_a_choice_can_stand_before_it() -> None:
     settings = read_options(DriveSettings, ["speed.throttle=0.4", "speed=constant"])
-    assert settings.speed.throttle(0.0, 0.0, None, 0.0) == 0.4
+    assert settings.speed.throttle(Command(0.0), 0.0, 0.0) == 0.4
 
 
 @pytest.mark.parametrize("typed", ["speed=15", "speed.set_mph=15"])

@@ -9,7 +9,7 @@ from tests.simulator.tracks import loop, open_road
 from zoo.checkpoints.command import Command
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
-from zoo.drives.speed_controller import Constant, Doubt
+from zoo.drives.speed_controller import PI, Constant
 from zoo.evaluate.drive_plots import birds_eye
 from zoo.evaluate.drives_table import mean_and_spread
 from zoo.evaluate.track_scores import expert_steering_per_s
@@ -185,7 +185,7 @@ def test_the_speed_follows_the_doubt(lake: EmbeddedWorld) -> None:
             0.3 if 200 < lake.simulated.place.distance < 300 else 0.0,
         )
 
-    speed = Doubt(15, 0.1, 0.002, doubt_mph=6, sure=0.05, unsure=0.2)
+    speed = PI(15, 0.1, 0.002, doubt_mph=6)
     driven = drive(doubting, lake, Scenario("lake", laps=0.4), speed=speed)
     within = (driven.distance_m > 230) & (driven.distance_m < 300)
     assert driven.speed_mph[within].mean() < 7
