@@ -106,6 +106,6 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    from zoo.cli.run_command import run_command
+    from zoo.base.run_command import run_command
 
     sys.exit(run_command("study", main, sys.argv[1:]))

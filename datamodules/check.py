@@ -193,4 +193,4 @@ def _is_option(argument: str) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("check", main, sys.argv[1:]))
+    sys.exit(run_command("drivezoo check", main, sys.argv[1:]))

@@ -7,8 +7,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from zoo.cli.parts import name_parts
-from zoo.cli.run_command import expected_failure
+from zoo.base.parts import name_parts
+from zoo.base.run_command import expected_failure
 
 Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
@@ -32,7 +32,7 @@ def one_line_errors(function: Callable[Given, Returned]) -> Callable[Given, Retu
             name_parts([str(one) for one in names])
             return function(*args, **kwargs)
         except Exception as error:
-            failure = expected_failure(error, [f"{key}={one}" for key, one in kwargs.items()])
+            failure = expected_failure(error)
             if failure is None:
                 raise
         raise failure.with_traceback(None)

@@ -1,12 +1,8 @@
 """The embedded simulator: tracks, a car, its cameras, an expert, a recorder; no display needed."""
 
-from zoo.base.early_interrupt import stop_quietly
+import gymnasium
 
-stop_quietly("simulator")
-
-import gymnasium  # noqa: E402 - slow: Ctrl-C must be handled before this import
-
-from simulator.track_names import ALIASES, environment_id, track_names  # noqa: E402
+from simulator.track_names import ALIASES, environment_id, track_names
 
 # Entry points are strings, so that the renderer is imported only when an environment is made.
 for _name in (*track_names(), *ALIASES):

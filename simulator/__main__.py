@@ -87,4 +87,4 @@ def simulator(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("simulator", simulator, sys.argv[1:]))
+    sys.exit(run_command("drivezoo simulator", simulator, sys.argv[1:]))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import is_help
 from zoo.base.errors import InputError, StoppedError, UsageError
+from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint_path import find_run, name_latest
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.training.openmp_threads import choose_waiting
 
 if TYPE_CHECKING:
@@ -29,9 +29,11 @@ def train_or_sweep(arguments: list[str]) -> None:
         print(config_help(arguments))
     elif is_sweep(arguments) and not any(map(is_resume, arguments)):
         choose_waiting()
+        from zoo.cli.compose import one_line_errors
         from zoo.sweep.start_sweep import sweep
 
-        sweep([name_latest(one) for one in arguments])
+        with one_line_errors(arguments):
+            sweep([name_latest(one) for one in arguments])
     else:
         train(arguments)
 
@@ -53,7 +55,9 @@ def train(arguments: list[str], several: bool = True) -> Path:
         folder = find_run(resumed[0].removeprefix("resume="))
         resume(folder, overrides)
         return folder
-    with ExitStack() as starting:
+    from zoo.cli.compose import one_line_errors
+
+    with one_line_errors(arguments), ExitStack() as starting:
         starting.enter_context(loading())
         return train_once(arguments, starting.close, several)
 
@@ -131,4 +135,4 @@ def is_sweep(arguments: list[str]) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo", train_or_sweep, sys.argv[1:]))
+    sys.exit(run_command("drivezoo train", train_or_sweep, sys.argv[1:]))

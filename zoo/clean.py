@@ -2,7 +2,6 @@
 
 import os
 import re
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -28,7 +27,6 @@ from zoo.base.written_files import (
     written_below,
 )
 from zoo.cli.closing_lines import print_next
-from zoo.cli.run_command import run_command
 
 CACHE, FILES, UNFINISHED = "cache", "files", "unfinished"
 OUTPUTS_FOLDER = "outputs"
@@ -271,4 +269,4 @@ def _megabytes(items: list[Item]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.clean", clean.main, sys.argv[1:]))
+    clean.run()

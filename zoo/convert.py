@@ -1,6 +1,5 @@
 """`drivezoo convert`: exchange recordings with LeRobot and Donkeycar."""
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -11,7 +10,6 @@ from zoo.base.command import command
 from zoo.base.errors import UsageError
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -173,4 +171,4 @@ def print_following(result: "Converted", to: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.convert", convert.main, sys.argv[1:]))
+    convert.run()

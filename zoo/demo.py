@@ -2,21 +2,18 @@
 
 import datetime
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from zoo.base.child_process import child_environment
+from zoo.base.child_process import child_environment, module_command
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.base.module_start import module_command
 from zoo.base.terminal import command_line
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_script import commands
-from zoo.cli.run_command import run_command
 
 SPEED_MPH = 20
 
@@ -78,4 +75,4 @@ def demo() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.demo", demo.main, sys.argv[1:]))
+    demo.run()

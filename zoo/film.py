@@ -1,6 +1,5 @@
 """`drivezoo film`: film a drive, a recording or a folder of images."""
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +16,6 @@ from datamodules.recording import LOG_NAME, read_recordings
 from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.cli.closing_lines import print_written
-from zoo.cli.run_command import run_command
 from zoo.drives import drive_log
 from zoo.drives.drive_film import MOMENTS
 from zoo.drives.drive_record import FALLBACK, PERSON
@@ -203,4 +201,4 @@ def film(
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.film", film.main, sys.argv[1:]))
+    film.run()

@@ -1,10 +1,7 @@
 """`drivezoo import`: make a checkpoint of a Keras network."""
 
-import sys
-
 from zoo.base.command import command
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.input_search.import_options import ImportOptions
 
 # The module's name is a keyword, so no other module can import it: the code is in
@@ -30,4 +27,4 @@ def import_file(file: str, *, options: ImportOptions) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.import", import_file.main, sys.argv[1:]))
+    import_file.run()

@@ -3,20 +3,18 @@
 import ast
 import importlib.util
 import re
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from zoo.base.command import command
 from zoo.base.command_keys import help_row
+from zoo.base.parts import part_of
 from zoo.base.terminal import printable
 from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
 from zoo.cli.closing_lines import print_next
 from zoo.cli.conf_files import choice_files, choices
 from zoo.cli.console_progress import loading
-from zoo.cli.parts import part_of
-from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -173,4 +171,4 @@ def _sentence(text: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.list", list_parts.main, sys.argv[1:]))
+    list_parts.run()

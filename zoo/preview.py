@@ -1,13 +1,11 @@
 """`drivezoo preview`: draw the images that training feeds to a network."""
 
-import sys
 from pathlib import Path
 
 from zoo.base.command import command
 from zoo.base.terminal import command_line
 from zoo.base.written_files import check_output, note_output
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.run_command import run_command
 
 COUNT = 32
 NAMES = ("fed_batch", "steering_histogram")
@@ -49,4 +47,4 @@ def preview(*overrides: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.preview", preview.main, sys.argv[1:]))
+    preview.run()

@@ -2,24 +2,21 @@
 
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from zoo.base.child_process import child_environment
+from zoo.base.child_process import child_environment, module_command
 from zoo.base.command import command
 from zoo.base.errors import InputError, StoppedError
-from zoo.base.module_start import module_command
 from zoo.base.new_folder import command_folder, dated_folder
+from zoo.base.parts import typed_parts
 from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import escape_interpolation
-from zoo.cli.parts import typed_parts
-from zoo.cli.run_command import run_command
 from zoo.runs.saved_config import TRUST, check_saved_config, split_trust
 
 # Keys of metrics.json that are compared; times differ by machine.
@@ -216,4 +213,4 @@ def _code(code: dict) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.rerun", rerun.main, sys.argv[1:]))
+    rerun.run()

@@ -1,7 +1,6 @@
 """`drivezoo results`: print finished runs as a Markdown table."""
 
 import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +9,6 @@ from zoo.base.command import command
 from zoo.base.errors import InputError, UsageError
 from zoo.base.terminal import printable
 from zoo.cli.closing_lines import print_written
-from zoo.cli.run_command import run_command
 from zoo.runs.result_files import TableFiles
 from zoo.runs.run import Run
 from zoo.runs.table import Cell, Column, Table
@@ -177,4 +175,4 @@ def run_figures(run: Run) -> dict[str, Cell]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.results", results.main, sys.argv[1:]))
+    results.run()

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 
 
 class PartsSearchPath(SearchPathPlugin):
-    """The YAML files of the user's parts, for configs of drivezoo; see `zoo.cli.parts`."""
+    """The YAML files of the user's parts, for configs of drivezoo; see `zoo.base.parts`."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         """Add the parts' folders after drivezoo's own."""

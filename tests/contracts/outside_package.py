@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from zoo.cli.parts import _installed
+from zoo.base.parts import _installed
 from zoo.cli.registry import Registry
 
 

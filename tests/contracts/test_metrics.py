@@ -13,9 +13,9 @@ from rich.console import Console
 from tests.contracts.outside_package import installed
 from tests.zoo.commands import run
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.parts import take_parts
 from zoo.benchmark.result import DriveRecord
 from zoo.benchmark.summary import summarize_drives
-from zoo.cli.parts import take_parts
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.drives.metric_registry import DRIVES, HIGHER, LOWER, NEITHER, REPLAYS
 from zoo.drives.metrics import METRICS, leaderboard_metrics, measure, metrics_page

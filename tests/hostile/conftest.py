@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.drive.serve import Served, served
-from zoo.cli.run_command import run_command
+from zoo.base.run_command import run_command
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.zoo.commands import run_words
-from zoo.base.module_start import module_command
+from zoo.base.child_process import module_command
 
 FOLDERS = ("zoo", "datamodules", "simulator", "drivezoo", "hydra_plugins/stranger")
 FILES = (

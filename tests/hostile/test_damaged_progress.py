@@ -10,8 +10,8 @@ from rich.console import Console
 
 from tests.hostile.test_damaged_files import field, huge, pipe, text
 from zoo.base.command_keys import read_options
+from zoo.base.run_command import run_command
 from zoo.cli.compose import compose_config
-from zoo.cli.run_command import run_command
 from zoo.correct.correct_options import CorrectOptions
 from zoo.correct.correct_rounds import Progress, Round, open_progress
 from zoo.runs.saved_config import RECIPE

@@ -20,8 +20,9 @@ from simulator.track_file import make_track, read_track, track_folder
 from tests.recordings import write_recording
 from tests.zoo.commands import ROOT, command, environment, only_line, run, run_words
 from tests.zoo.written_checkpoints import write_constant
+from zoo.base.child_process import module_command
 from zoo.base.errors import InputError
-from zoo.cli.run_command import run_command
+from zoo.base.run_command import run_command
 
 LONG = "../" * 43_000
 DEEP = "[" * 3_000 + "]" * 3_000
@@ -108,11 +109,11 @@ def test_a_stream_that_lacks_a_character_prints_another(
 def test_ctrl_c_in_a_finalizer_is_delivered_again() -> None:
     code = """
 import time
-from zoo.base.early_interrupt import raise_again
+from zoo.base.run_command import raise_interrupts
 class Interrupted:
     def __del__(self):
         raise KeyboardInterrupt
-raise_again()
+raise_interrupts()
 try:
     Interrupted()
     time.sleep(120)
@@ -140,7 +141,7 @@ def test_ctrl_c_at_once_ends_a_command_with_one_line(
     arguments: tuple[str, ...], after_s: float, tmp_path: Path
 ) -> None:
     process = subprocess.Popen(
-        command(*arguments),
+        module_command(*arguments),
         cwd=tmp_path,
         env=environment(),
         stdin=subprocess.DEVNULL,
@@ -182,7 +183,7 @@ def test_too_little_memory_gets_one_line(limit_mb: int, tmp_path: Path) -> None:
         check=False,
     )
     line = only_line(result)
-    assert line.startswith("zoo.export: ")
+    assert line.startswith("drivezoo export: ")
     assert "memory" in line
     assert sorted(tmp_path.iterdir()) == before
 

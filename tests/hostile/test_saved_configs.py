@@ -22,8 +22,8 @@ from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import SMALL, zoo_here
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
+from zoo.base.run_command import run_command
 from zoo.cli.compose import choices, compose_config, config_groups
-from zoo.cli.run_command import run_command
 from zoo.correct.__main__ import correct
 from zoo.models.make_network import make_network
 from zoo.rerun import absolute_places, rerun

@@ -134,7 +134,7 @@ def test_a_recording_can_be_read_however_the_drive_ends(tmp_path, desktop: Deskt
     wait_until(lambda: rows(tmp_path / "mine") >= 5)
     if how == "stopped":
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=30)[1] == "simulator: stopped\n"
+        assert process.communicate(timeout=30)[1] == "drivezoo simulator: stopped\n"
         assert process.returncode == 130
     else:
         desktop.close_window(TITLE)
@@ -180,7 +180,7 @@ def test_without_a_display_the_error_is_one_line(tmp_path, monkeypatch, display)
         monkeypatch.setenv("DISPLAY", display)
     # A new process, because Panda3D asks for a display only once.
     line = only_line(run_words(tmp_path, *command("simulator", "drive", "out=mine")))
-    assert line.startswith("simulator: no window can be opened")
+    assert line.startswith("drivezoo simulator: no window can be opened")
     assert "DISPLAY" in line
     assert list(tmp_path.iterdir()) == []
 

@@ -228,7 +228,7 @@ def test_the_command_records_and_prints_the_next_command(tmp_path):
 def test_a_mistake_is_one_line_and_leaves_no_folder(tmp_path, arguments, message, capsys):
     assert run_command("simulator", simulator, arguments) in (1, 2)
     line = capsys.readouterr().err.strip()
-    assert line.startswith("simulator: ")
+    assert line.startswith("drivezoo simulator: ")
     assert message in line
     assert "\n" not in line
     assert list(tmp_path.iterdir()) == []

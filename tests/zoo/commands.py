@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 from tests.zoo.forked_commands import ForkedCommands, ForkedProcess
-from zoo.base.module_start import module_command
+from zoo.base.child_process import module_command
 
 ROOT = Path(__file__).parents[2]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.cli.user_parts import write_network
+from tests.zoo.base.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from zoo.cli.conf_files import choice_files
 from zoo.cli.console_script import LISTED

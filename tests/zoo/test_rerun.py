@@ -13,7 +13,7 @@ from tests.zoo.commands import train_in_fork
 from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
 from zoo.__main__ import train_or_sweep as zoo
-from zoo.cli.run_command import run_command
+from zoo.base.run_command import run_command
 from zoo.rerun import _report, absolute_places, differences, rerun
 
 

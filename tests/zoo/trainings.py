@@ -13,8 +13,8 @@ from datamodules.driving import DrivingData
 from datamodules.view import View
 from tests.recordings import Written
 from zoo.__main__ import train_or_sweep as zoo
+from zoo.base.run_command import run_command
 from zoo.cli.compose import compose_config
-from zoo.cli.run_command import run_command
 from zoo.training.build import build_data, build_feed, build_module, build_network, build_trainer
 from zoo.training.host_settings import set_up_process
 from zoo.training.plan import TrainingPlan, make_plan

@@ -1,42 +1,51 @@
-"""Commands that run as child processes, and end when their parent ends, however it ends."""
+"""Modules of drivezoo as child processes, which end when their parent ends, however it ends."""
 
 import os
 import signal
+import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 PARENT = "DRIVEZOO_PARENT"  # environment variable of a child: its parent's process id
 LOOK_S = 0.5
 GRACE_S = 5.0  # to close files after SIGTERM
 
 
-def child_environment(more: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Return the environment of a `python -m zoo...` that shall end with this process."""
-    return os.environ | dict(more or {}) | {PARENT: str(os.getpid())}
+def module_command(module: str, *arguments: str) -> list[str]:
+    """Return the words that run a module of drivezoo, see `zoo.base.module_start`."""
+    return [sys.executable, str(Path(__file__).with_name("module_start.py")), module, *arguments]
+
+
+def child_environment() -> dict[str, str]:
+    """Return the environment of a `module_command` that shall end with this process."""
+    return os.environ | {PARENT: str(os.getpid())}
+
+
+def start_module(module: str, *arguments: str, **options: Any) -> subprocess.Popen:
+    """Start a module of drivezoo; `options` are those of `subprocess.Popen`."""
+    if sys.platform == "win32":  # which interrupts whole groups of processes
+        options["creationflags"] = subprocess.CREATE_NEW_PROCESS_GROUP
+    return subprocess.Popen(module_command(module, *arguments), env=child_environment(), **options)
+
+
+def interrupt_module(process: subprocess.Popen) -> None:
+    """Let a child process end as after Ctrl-C, so that it completes its files."""
+    if sys.platform == "win32":  # which raises ValueError for SIGINT
+        process.send_signal(signal.CTRL_BREAK_EVENT)
+    else:
+        process.send_signal(signal.SIGINT)
 
 
 def end_with_parent() -> None:
     """End this process when the process ends that started it with `child_environment`."""
     parent = os.environ.pop(PARENT, "")  # not for this process's own children
-    if not parent.isdecimal() or not _is_parent(int(parent)):
+    if parent != str(os.getppid()):  # a process between them kept the variable
         return
     import threading  # late: most processes need none
 
     threading.Thread(target=_end_after, args=(int(parent),), daemon=True).start()
-
-
-def _is_parent(pid: int) -> bool:
-    """Return whether a process is this one's parent, or was and has ended since."""
-    if sys.platform == "win32" or os.getppid() == pid:
-        return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except OSError:
-        pass
-    return False  # a process between them kept the variable
 
 
 def wait_for_parent(pid: int) -> None:

@@ -21,6 +21,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
@@ -38,6 +39,7 @@ from zoo.base.command_keys import (
 )
 from zoo.base.errors import InputError, UsageError
 from zoo.base.nearest import hint
+from zoo.base.run_command import run_command
 
 Made = TypeVar("Made")
 
@@ -107,6 +109,10 @@ class Command(Generic[Made]):
         if isinstance(result, Shown):
             result.show()
         self._checked(result)
+
+    def run(self) -> None:
+        """Run the command with the arguments of this process, and exit with its status."""
+        sys.exit(run_command(f"drivezoo {self.name}", self.main, sys.argv[1:]))
 
     @property
     def doc(self) -> str:

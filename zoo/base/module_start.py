@@ -5,6 +5,7 @@
 """
 
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,13 @@ ROOT = str(Path(__file__).absolute().parents[2])
 CLEAN_PATH = "import sys; sys.path[:] = filter(None, sys.path); "
 
 
-def module_command(module: str, *arguments: str) -> list[str]:
-    """Return the words that run a module of drivezoo in a child process, as `run_module` does."""
-    return [sys.executable, str(Path(__file__).absolute()), module, *arguments]
-
-
 def run_module(module: str, arguments: list[str]) -> None:
     """Run a module as the main program, with these arguments."""
     _leave_out_current_folder()
-    from zoo.base.early_interrupt import stop_in_one_line
+    from zoo.base.run_command import stop_in_one_line
 
-    stop_in_one_line(module)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, stop_in_one_line)
     sys.argv[1:] = arguments
     import runpy
 

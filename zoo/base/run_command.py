@@ -1,17 +1,22 @@
-"""Run of a command: one-line errors and exit statuses."""
+"""Run of a command: Ctrl-C, one-line errors and exit statuses."""
 
+import os
 import re
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from zoo.base.early_interrupt import raise_again
 from zoo.base.errors import InputError, StoppedError, UsageError
+from zoo.base.parts import part_failure, take_parts
 from zoo.base.standard_output import forgiving_output
-from zoo.base.terminal import error_line
+from zoo.base.terminal import error_line, guard_rich
 from zoo.base.verbosity import is_verbose, take_verbosity
 
 FAILED, WRONG_USE, STOPPED = 1, 2, 130  # exit statuses; 0 is success
+VERSION = ("--version", "-V")
+AGAIN_S = 0.05
 
 # Limits on an argument; beyond them parsers take minutes or raise errors of their own.
 MOST_PATH = 4096  # characters without a comma or a bracket: Linux' limit of a path
@@ -24,12 +29,7 @@ _MEMORY = re.compile(
 )
 
 
-def run_command(
-    name: str,
-    command: Callable[[list[str]], None],
-    arguments: list[str],
-    explain: Callable[[BaseException, list[str]], Exception | None] | None = None,
-) -> int:
+def run_command(name: str, command: Callable[[list[str]], object], arguments: list[str]) -> int:
     """Call `command(arguments)`, print an error as one line, and return the exit status.
 
     A failure of standard output does not end the command; it is reported at the end.
@@ -37,29 +37,30 @@ def run_command(
     Args:
         name: text before an error.
         command: function to call.
-        arguments: arguments of the shell; `-q` and `-v` are taken out.
-        explain: function that returns an error of one line for an error, or None for a bug;
-            `expected_failure` without it.
+        arguments: arguments of the shell; `-q`, `-v` and `parts=` are taken out.
     """
     failure: Exception | None = None
     try:
         with forgiving_output():
-            raise_again()
+            raise_interrupts()
             check_arguments(arguments)
-            command(take_verbosity(arguments))
+            os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"
+            guard_rich()
+            given = take_parts(take_verbosity(arguments))
+            if set(given).isdisjoint(VERSION):
+                command(given)
+            else:
+                print(version_line())
     except KeyboardInterrupt:
         failure = StoppedError("stopped")
     except BaseException as error:  # a part may raise any
-        failure = (explain or expected_failure)(error, arguments)
+        failure = expected_failure(error)
         if failure is None and not isinstance(error, Exception):
             raise
         if failure is None:
             traceback.print_exc()
-            print(
-                f"{name}: this is a bug in drivezoo; please report it with the command and the "
-                "lines above",
-                file=sys.stderr,
-            )
+            bug = "this is a bug in drivezoo; please report it with the command and the lines above"
+            print(f"{name}: {bug}", file=sys.stderr)
             return FAILED
     if failure is None:
         return 0
@@ -71,8 +72,10 @@ def run_command(
     return WRONG_USE if isinstance(failure, UsageError) else FAILED
 
 
-def expected_failure(error: BaseException, arguments: list[str]) -> Exception | None:
+def expected_failure(error: BaseException) -> Exception | None:
     """Return an error of one line for input that the user can fix, or a stop; else None."""
+    if not was_stopped(error) and (failure := part_failure(error)):
+        return failure
     if isinstance(error, InputError | StoppedError):
         return error
     if was_stopped(error):
@@ -89,6 +92,52 @@ def expected_failure(error: BaseException, arguments: list[str]) -> Exception | 
     return None
 
 
+def raise_interrupts() -> None:
+    """Let Ctrl-C raise KeyboardInterrupt, also if it arrives in a finalizer or callback."""
+    if signal.getsignal(signal.SIGINT) is stop_in_one_line:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if sys.platform == "win32":  # where a process can send no Ctrl-C to one other process
+        signal.signal(signal.SIGBREAK, signal.default_int_handler)
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook = _interrupt_again
+
+
+def stop_in_one_line(*_: object) -> None:
+    """End this process at a Ctrl-C that arrives before a command is imported."""
+    os.write(2, b"drivezoo: stopped\n")
+    os._exit(STOPPED)
+
+
+def _interrupt_again(unraisable: "sys.UnraisableHookArgs") -> None:
+    """Deliver a Ctrl-C again that arrived in a finalizer or callback, which cannot raise it."""
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)
+        return
+    if hasattr(signal, "pthread_kill"):
+        # To the main thread: a signal to the timer's would not wake it from a system call.
+        main = threading.main_thread().ident
+        timer = threading.Timer(AGAIN_S, signal.pthread_kill, [main, signal.SIGINT])
+    else:  # Windows, where a signal of any thread wakes the main thread
+        timer = threading.Timer(AGAIN_S, signal.raise_signal, [signal.SIGINT])
+    timer.daemon = True
+    timer.start()
+
+
+def version_line() -> str:
+    """Return the package's version with those of Python and PyTorch, without importing it."""
+    python = sys.version.split()[0]
+    return f"drivezoo {_version('drivezoo')} (Python {python}, torch {_version('torch')})"
+
+
+def _version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version  # slow import
+
+    try:
+        return version(package)
+    except PackageNotFoundError:  # a checkout on the path, without an installation
+        return "not installed"
+
+
 def was_stopped(error: BaseException | None) -> bool:
     """Return whether Ctrl-C caused an error that a library raised in place of it.
 
@@ -100,7 +149,7 @@ def was_stopped(error: BaseException | None) -> bool:
     return error is not None
 
 
-def check_arguments(arguments: list[str]) -> None:
+def check_arguments(arguments: Sequence[str]) -> None:
     """Raise UsageError for an argument that is too long or too deeply nested to parse."""
     for argument in arguments:
         begin = ascii(argument[:40])

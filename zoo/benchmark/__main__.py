@@ -1,6 +1,5 @@
 """`drivezoo benchmark`: drive a suite of roads and compare."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.benchmark_options import BenchmarkOptions
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
     from zoo.benchmark.benchmarked import Benchmarked
@@ -72,4 +70,4 @@ def verify_result(names: list[str], options: BenchmarkOptions, console: Console)
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.benchmark", benchmark.main, sys.argv[1:]))
+    benchmark.run()

@@ -1,7 +1,7 @@
 """The typed card that a checkpoint holds under the key `drivezoo`, besides its weights.
 
 A card names the user's parts by module and hash, but does not choose the code that runs: the user
-names the part, see `zoo.cli.parts`.
+names the part, see `zoo.base.parts`.
 """
 
 import hashlib
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from zoo.base.errors import InputError
+from zoo.base.parts import Part, part_class, part_of, unknown_part
 from zoo.base.terminal import error_line
-from zoo.cli.parts import Part, part_class, part_of, unknown_part
 from zoo.runs.record_fields import Fields, Number, Whole, check_fields
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line, printable
 from zoo.base.verbosity import is_quiet
-from zoo.cli.parts import typed_parts
 
 if TYPE_CHECKING:
     from rich.console import Console

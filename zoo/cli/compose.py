@@ -1,10 +1,14 @@
 """Training config from the overrides that a user types, and one-line errors for wrong ones."""
 
 import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+from omegaconf.errors import OmegaConfBaseException
 
+from zoo.base.errors import UsageError
 from zoo.base.nearest import hint
 from zoo.cli.conf_files import choices, conf_folder
 
@@ -120,7 +124,25 @@ def _paths_in(text: str) -> list[str]:
     return [one for one in paths if one]
 
 
-def explain(error: HydraException, arguments: list[str]) -> str:
+@contextmanager
+def one_line_errors(arguments: Sequence[str]) -> Iterator[None]:
+    """Raise UsageError for an error of Hydra or OmegaConf within the block.
+
+    Args:
+        arguments: overrides as typed.
+    """
+    try:
+        yield
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UsageError(_explained(error, arguments)) from error
+    except ValueError as error:
+        if not str(error).startswith("Config group override"):
+            raise
+        nulls = " ".join(word for word in arguments if word.endswith("=null"))  # callbacks=null
+        raise UsageError(f"{nulls}: name a choice; {LISTS_ALL}") from error
+
+
+def _explained(error: Exception, arguments: Sequence[str]) -> str:
     """Return one line for an error of Hydra, with the nearest valid key or choice."""
     text = str(error)
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
@@ -140,7 +162,7 @@ def explain(error: HydraException, arguments: list[str]) -> str:
         if "=" not in one and not one.startswith(("-", "~")):
             return f"{one}: expected key=value, such as data.root={one}; {LISTS_ALL}"
     first = text.strip().splitlines()[0] if text.strip() else type(error).__name__
-    return f"{first} (in: {' '.join(arguments)}); drivezoo train --help lists all keys"
+    return f"{first} (in: {' '.join(arguments)}); {LISTS_ALL}"
 
 
 def valid_keys() -> list[str]:
@@ -174,8 +196,9 @@ def compose_with_choices(overrides: list[str]) -> tuple[dict, dict[str, str | No
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
 
-    with initialize_config_dir(str(conf_folder().resolve()), version_base="1.3"):
+    conf = initialize_config_dir(str(conf_folder().resolve()), version_base="1.3")
+    with one_line_errors(overrides), conf:
         composed = compose("config", overrides, return_hydra_config=True)
-    chosen = OmegaConf.to_container(composed.hydra.runtime.choices)
-    config = OmegaConf.masked_copy(composed, [key for key in composed if key != "hydra"])
-    return OmegaConf.to_container(config, resolve=True), chosen
+        chosen = OmegaConf.to_container(composed.hydra.runtime.choices)
+        config = OmegaConf.masked_copy(composed, [key for key in composed if key != "hydra"])
+        return OmegaConf.to_container(config, resolve=True), chosen

@@ -2,23 +2,21 @@
 
 import ast
 import importlib
-import importlib.util
 import shlex
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zoo.base.errors import InputError
+from zoo.base.errors import InputError, UsageError
 from zoo.base.module_start import run_module
 from zoo.base.nearest import hint
-from zoo.base.standard_output import forgiving_output
-from zoo.base.terminal import error_line, printable
-from zoo.cli.version import FLAGS, version_line
+from zoo.base.run_command import run_command
+from zoo.base.terminal import printable
 
 if TYPE_CHECKING:
     from zoo.base.command import Command
 
-OWN = ("zoo", "datamodules", "simulator")
 ROOT = Path(__file__).parents[2]
 # Module and function of each command, by what a user is doing.
 GROUPS = {
@@ -91,32 +89,32 @@ CLOSING = (
     "first steps: drivezoo doctor; drivezoo train experiment=first_try data.root=FOLDER",
     "help on a command: drivezoo COMMAND --help; drivezoo --version",
 )
-WRONG_USE = 2  # as in zoo.cli.run_command, whose import is slower
 
 
 def main() -> int:
     """Run the command that the first argument names, as `python -m zoo.COMMAND` does."""
     name, *rest = sys.argv[1:] or ["--help"]
-    modules = commands()
-    if name in HELP:
-        return _print(help_text())
-    if name in FLAGS:
-        return _print(version_line())
     if name in LISTED:
         name, rest = "list", [name, *rest]
     name, rest = as_typed_below(name, rest)
-    if name in modules:
-        run_module(modules[name], rest)
+    if module := commands().get(name):
+        run_module(module, rest)
         return 0
-    if outside := outside_commands().get(name):
-        from zoo.cli.run_command import run_command
+    outside = {} if name in HELP else outside_commands()
+    if name in outside:
+        return run_command(f"drivezoo {name}", lambda given: load(outside[name]).main(given), rest)
+    return run_command("drivezoo", lambda given: _help_or_hint(given, outside), [name, *rest])
 
-        return run_command(f"drivezoo {name}", lambda given: load(outside).main(given), rest)
-    near = hint(name, [*modules, *outside_commands()], "drivezoo --help lists all")
+
+def _help_or_hint(arguments: list[str], outside: Iterable[str]) -> None:
+    name, *_ = arguments
+    if name in HELP:
+        print(help_text())
+        return
+    near = hint(name, [*commands(), *outside], "drivezoo --help lists all")
     if "=" in name:  # keys of a training without its name
-        near = f"did you mean drivezoo train {shlex.join([name, *rest])}?"
-    print(f"drivezoo: {name!a}: no such command; {near}", file=sys.stderr)
-    return WRONG_USE
+        near = f"did you mean drivezoo train {shlex.join(arguments)}?"
+    raise UsageError(f"{name!a}: no such command; {near}")
 
 
 def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
@@ -135,17 +133,6 @@ def as_typed_below(name: str, rest: list[str]) -> tuple[str, list[str]]:
         if key == "resume" and Path(folder, SWEEP_RECORD).is_file():
             return "sweep", rest
     return name, rest
-
-
-def _print(text: str) -> int:
-    """Print a text, and return the exit status."""
-    try:
-        with forgiving_output():
-            print(text)
-    except InputError as error:
-        print(error_line("drivezoo", error), file=sys.stderr)
-        return 1
-    return 0
 
 
 def commands() -> dict[str, str]:
@@ -177,13 +164,9 @@ def load(place: str) -> "Command[Any]":
     from zoo.base.command import Command
 
     module, _, name = place.partition(":")
+    module += ".__main__" * _source(module).is_dir()
     try:
-        spec = importlib.util.find_spec(module)
-        package = spec is not None and spec.submodule_search_locations is not None
-        ours = module.partition(".")[0] in OWN
-        found = getattr(
-            importlib.import_module(f"{module}.__main__" * (package and ours) or module), name
-        )
+        found = getattr(importlib.import_module(module), name)
     except Exception as error:
         raise InputError(f"{place}: {type(error).__name__}: {error}; correct the package") from None
     if not isinstance(found, Command):
@@ -206,7 +189,7 @@ def help_text() -> str:
 def _purpose(place: str) -> str:
     """Return the first line of a function's docstring, without importing its module."""
     module, _, name = place.partition(":")
-    path = ROOT.joinpath(*module.split("."))
+    path = _source(module)
     path = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
     nodes = ast.parse(path.read_text(encoding="utf-8")).body
     (function,) = [
@@ -214,6 +197,11 @@ def _purpose(place: str) -> str:
     ]
     first = (ast.get_docstring(function) or "").partition("\n\n")[0]
     return _shortened(" ".join(first.split()))
+
+
+def _source(module: str) -> Path:
+    """Return the folder of a package of drivezoo, or its module's file without the ending."""
+    return ROOT.joinpath(*module.split("."))
 
 
 def _outside_purpose(place: str) -> str:

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
-from zoo.cli.parts import Part, import_part, registering_parts
+from zoo.base.parts import Part, import_part, registering_parts
 
 Entry = TypeVar("Entry")
 

@@ -1,12 +1,10 @@
 """`drivezoo compare`: compare two results of the benchmark."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.written_files import check_output
-from zoo.cli.run_command import run_command
 from zoo.runs.result_files import ResultFiles
 
 if TYPE_CHECKING:
@@ -48,4 +46,4 @@ def compare(
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.compare", compare.main, sys.argv[1:]))
+    compare.run()

@@ -1,10 +1,8 @@
 """`drivezoo completion`: print a script that completes commands in a shell."""
 
-import sys
 from typing import Literal
 
 from zoo.base.command import command
-from zoo.cli.run_command import run_command
 
 
 @command
@@ -28,4 +26,4 @@ def completion(shell: Literal["bash", "zsh", "fish"]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.completion", completion.main, sys.argv[1:]))
+    completion.run()

@@ -9,13 +9,13 @@ from simulator.track_names import ALIASES as TRACKS
 from simulator.track_names import track_names
 from zoo.base.command import Command
 from zoo.base.command_keys import choices_of
+from zoo.base.parts import KEY
 from zoo.benchmark.baselines import BASELINES
 from zoo.checkpoints.checkpoint_path import LATEST, packaged_names
 from zoo.cli.compose import compose_config, config_groups
 from zoo.cli.conf_files import choices
 from zoo.cli.config_help import typed_keys
 from zoo.cli.console_script import ALIASES, GROUPS, LISTED, load, outside_commands
-from zoo.cli.parts import KEY
 from zoo.new.part_files import KINDS as PART_KINDS
 
 # Words that can stand first, by the argument's name.

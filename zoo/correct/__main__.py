@@ -1,6 +1,5 @@
 """`drivezoo correct`: train a checkpoint on its own driving errors."""
 
-import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from zoo.base.whole_file import refuse_links_out
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.correct.correct_options import CorrectOptions, check_correct_options
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
@@ -80,4 +78,4 @@ def changed(options: CorrectOptions) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.correct", correct.main, sys.argv[1:]))
+    correct.run()

@@ -17,7 +17,6 @@ from zoo.base.run_command import run_command
 from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import FOLDER, LATEST, find_checkpoint, packaged_file
 from zoo.cli.closing_lines import print_next
-from zoo.cli.parts import take_parts
 from zoo.doctor import inputs, installation, machine, renderer, round_trip
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding, careful
 
@@ -136,7 +135,7 @@ def main(arguments: list[str]) -> None:
     if is_help(arguments):
         print(doctor.help())
         return
-    checkpoint, recording, port = sort_arguments(take_parts(arguments))
+    checkpoint, recording, port = sort_arguments(arguments)
     doctor.function(checkpoint, recording, port=port)
 
 
@@ -151,4 +150,4 @@ def next_step(checkpoint: str | None, recording: str | None) -> tuple[str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.doctor", main, sys.argv[1:]))
+    sys.exit(run_command("drivezoo doctor", main, sys.argv[1:]))

@@ -10,8 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 
-from zoo.base.child_process import child_environment
-from zoo.base.module_start import module_command
+from zoo.base.child_process import start_module
 from zoo.doctor.finding import FAULT, OK, WARNING, Finding
 
 TIMEOUT_S = 20.0
@@ -54,9 +53,9 @@ def _findings(started: dict[str, subprocess.Popen]) -> Iterator[Finding]:
 
 
 def _start(name: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        module_command("zoo.doctor.renderer", name),
-        env=child_environment(),
+    return start_module(
+        "zoo.doctor.renderer",
+        name,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

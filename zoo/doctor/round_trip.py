@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from zoo.base.module_process import interrupt_module, start_module
+from zoo.base.child_process import interrupt_module, start_module
 from zoo.doctor.finding import FAULT, OK, Finding
 
 TIMEOUT_S = 30.0

@@ -1,6 +1,5 @@
 """`drivezoo doubt`: write a policy that knows how much it doubts."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +12,6 @@ from zoo.base.regular_file import hash_file
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.runs.result_files import TableFiles
 from zoo.runs.table import Column, Table
 from zoo.runs.table_files import check_table, write_table
@@ -109,4 +107,4 @@ def _check_distinct(paths: Sequence[Path]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.doubt", doubt.main, sys.argv[1:]))
+    doubt.run()

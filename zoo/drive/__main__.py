@@ -4,7 +4,6 @@ import errno
 import functools
 import secrets
 import signal
-import sys
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,6 @@ from zoo.base.errors import InputError
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.drive.drive_settings import DriveSettings, check_settings
 
 if TYPE_CHECKING:
@@ -219,4 +217,4 @@ def local_name(host: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.drive", drive.main, sys.argv[1:]))
+    drive.run()

@@ -2,7 +2,7 @@
 
 import subprocess
 
-from zoo.base.module_process import interrupt_module, start_module
+from zoo.base.child_process import interrupt_module, start_module
 
 _PATIENCE_S = 5.0
 

@@ -14,7 +14,6 @@ from zoo.base.command import command
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line, printable
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.run_command import run_command
 
 if TYPE_CHECKING:
     from datamodules.edited_recording import WrittenRecording
@@ -153,4 +152,4 @@ def resume_words(folders: list[str], options: EditOptions, session: "EditSession
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.edit", edit.main, sys.argv[1:]))
+    edit.run()

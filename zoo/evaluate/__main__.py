@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
-from zoo.cli.run_command import run_command
+from zoo.base.run_command import run_command
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
 if TYPE_CHECKING:
@@ -79,4 +79,4 @@ def evaluate_or_replay(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.evaluate", evaluate_or_replay, sys.argv[1:]))
+    sys.exit(run_command("drivezoo evaluate", evaluate_or_replay, sys.argv[1:]))

@@ -1,12 +1,10 @@
 """`drivezoo export`: write a checkpoint as an ONNX file."""
 
-import sys
 from pathlib import Path
 
 from rich.console import Console
 
 from zoo.base.command import command
-from zoo.cli.run_command import run_command
 
 
 @command
@@ -33,4 +31,4 @@ def export(ckpt: str, *, out: str = "model.onnx", frames: str | None = None) -> 
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.export", export.main, sys.argv[1:]))
+    export.run()

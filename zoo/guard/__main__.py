@@ -1,12 +1,10 @@
 """`drivezoo guard`: measure warnings before failures, and fit a guard."""
 
-import sys
 from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.guard.guard_options import GuardOptions
 
 if TYPE_CHECKING:
@@ -43,4 +41,4 @@ def guard(ckpt: str, *, options: GuardOptions) -> "GuardResult":
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.guard", guard.main, sys.argv[1:]))
+    guard.run()

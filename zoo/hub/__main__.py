@@ -1,6 +1,5 @@
 """`drivezoo hub`: send or fetch a checkpoint with its card."""
 
-import sys
 from typing import Literal
 
 from rich.console import Console
@@ -10,7 +9,6 @@ from zoo.base.terminal import command_line, printable
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.closing_lines import print_next, print_written
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.hub.hub_options import CARD, PUSH, HubOptions, check_keys, is_folder
 
 
@@ -88,4 +86,4 @@ def hub(action: Literal["push", "pull"], name: str, *, options: HubOptions) -> N
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.hub", hub.main, sys.argv[1:]))
+    hub.run()

@@ -1,12 +1,10 @@
 """`drivezoo leaderboard`: rank all runs, the best driver first."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zoo.base.command import command
 from zoo.base.errors import InputError
-from zoo.cli.run_command import run_command
 from zoo.runs.result_files import TableFiles
 
 if TYPE_CHECKING:
@@ -64,4 +62,4 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.leaderboard", leaderboard.main, sys.argv[1:]))
+    leaderboard.run()

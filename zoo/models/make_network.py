@@ -12,7 +12,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from datamodules.view import View
 from zoo.base.errors import InputError
-from zoo.cli.parts import Part, part_class, part_errors, part_of, unknown_part
+from zoo.base.parts import Part, part_class, part_errors, part_of, unknown_part
 from zoo.models.memory import Memory, frame_outputs
 from zoo.runs.allowed_classes import ALLOWED, own_class
 

@@ -1,11 +1,9 @@
 """`drivezoo new`: write a part of your own (class, YAML file, test), or a notebook."""
 
-import sys
 from pathlib import Path
 
 from zoo.base.command import command
 from zoo.cli.closing_lines import print_next, print_written
-from zoo.cli.run_command import run_command
 
 
 @command
@@ -32,4 +30,4 @@ def new(kind: str, name: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.new", new.main, sys.argv[1:]))
+    new.run()

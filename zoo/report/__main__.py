@@ -1,12 +1,9 @@
 """`drivezoo report`: write a run's report as a page and as Markdown."""
 
-import sys
-
 from zoo.base.command import command
 from zoo.checkpoints.checkpoint_path import find_run
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.report.write_up import MARKDOWN, write_report
 
 
@@ -27,4 +24,4 @@ def report(run_folder: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.report", report.main, sys.argv[1:]))
+    report.run()

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from zoo.cli.parts import part_class
+from zoo.base.parts import part_class
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Hydra calls any function that a `_target_` names. A config that the user typed, 
 contains, may name any. A config from a run's folder or a checkpoint may name only classes by a
 rule for each section, and no other module is imported. (Hydra's own blocklist is not a
 security boundary, as its source says.) It may also name classes of the parts that the user names
-or has installed (see `zoo.cli.parts`), if they are of the section's kind.
+or has installed (see `zoo.base.parts`), if they are of the section's kind.
 
 A saved config still decides which recording and weights are read, where decoded views are cached
 (`data.cache`), and how much time, memory and how many processes a run takes.
@@ -22,7 +22,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from zoo.base.errors import InputError
-from zoo.cli.parts import part_of, unknown_part
+from zoo.base.parts import part_of, unknown_part
 from zoo.runs.allowed_classes import is_allowed
 
 SHIPPED = ("zoo.", "datamodules.", "lightning.", "torch.")  # no user's part is in these modules

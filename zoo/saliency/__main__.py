@@ -1,6 +1,5 @@
 """`drivezoo saliency`: draw what a network looks at."""
 
-import sys
 from pathlib import Path
 
 import cv2
@@ -15,7 +14,6 @@ from zoo.base.written_files import check_output
 from zoo.checkpoints.checkpoint_path import find_checkpoint, short_name
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 
 SHOWN = 12  # frames of a recording that are drawn
 
@@ -75,4 +73,4 @@ def _read_frame(path: Path) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.saliency", saliency.main, sys.argv[1:]))
+    saliency.run()

@@ -1,11 +1,8 @@
 """`drivezoo search`: find roads and days on which a checkpoint fails."""
 
-import sys
-
 from zoo.base.command import command
 from zoo.checkpoints.checkpoint_path import find_checkpoint
 from zoo.cli.console_progress import loading
-from zoo.cli.run_command import run_command
 from zoo.search.search_options import SearchOptions
 
 # Slow imports (torch, Panda3D) come late: --help and typos answer at once.
@@ -32,4 +29,4 @@ def search(ckpt: str, *, options: SearchOptions) -> dict:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.search", search.main, sys.argv[1:]))
+    search.run()

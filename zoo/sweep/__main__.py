@@ -1,11 +1,9 @@
 """`drivezoo sweep`: resume a sweep that was stopped, and rank its jobs."""
 
-import sys
 from pathlib import Path
 
 from zoo.base.command import command
 from zoo.base.errors import UsageError
-from zoo.cli.run_command import run_command
 from zoo.runs.saved_config import TRUST
 
 
@@ -31,10 +29,12 @@ def sweep(*overrides: str, resume: str | None = None, trust: str = "") -> None:
     """
     if resume is None:
         raise UsageError("resume: not given; name the sweep's folder with resume=FOLDER")
+    from zoo.cli.compose import one_line_errors
     from zoo.sweep.start_sweep import go_on
 
-    go_on(Path(resume), [*overrides, *[f"{TRUST}={trust}"] * bool(trust)])
+    with one_line_errors(overrides):
+        go_on(Path(resume), [*overrides, *[f"{TRUST}={trust}"] * bool(trust)])
 
 
 if __name__ == "__main__":
-    sys.exit(run_command("zoo.sweep", sweep.main, sys.argv[1:]))
+    sweep.run()

@@ -16,8 +16,8 @@ from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.errors import InputError
+from zoo.base.parts import KEY
 from zoo.cli.compose import choices, config_groups, quote_paths
-from zoo.cli.parts import KEY
 from zoo.runs.saved_config import TRUST, check_saved_config
 
 LAUNCHERS = ("basic", "joblib", "ray", "slurm", "submitit_local", "submitit_slurm")

@@ -12,12 +12,12 @@ from rich.console import Console
 
 from zoo.base.errors import InputError, StoppedError
 from zoo.base.new_folder import is_held, written_folder
+from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
 from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import conf_folder, quote, quote_paths
-from zoo.cli.parts import typed_parts
 from zoo.leaderboard.ranking_page import Ranking, following, print_ranking, write_page
 from zoo.leaderboard.ranking_table import wide_console
 from zoo.runs.run_folder import check_name

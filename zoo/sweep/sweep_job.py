@@ -15,9 +15,8 @@ from filelock import FileLock
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, open_dict
 
-from zoo.base.child_process import child_environment, wait_for_parent
+from zoo.base.child_process import child_environment, module_command, wait_for_parent
 from zoo.base.errors import InputError, PrunedError, StoppedError
-from zoo.base.module_start import module_command
 from zoo.base.verbosity import is_verbose
 from zoo.base.whole_file import write_whole
 from zoo.base.written_files import note_files

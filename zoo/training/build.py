@@ -21,11 +21,11 @@ from datamodules.driving import DrivingData
 from datamodules.features import load_features
 from datamodules.view import View
 from zoo.base.errors import InputError, UsageError
+from zoo.base.parts import import_part, part_errors, part_of
 from zoo.base.terminal import print_line
 from zoo.base.written_files import note_files
 from zoo.callbacks.closed_loop import MONITORED, ClosedLoop
 from zoo.checkpoints.checkpoint_files import CheckpointFiles
-from zoo.cli.parts import import_part, part_errors, part_of
 from zoo.keras.initial_weights import load_weights
 from zoo.models.make_network import make_network, view_of
 from zoo.training.plan import TrainingPlan, compile_step

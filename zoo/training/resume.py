@@ -7,11 +7,11 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig, OmegaConf
 
 from zoo.base.errors import InputError
+from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.cli.compose import config_groups, quote_paths
 from zoo.cli.console_progress import loading
-from zoo.cli.parts import typed_parts
 from zoo.runs.saved_config import Keys, check_saved_config, leaf_keys, split_trust
 
 

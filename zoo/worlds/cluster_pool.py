@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from zoo.base.errors import InputError
-from zoo.cli.parts import VARIABLE
+from zoo.base.parts import VARIABLE
 
 Executor = Literal["processes", "ray", "slurm"]
 Place = tuple[str, list[str], str]

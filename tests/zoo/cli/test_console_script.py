@@ -6,7 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from tests.zoo.commands import run, run_words
-from zoo.cli.console_script import WRONG_USE, commands
+from zoo.base.run_command import WRONG_USE
+from zoo.cli.console_script import commands
 
 CALL = "import sys; from zoo.cli.console_script import main; sys.exit(main())"
 
@@ -39,7 +40,7 @@ def test_older_names_are_typed_below_another_command(tmp_path: Path) -> None:
     (tmp_path / "sweep").mkdir()
     (tmp_path / "sweep" / "sweep.json").write_text("{}")
     stopped = drivezoo(tmp_path, "train", "resume=sweep")
-    assert stopped.stderr.startswith("zoo.sweep: ")
+    assert stopped.stderr.startswith("drivezoo sweep: ")
     assert len(stopped.stderr.splitlines()) == 1
 
 

@@ -6,10 +6,10 @@ import pytest
 from rich.console import Console
 
 from zoo.base.errors import InputError
+from zoo.base.run_command import run_command
 from zoo.base.verbosity import VARIABLE, is_quiet, is_verbose
 from zoo.cli.closing_lines import print_written
 from zoo.cli.console_progress import progress_bar
-from zoo.cli.run_command import run_command
 
 
 @pytest.fixture(autouse=True)

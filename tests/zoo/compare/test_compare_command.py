@@ -215,7 +215,7 @@ def test_a_folder_without_a_result_and_a_wrong_place_are_named(
     assert f"out={first}" in line
     assert "name another file" in line
     line = only_line(run(tmp_path, "lenet", str(first), module=MODULE))
-    assert line.startswith("zoo.compare: lenet: no such file; name a result of the benchmark")
+    assert line.startswith("drivezoo compare: lenet: no such file; name a result of the benchmark")
 
 
 def test_neither_an_input_nor_a_foreign_file_is_replaced(

@@ -117,7 +117,7 @@ def test_a_mistake_gets_one_line(
 ) -> None:
     line = only_line(drive(tmp_path, *(checkpoint if one == "CKPT" else one for one in arguments)))
     assert words in line
-    assert line.startswith("zoo.drive: ")
+    assert line.startswith("drivezoo drive: ")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -14,8 +14,8 @@ from tests.zoo.compare.synthetic_results import ROADS, figures, result, write
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
 from zoo.base.errors import InputError
+from zoo.base.run_command import run_command
 from zoo.benchmark.checked_result import read_result
-from zoo.cli.run_command import run_command
 from zoo.drives.drive_log import write_drive
 from zoo.drives.drive_record import SOCKET, Drive, DriveRow
 from zoo.leaderboard.__main__ import leaderboard

@@ -11,7 +11,7 @@ from tests.zoo.sweep.test_sweep_command import SMALL
 from tests.zoo.sweeps import write_run
 from tests.zoo.trainings import data_of
 from zoo.__main__ import train_or_sweep as zoo
-from zoo.cli.run_command import run_command
+from zoo.base.run_command import run_command
 from zoo.runs.status import read_status
 from zoo.sweep.search import _value
 

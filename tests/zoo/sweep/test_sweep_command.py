@@ -21,8 +21,8 @@ from tests.zoo.trainings import data_of
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
 from zoo.base.new_folder import hold_folder
+from zoo.base.run_command import run_command
 from zoo.cli.compose import choices, conf_folder
-from zoo.cli.run_command import run_command
 from zoo.runs.status import read_status, write_status
 from zoo.sweep.__main__ import sweep as sweep_command
 from zoo.sweep.start_sweep import find_unfinished, refuse_missing
@@ -290,7 +290,7 @@ def test_every_yaml_of_hydras_own_groups_composes(group: str) -> None:
 
 def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
     code = (
-        "import sys; from zoo.cli.run_command import run_command;"
+        "import sys; from zoo.base.run_command import run_command;"
         "from zoo.sweep.__main__ import sweep; from zoo.rerun import rerun;"
         "from zoo.leaderboard.__main__ import leaderboard;"
         "run_command('a', sweep.main, ['resume=no']); run_command('b', leaderboard.main, ['no']);"
@@ -306,4 +306,5 @@ def test_help_and_typos_do_not_import_torch(tmp_path: Path) -> None:
     )
     assert result.returncode == 0, result.stderr
     assert len(result.stderr.strip().splitlines()) == 3
-    assert only_line(run(tmp_path, "resume=no", module="zoo.sweep")).startswith("zoo.sweep: no: ")
+    line = only_line(run(tmp_path, "resume=no", module="zoo.sweep"))
+    assert line.startswith("drivezoo sweep: no: ")

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from tests.recordings import Written
-from tests.zoo.cli.user_parts import NETWORK, write_network
+from tests.zoo.base.user_parts import NETWORK, write_network
 from tests.zoo.commands import ROOT, only_line, run
 from tests.zoo.trainings import SMALL
 from zoo.checkpoints.checkpoint import load_checkpoint

@@ -23,9 +23,9 @@ from tests.zoo.commands import command, environment, only_line, run, start
 from tests.zoo.trainings import SMALL, data_of
 from zoo.__main__ import train_or_sweep as zoo
 from zoo.base.errors import InputError
+from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.cli.compose import compose_config
-from zoo.cli.run_command import run_command
 from zoo.training.conclusion import read_curves
 from zoo.training.resume import resume
 from zoo.training.run import run_experiment
@@ -195,7 +195,7 @@ def test_ctrl_c_saves_and_prints_how_to_resume(recorded: Written, tmp_path: Path
         process.kill()
     assert process.returncode == 130
     said = printed.strip().splitlines()[-1]
-    assert said.startswith("zoo: stopped; the epochs before ")
+    assert said.startswith("drivezoo train: stopped; the epochs before ")
     assert said.endswith(f"resume with: drivezoo train resume={tmp_path / 'run'}")
     assert "Traceback" not in printed
     load_checkpoint(tmp_path / "run" / "checkpoints" / "last.ckpt")

@@ -12,15 +12,15 @@ import pytest
 
 from datamodules.view import View
 from tests.recordings import Written
-from tests.zoo.cli.user_parts import write_network
+from tests.zoo.base.user_parts import write_network
 from tests.zoo.commands import only_line, run
 from tests.zoo.trainings import SMALL
 from zoo.base.errors import InputError
+from zoo.base.parts import _installed, take_parts
+from zoo.base.run_command import run_command
 from zoo.checkpoints.checkpoint import load_checkpoint
 from zoo.checkpoints.policy import load_policy
 from zoo.cli.compose import choices, compose_config
-from zoo.cli.parts import _installed, take_parts
-from zoo.cli.run_command import run_command
 from zoo.models.make_network import make_network
 from zoo.runs.saved_config import find_refusals
 from zoo.sweep.saved_sweep import SavedSweep, check_overrides
