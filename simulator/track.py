@@ -231,6 +231,17 @@ class Track:
         return nearest
 
     @cached_property
+    def rightwards(self) -> np.ndarray:
+        """Return unit vectors, float64 [N, 2], to the right of the road at its samples."""
+        return np.stack([np.sin(self.heading), -np.cos(self.heading)], -1)
+
+    @cached_property
+    def verge_kinds(self) -> np.ndarray:
+        """Return the kinds of verge, text [2, N], to the left and the right of the samples."""
+        verges = [self.verge_at(float(distance)) for distance in self.distance]
+        return np.array([(one.left, one.right) for one in verges]).T
+
+    @cached_property
     def _samples(self) -> list[Sample]:
         """Return all samples; on a closed loop also the first one again, a lap later."""
         columns = (self.distance, self.heading, self.curvature, self.grade, *self.xyz.T)

@@ -6,18 +6,25 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from simulator.scenery.ground import PALE_ROCK, Ground
-from simulator.scenery.mesh import Mesh, grid_mesh
+from simulator.scenery.mesh import Mesh, grid_mesh, join
 from simulator.scenery.road import (
     bands_of_run,
     half_width,
     points_along,
-    reach_at,
     rightwards,
     room_at,
     runs,
     taper_at,
 )
-from simulator.scenery.verges import CLEAR_M, CONCRETE, ROCK, SOILS, VERGE_END_M, rise_at
+from simulator.scenery.verges import (
+    CLEAR_M,
+    CONCRETE,
+    ROCK,
+    SOILS,
+    VERGE_END_M,
+    inner_reach,
+    rise_at,
+)
 from simulator.track import Track
 
 STEP_M = 0.8  # highest step from a verge to the ground without a face
@@ -69,7 +76,7 @@ def surface(track: Track, ground: Ground, xy: np.ndarray) -> np.ndarray:
 
 def _verge_edge(track: Track, ground: Ground, along: np.ndarray, side: int) -> np.ndarray:
     """Return the distance of a verge's outer edge from the centreline, float [N]."""
-    far = np.minimum(VERGE_END_M, reach_at(track, along, side))
+    far = np.minimum(VERGE_END_M, inner_reach(track.curvature_at(along), side))
     if ground.room is None:
         return far
     return np.minimum(far, room_at(track, ground.room[(side + 1) // 2], along))
@@ -78,8 +85,7 @@ def _verge_edge(track: Track, ground: Ground, along: np.ndarray, side: int) -> n
 def _rise(track: Track, along: np.ndarray, side: int, offset: np.ndarray) -> np.ndarray:
     """Return a verge's heights above the road float [N], `offset` metres from the centreline."""
     rise = rise_at(bands_of_run(track, along, side), offset - half_width(track, along))
-    share = taper_at(track, along, side)
-    return rise if share is None else rise * share
+    return rise * taper_at(track, along, side)
 
 
 def _outer_face(track: Track, ground: Ground, along: np.ndarray, side: int) -> Mesh:
@@ -104,9 +110,8 @@ def _cross_face(track: Track, ground: Ground, along: np.ndarray, at: int) -> Mes
         half = half_width(track, here)[0]
         away = np.linspace(0, max(_verge_edge(track, ground, here, side)[0] - half, 0), ACROSS)
         lateral.append(side * (half + away))
-        share = taper_at(track, here, side)
         rises = rise_at(bands_of_run(track, along, side), away)
-        rise.append(rises if share is None else rises * share)
+        rise.append(rises * taper_at(track, here, side))
     lateral[0], rise[0] = lateral[0][::-1], rise[0][::-1]
     right = rightwards(track, here)
     top = track.at(here) + np.concatenate(lateral)[:, None] * right
@@ -225,22 +230,13 @@ def _pillars(track: Track, ground: Ground, along: np.ndarray) -> list[Mesh]:
 def _pillar(foot: np.ndarray, right: np.ndarray, top: float, bottom: float) -> Mesh:
     """Return the four upright faces of a pillar."""
     ahead = np.array([-right[1], right[0], 0.0])
-    outwards = [right, ahead, -right, -ahead]
-    points, normals, uv = [], [], []
-    for normal in outwards:
+    across, z = np.array([[-1], [1]]), np.array([top, bottom])
+    uv = np.stack(np.broadcast_arrays(across * PILLAR_M / 8, z / 4.0), -1)
+    faces = []
+    for normal in (right, ahead, -right, -ahead):
         beside = np.array([-normal[1], normal[0], 0.0])
-        for across in (-1, 1):
-            for z in (top, bottom):
-                corner = foot + PILLAR_M / 2 * (normal + across * beside)
-                points.append([*corner[:2], z])
-                normals.append(normal)
-                uv.append([across * PILLAR_M / 8, z / 4.0])
-    faces = np.array([(0, 1, 3), (0, 3, 2)])
-    return Mesh(
-        "concrete",
-        np.array(points),
-        np.array(normals),
-        np.tile(np.array(CONCRETE) * 0.85, (16, 1)),
-        np.array(uv),
-        np.concatenate([faces + 4 * number for number in range(4)]),
-    )
+        corners = foot + PILLAR_M / 2 * (normal + across * beside)
+        points = np.repeat(corners[:, None], 2, axis=1)
+        points[..., 2] = z
+        faces.append(grid_mesh("concrete", points, normal, np.array(CONCRETE) * 0.85, uv))
+    return join(faces)

@@ -38,8 +38,7 @@ class Ground:
         self.high = track.xyz[:, :2].max(0) + MARGIN_M
         rng = np.random.default_rng(self.around.seed)
         self.waves = [rng.uniform(-1, 1, (64, 64)) for _ in range(4)]
-        walled = [track.verge_at(float(d)).left == "wall" for d in track.distance]
-        self.walled = np.array(walled)
+        self.walled = track.verge_kinds[0] == "wall"
         self.dropping = self._sides("drop")
         self.rocky = self._sides("rock")
 
@@ -48,14 +47,12 @@ class Ground:
         apart, nearest = self.near_standing.query(xy)
         nearest = self.standing[nearest]
         around = self.around
-        heading = self.track.heading[nearest]
         away = xy - self.track.xyz[nearest, :2]
-        side = (away[:, 0] * np.sin(heading) - away[:, 1] * np.cos(heading) > 0).astype(int)
+        side = ((away * self.track.rightwards[nearest]).sum(1) > 0).astype(int)
         rise = around.hills * self._hills(xy)
         rise = rise * _smooth((apart - around.calm) / 45)
-        # The verges extend to 14 m, and no cell of the ground may stick out through them.
+        # The verges extend to 14 m, and neither cells of the ground nor mounds may stick out.
         rise = rise + 6.0 * self.rocky[side, nearest] * _smooth((apart - 13) / 8)
-        # A mound begins beyond the verges, too.
         rise = rise + self._mounds(xy) * _smooth((apart - 13) / 8)
         rise = rise - 9.0 * self.dropping[side, nearest] * _smooth((apart - 5) / 12)
         # The ground has the road's height near it, and the track's mean height far away.
@@ -64,9 +61,8 @@ class Ground:
         nearby = level[nearest] if self.room is None else self._level_between(xy)
         base = nearby * (1 - weight) + level.mean() * weight - SINK_M
         edge = np.minimum(xy - self.low, self.high - xy).min(1)
-        rim = (
-            RIM_HEIGHT_M * _smooth((RIM_M - edge) / RIM_M) * (0.55 + 0.45 * self._noise(xy, 55, 3))
-        )
+        rim = RIM_HEIGHT_M * _smooth((RIM_M - edge) / RIM_M)
+        rim = rim * (0.55 + 0.45 * self._noise(xy, 55, 3))
         return self._flood(xy, base + rise + rim, apart, nearest)
 
     def mesh_height(self, xy: np.ndarray) -> np.ndarray:
@@ -134,10 +130,9 @@ class Ground:
     def _road_points(self) -> tuple[np.ndarray, np.ndarray]:
         """Return points float [N, 2] on the road and beside it, and the highest ground there."""
         track = self.track
-        right = np.stack([np.sin(track.heading), -np.cos(track.heading)], -1)
         half = track.widths / 2 + BESIDE_M
         lateral = np.linspace(-half, half, 9, axis=-1)
-        points = track.xyz[:, None, :2] + lateral[..., None] * right[:, None]
+        points = track.xyz[:, None, :2] + lateral[..., None] * track.rightwards[:, None]
         return points.reshape(-1, 2), np.repeat(track.xyz[:, 2] - BELOW_M, 9)
 
     def _level_between(self, xy: np.ndarray) -> np.ndarray:
@@ -183,11 +178,9 @@ class Ground:
 
     def _sides(self, kind: str) -> np.ndarray:
         """Return float [2, N]: 1 where the left or right verge is of a kind, blended over 8 m."""
-        verges = [self.track.verge_at(float(d)) for d in self.track.distance]
-        is_kind = np.array([[v.left == kind for v in verges], [v.right == kind for v in verges]])
+        is_kind = (self.track.verge_kinds == kind).astype(float)
         window = np.ones(17) / 17
-        mode = "wrap" if self.track.closed else "edge"
-        wrapped = np.pad(is_kind.astype(float), ((0, 0), (8, 8)), mode=mode)
+        wrapped = np.pad(is_kind, ((0, 0), (8, 8)), mode="wrap" if self.track.closed else "edge")
         return np.stack([np.convolve(row, window, "valid") for row in wrapped])
 
     def _flood(

@@ -3,10 +3,9 @@
 Drives of one process open a world each: a further one on a track opens in 0.07 s instead of 0.35 s.
 """
 
+import pickle
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
-
-import numpy as np
+from functools import lru_cache
 
 from simulator.scenery.edges import bridge_meshes, edge_meshes
 from simulator.scenery.ground import Ground
@@ -34,30 +33,13 @@ class Landscape:
 
 def landscape(track: Track, quality: str) -> Landscape:
     """Return the landscape of a track; `quality` is full, or simple (fewer plants, no shadows)."""
-    return _landscape(_Contents(track), quality)
-
-
-class _Contents:
-    """A track that equals another one with the same contents, for a cache."""
-
-    def __init__(self, track: Track) -> None:
-        self.track = track
-
-    @cached_property
-    def key(self) -> tuple:
-        values = (getattr(self.track, one.name) for one in fields(self.track))
-        return tuple(one.tobytes() if isinstance(one, np.ndarray) else one for one in values)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Contents) and self.key == other.key
-
-    def __hash__(self) -> int:
-        return hash(self.key)
+    # A key of the contents, because two worlds of a track have a `Track` each.
+    return _landscape(pickle.dumps([getattr(track, one.name) for one in fields(track)]), quality)
 
 
 @lru_cache(maxsize=2)
-def _landscape(contents: _Contents, quality: str) -> Landscape:
-    track = contents.track
+def _landscape(contents: bytes, quality: str) -> Landscape:
+    track = Track(*pickle.loads(contents))
     ground = Ground(track)
     standing = place_standing(track, ground, quality)
     built = [*road_meshes(track), *edge_meshes(track, ground), *bridge_meshes(track, ground)]
@@ -67,6 +49,6 @@ def _landscape(contents: _Contents, quality: str) -> Landscape:
     around = [*ground.meshes(), *(join(meshes) for meshes in things if meshes)]
     parts = (*road, *(part for mesh in around for part in cut(mesh, CELL_M)))
     for mesh in parts:
-        for array in (mesh.points, mesh.normals, mesh.colours, mesh.uv, mesh.triangles):
+        for array in (*mesh.columns, mesh.triangles):
             array.flags.writeable = False  # worlds share them
     return Landscape(parts, shadows)

@@ -82,12 +82,9 @@ class Shadows:
         apart = middle.query(np.array([one.foot[:2] for one in trees]).reshape(-1, 2))[0]
         self.trees = [one for one, away in zip(trees, apart, strict=True) if away < REACH_M]
         _, nearest = middle.query(self.points[:, :2])
-        heading = track.heading[nearest]
-        self.right = np.stack([np.sin(heading), -np.cos(heading)], -1)
+        self.right = track.rightwards[nearest]
         self.cte = ((self.points - track.xyz[nearest])[:, :2] * self.right).sum(1)
-        verges = [track.verge_at(float(distance)) for distance in track.distance]
-        rocky = np.array([(one.left == "rock", one.right == "rock") for one in verges])
-        self.rock_left, self.rock_right = rocky[nearest].T
+        self.rock_left, self.rock_right = track.verge_kinds[:, nearest] == "rock"
         self.edge = track.widths[nearest] / 2
         deck = track.xyz[track.bridge]
         self.deck = (cKDTree(deck[:, :2]), deck[:, 2]) if len(deck) else None
@@ -153,8 +150,7 @@ def sky_mesh() -> Mesh:
     steps = np.unique(np.concatenate([elevation, np.arange(-10, 30, 2), np.arange(30, 91, 15)]))
     around = np.linspace(0, 2 * np.pi, 17)
     up, turn = np.meshgrid(np.radians(steps), around, indexing="ij")
-    points = RADIUS_M * np.stack(
-        [np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], -1
-    )
+    unit = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)
+    points = RADIUS_M * np.stack(unit, -1)
     by_step = np.stack([np.interp(steps, elevation, colours[:, c]) for c in range(3)], -1)
     return grid_mesh("sky", points, (0.0, 0.0, 1.0), by_step[:, None], np.zeros(2))

@@ -26,6 +26,11 @@ class Mesh:
     uv: np.ndarray
     triangles: np.ndarray
 
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """Return the values of the points, in the order of the constructor."""
+        return self.points, self.normals, self.colours, self.uv
+
 
 def grid_triangles(rows: int, columns: int) -> np.ndarray:
     """Return triangles int [2 * (rows-1) * (columns-1), 3] of a row-major grid of points."""
@@ -46,25 +51,16 @@ def grid_mesh(
     def flat(values: np.ndarray | Sequence[float], size: int) -> np.ndarray:
         return np.array(np.broadcast_to(values, (*points.shape[:2], size))).reshape(-1, size)
 
-    triangles = grid_triangles(*points.shape[:2])
-    return Mesh(
-        material, flat(points, 3), flat(normals, 3), flat(colours, 3), flat(uv, 2), triangles
-    )
+    columns = flat(points, 3), flat(normals, 3), flat(colours, 3), flat(uv, 2)
+    return Mesh(material, *columns, grid_triangles(*points.shape[:2]))
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
     """Join meshes of the same material into one."""
     starts = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
-    return Mesh(
-        material=meshes[0].material,
-        points=np.concatenate([mesh.points for mesh in meshes]),
-        normals=np.concatenate([mesh.normals for mesh in meshes]),
-        colours=np.concatenate([mesh.colours for mesh in meshes]),
-        uv=np.concatenate([mesh.uv for mesh in meshes]),
-        triangles=np.concatenate(
-            [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
-        ),
-    )
+    columns = map(np.concatenate, zip(*(mesh.columns for mesh in meshes), strict=True))
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)]
+    return Mesh(meshes[0].material, *columns, np.concatenate(triangles))
 
 
 def join_materials(meshes: Sequence[Mesh]) -> list[Mesh]:
@@ -83,14 +79,6 @@ def cut(mesh: Mesh, cell_m: float) -> list[Mesh]:
     for one in range(number.max() + 1):
         triangles = mesh.triangles[number == one]
         used, renumbered = np.unique(triangles, return_inverse=True)
-        pieces.append(
-            Mesh(
-                mesh.material,
-                mesh.points[used],
-                mesh.normals[used],
-                mesh.colours[used],
-                mesh.uv[used],
-                renumbered.reshape(-1, 3),
-            )
-        )
+        columns = (values[used] for values in mesh.columns)
+        pieces.append(Mesh(mesh.material, *columns, renumbered.reshape(-1, 3)))
     return pieces

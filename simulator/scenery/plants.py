@@ -6,8 +6,9 @@ import numpy as np
 
 from simulator.scenery.edges import surface
 from simulator.scenery.ground import Ground
-from simulator.scenery.mesh import Mesh, grid_mesh
-from simulator.scenery.textures import PLANTS
+from simulator.scenery.mesh import Mesh, grid_mesh, join
+from simulator.scenery.road import rightwards
+from simulator.scenery.textures import PLANTS, TILES
 from simulator.track import Track
 
 SIZES_M = {  # width and height
@@ -18,7 +19,6 @@ SIZES_M = {  # width and height
     "reeds": (3.0, 2.0),
     "pylon": (9.0, 26.0),
     "tyres": (1.7, 1.0),
-    "sign": (1.0, 1.6),
 }
 FAR_M = 90.0  # distance from the road beyond which objects get bluish
 
@@ -66,10 +66,8 @@ def place_standing(track: Track, ground: Ground, quality: str) -> list[Standing]
     for xy, z, choice in zip(places, heights, kinds, strict=True):
         kind = choice[rng.integers(len(choice))]
         width, height = np.array(SIZES_M[kind]) * rng.uniform(0.75, 1.3)
-        lift = (
-            0.45 if kind == "tyres" else -0.1
-        )  # tyres stand on the verge, which is above the ground
-        foot = np.array([*xy, z + lift])
+        # Tyres stand on the verge, which is above the ground.
+        foot = np.array([*xy, z + (0.45 if kind == "tyres" else -0.1)])
         turn, tone = rng.uniform(0, np.pi), rng.uniform(0.8, 1.1)
         standing.append(Standing(kind, foot, float(width), float(height), turn, tone))
     return standing
@@ -115,39 +113,27 @@ def _beside_dirt(track: Track) -> np.ndarray:
     places = []
     for distance in np.arange(0, track.length, 6.0):
         verge = track.verge_at(float(distance))
-        for side, kind in ((-1, verge.left), (1, verge.right)):
-            if kind == "dirt":
-                heading = float(track.heading_at(distance))
-                right = np.array([np.sin(heading), -np.cos(heading)])
-                half = track.width_at(distance) / 2
-                places.append(track.at(distance)[:2] + side * (half + 5.5) * right)
+        right = rightwards(track, np.array([distance]))[0, :2]
+        away = track.width_at(distance) / 2 + 5.5
+        sides = [side for side, kind in ((-1, verge.left), (1, verge.right)) if kind == "dirt"]
+        places += [track.at(distance)[:2] + side * away * right for side in sides]
     return np.array(places).reshape(-1, 2)
 
 
 def _crossed(one: Standing, apart: float) -> Mesh:
     """Return two upright rectangles at right angles; `apart` is the distance to the road in m."""
-    points, uv, triangles = [], [], []
-    column = PLANTS.index(one.kind)
     inset = 0.5 / 64
-    x, y, z = one.foot
-    for number, angle in enumerate((one.turn, one.turn + np.pi / 2)):
-        dx, dy = np.cos(angle) * one.width / 2, np.sin(angle) * one.width / 2
-        for sign, across in ((-1, inset), (1, 1 - inset)):
-            for up, v in ((0, 0.004), (one.height, 1.0)):
-                points.append((x + sign * dx, y + sign * dy, z + up))
-                uv.append(((column + across) / len(PLANTS), v))
-        first = 4 * number
-        triangles += [(first, first + 1, first + 3), (first, first + 3, first + 2)]
+    u = (PLANTS.index(one.kind) + np.array([inset, 1 - inset])) / TILES
+    uv = np.stack(np.meshgrid(u, [0.004, 1.0], indexing="ij"), -1)
     air = min(max((apart - FAR_M) / 120, 0), 0.55)
     colour = one.tone * (1 - air) + np.array([0.95, 1.25, 1.7]) * air
-    return Mesh(
-        "plants",
-        np.array(points),
-        np.tile([0.0, 0.0, 1.0], (8, 1)),
-        np.tile(colour, (8, 1)),
-        np.array(uv),
-        np.array(triangles),
-    )
+    meshes = []
+    for angle in (one.turn, one.turn + np.pi / 2):
+        half = np.array([np.cos(angle), np.sin(angle), 0.0]) * one.width / 2
+        ends = one.foot + np.array([[-1], [1]]) * half
+        points = ends[:, None] + np.array([[0, 0, 0], [0, 0, one.height]])
+        meshes.append(grid_mesh("plants", points, (0.0, 0.0, 1.0), colour, uv))
+    return join(meshes)
 
 
 def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
@@ -157,12 +143,8 @@ def _boulder(ground: Ground, rng: np.random.Generator, xy: np.ndarray) -> Mesh:
     angle = np.linspace(0, 2 * np.pi, around)
     height = np.linspace(-0.2, 1, up)
     ring = np.sqrt(1 - np.clip(height, 0, 1) ** 2)
-    unit = np.stack(
-        np.broadcast_arrays(
-            ring[:, None] * np.cos(angle), ring[:, None] * np.sin(angle), height[:, None]
-        ),
-        -1,
-    )
+    circle = ring[:, None] * np.cos(angle), ring[:, None] * np.sin(angle)
+    unit = np.stack(np.broadcast_arrays(*circle, height[:, None]), -1)
     rough = rng.uniform(0.85, 1.15, (up, around, 1))
     rough[:, -1] = rough[:, 0]
     points = unit * rough * size

@@ -5,7 +5,14 @@ from itertools import pairwise
 import numpy as np
 
 from simulator.scenery.mesh import Mesh, grid_mesh, join_materials
-from simulator.scenery.verges import VERGE_END_M, Band, carriageway, verge_bands, verge_room
+from simulator.scenery.verges import (
+    VERGE_END_M,
+    Band,
+    carriageway,
+    inner_reach,
+    verge_bands,
+    verge_room,
+)
 from simulator.track import Track
 
 ALONG_M = 1.0
@@ -61,14 +68,14 @@ def bands_of_run(track: Track, along: np.ndarray, side: int) -> list[Band]:
     return bands[:-1] if track.on_bridge(middle) else bands
 
 
-def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray | None:
-    """Return the share 0..1 of a rock face's or a drop's height, float [N], or None for all of it.
+def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray:
+    """Return the share 0..1 of a verge's height that is drawn, float [N].
 
-    The share rises from 0 where the kind of verge changes.
+    Of a rock face or a drop it rises from 0 where the kind of verge changes.
     """
     taper = track.surroundings.taper
     if not taper or _kind_at(track, float(along[0] + along[-1]) / 2, side) not in ("rock", "drop"):
-        return None
+        return np.ones(len(along))
     kinds = [(start, _kind_at(track, (start + end) / 2, side)) for start, end in runs(track)]
     before = [kinds[-1] if track.closed else (0.0, ""), *kinds[:-1]]
     changes = [
@@ -76,7 +83,7 @@ def taper_at(track: Track, along: np.ndarray, side: int) -> np.ndarray | None:
     ]
     changes += [] if track.closed else [track.length]
     if not changes:
-        return None
+        return np.ones(len(along))
     apart = np.abs(along[:, None] - np.array(changes))
     if track.closed:
         apart = np.minimum(apart, track.length - apart)
@@ -98,8 +105,9 @@ def is_cobbled(track: Track, along: np.ndarray) -> bool:
 
 def room_at(track: Track, room: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Return the values of samples float [N] at distances; the lower of two samples'."""
-    index = _sample(track, along)
-    after = (index + 1) % len(room) if track.closed else np.minimum(index + 1, len(room) - 1)
+    count, within = len(room), along % track.length if track.closed else along
+    index = np.clip(np.searchsorted(track.distance, within, "right") - 1, 0, count - 1)
+    after = (index + 1) % count if track.closed else np.minimum(index + 1, count - 1)
     return np.minimum(room[index], room[after])
 
 
@@ -107,15 +115,6 @@ def rightwards(track: Track, along: np.ndarray) -> np.ndarray:
     """Return unit vectors float [N, 3] to the right of the road."""
     heading = track.heading_at(along)
     return np.stack([np.sin(heading), -np.cos(heading), np.zeros_like(heading)], -1)
-
-
-def reach_at(track: Track, along: np.ndarray, side: int) -> np.ndarray:
-    """Return the metres from the centreline at which a verge ends inside of bends, else inf.
-
-    A wide verge would fold over itself there, so it ends before the bend's centre.
-    """
-    bend = -track.curvature_at(along) * side
-    return np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
 
 
 def band_mesh(
@@ -126,7 +125,7 @@ def band_mesh(
     edge: np.ndarray,
     columns: int = 2,
     most: np.ndarray | None = None,
-    share: np.ndarray | None = None,
+    share: np.ndarray | float = 1.0,
 ) -> Mesh:
     """Return a band's mesh.
 
@@ -138,7 +137,7 @@ def band_mesh(
         edge: metres from the centreline, float [N].
         columns: number of points across.
         most: metres from the centreline beyond which nothing is drawn, float [N].
-        share: factor on heights above the road, float [N].
+        share: factor on heights above the road, float [N], or one for all.
     """
     start, end = (np.broadcast_to(one, len(along)) for one in (band.start, band.end))
     across = np.linspace(start, end, columns, axis=-1)
@@ -148,12 +147,11 @@ def band_mesh(
         offset = np.minimum(offset, most[:, None])
         across = np.clip((offset - (edge + start)[:, None]) / (end - start)[:, None], 0, 1)
         rise = band.rise_start + (band.rise_end - band.rise_start) * across
-    if share is not None:
-        rise = rise * share[:, None]
     right = rightwards(track, along)
-    lateral = np.minimum(offset, reach_at(track, along, side)[:, None]) * side
+    reach = inner_reach(track.curvature_at(along), side)
+    lateral = np.minimum(offset, reach[:, None]) * side
     points = track.at(along)[:, None] + lateral[..., None] * right[:, None]
-    points[..., 2] += rise
+    points[..., 2] += rise * np.reshape(share, (-1, 1))
     slope = band.steep
     if slope is None:
         slope = (band.rise_end - band.rise_start) / (end - start)[:, None]
@@ -163,11 +161,3 @@ def band_mesh(
     if band.material == "stripes":
         uv[..., 1] = 0.5
     return grid_mesh(band.material, points, normal[:, None], band.colour, uv)
-
-
-def _sample(track: Track, along: np.ndarray) -> np.ndarray:
-    """Return the index of the last sample at or before each distance."""
-    index = np.searchsorted(
-        track.distance, along % track.length if track.closed else along, "right"
-    )
-    return np.clip(index - 1, 0, len(track.distance) - 1)

@@ -113,12 +113,13 @@ def _stripes() -> np.ndarray:
     return (stripes * 255).astype(np.uint8)
 
 
-PLANTS = ("pine", "tall_pine", "round_tree", "bush", "reeds", "pylon", "tyres", "sign")
+PLANTS = ("pine", "tall_pine", "round_tree", "bush", "reeds", "pylon", "tyres")
+TILES = 8  # of the atlas, whose width must be a power of two
 
 
 def _plants(rng: np.random.Generator) -> np.ndarray:
     """Return an atlas uint8 [128, 512, 4]: `PLANTS` from left to right, on the lower edge."""
-    atlas = np.zeros((128, 64 * len(PLANTS), 4), np.uint8)
+    atlas = np.zeros((128, 64 * TILES, 4), np.uint8)
     for number, name in enumerate(PLANTS):
         tile = atlas[:, 64 * number : 64 * (number + 1)]
         if name in ("pine", "tall_pine", "round_tree"):
@@ -169,11 +170,7 @@ def _draw_object(tile: np.ndarray, kind: str) -> None:
         cv2.line(tile, (35, 0), (49, 127), dark, 1)
         for height in (14, 34):
             cv2.line(tile, (10, height), (54, height), dark, 2)
-    elif kind == "tyres":
+    else:
         cv2.rectangle(tile, (2, 70), (61, 127), (52, 48, 44, 255), -1)
         for height in (82, 97, 112):
             cv2.line(tile, (2, height), (61, height), (120, 104, 88, 255), 3)
-    else:
-        cv2.rectangle(tile, (30, 50), (33, 127), (30, 30, 30, 255), -1)
-        cv2.rectangle(tile, (12, 4), (51, 56), (235, 120, 105, 255), -1)
-        cv2.line(tile, (18, 50), (46, 10), (250, 245, 240, 255), 8)

@@ -63,56 +63,53 @@ def verge_bands(
         Band(0.10, 0.42, 0, 0, "plain", GUTTER),
         Band(0.42, 0.50, 0, 0, "plain", YELLOW),
     ]
-    paved = 0.5 + shoulder
-    if kind == "kerb":
-        return [
+    edge = Band(0.0, 0.12, 0, 0, "plain", WHITE)
+    paved, striped = 0.5 + shoulder, 0.5 + around.stripes_width
+    outer = striped + around.kerb_width - 0.1
+    bands = {
+        "kerb": [
             *line,
             Band(0.5, paved, 0, 0, "asphalt", SHOULDER),
             Band(paved, paved + around.kerb_width, 0, high, "concrete", CONCRETE, steep=BANK),
             Band(paved + around.kerb_width, room, high, 0.2, "ground", soil),
-        ]
-    if kind == "stripes":
-        striped = 0.5 + around.stripes_width
-        outer = striped + around.kerb_width - 0.1
-        return [
+        ],
+        "stripes": [
             *line,
             Band(0.5, striped, 0, 0.12, "stripes", (0.92, 0.92, 0.95), 1.1),
             Band(striped, outer, 0.12, high, "concrete", CONCRETE, steep=BANK),
             Band(outer, room, high, 0.2, "ground", soil),
-        ]
-    if kind == "dirt":
-        return [
+        ],
+        "dirt": [
             Band(0.0, 1.2, 0, 0.05, "ground", PINK_SAND, steep=0.0),
             Band(1.2, room, 0.05, 0.2, "ground", FOREST if soil == FOREST else SAND, 6.0),
-        ]
-    if kind == "wall":
-        return [
+        ],
+        "wall": [
             Band(0.0, 0.7, 0, 0, *paving),
             Band(0.7, 0.72, 0, 0.75, *wall),
             Band(0.72, 1.0, 0.75, 0.75, *wall),
             Band(1.0, 1.02, 0.75, -4.0, *wall),
-        ]
-    if kind == "rock":
-        return [
-            Band(0.0, 0.12, 0, 0, "plain", WHITE),
+        ],
+        "rock": [
+            edge,
             Band(0.12, 0.9, 0, 0.1, "ground", soil),
             Band(0.9, 1.9, 0.1, 3.2, "rock", ROCK, 6.0),
             Band(1.9, 3.4, 3.2, 5.0, "rock", ROCK, 6.0),
             Band(3.4, room, 5.0, 6.0, "ground", grass, 8.0),
-        ]
-    if kind == "drop":
-        return [
-            Band(0.0, 0.12, 0, 0, "plain", WHITE),
+        ],
+        "drop": [
+            edge,
             Band(0.12, 0.9, 0, 0, "ground", soil),
             Band(0.9, 1.3, 0, 0.35, "concrete", CONCRETE),
             Band(1.3, 3.5, 0.35, -2.0, "ground", grass, 6.0),
             Band(3.5, room, -2.0, -5.0, "ground", grass, 6.0),
-        ]
-    return [
-        *line,
-        Band(0.5, paved + 1.4, 0, 0.1, "asphalt", SHOULDER),
-        Band(paved + 1.4, room, 0.1, 0.25, "ground", grass, 6.0),
-    ]
+        ],
+        "paved": [
+            *line,
+            Band(0.5, paved + 1.4, 0, 0.1, "asphalt", SHOULDER),
+            Band(paved + 1.4, room, 0.1, 0.25, "ground", grass, 6.0),
+        ],
+    }
+    return bands[kind]
 
 
 def carriageway(half: np.ndarray, cobbled: bool, centre_line: bool) -> list[Band]:
@@ -147,9 +144,8 @@ def verge_room(track: Track) -> np.ndarray | None:
     """
     ground = ~track.bridge
     xy, half = track.xyz[:, :2], track.widths / 2
-    right = np.stack([np.sin(track.heading), -np.cos(track.heading)], -1)
-    tree = cKDTree(xy[ground])
-    if not any(_covers(track, tree, half, side * right, side) for side in (-1, 1)):
+    right, tree = track.rightwards, cKDTree(xy[ground])
+    if not any(_covers(track, tree, half, side) for side in (-1, 1)):
         return None
     room = np.full((2, len(xy)), VERGE_END_M)
     pairs = STRIDE * cKDTree(xy[::STRIDE]).query_pairs(2 * VERGE_END_M, output_type="ndarray")
@@ -181,15 +177,21 @@ def _leave_room_for_bridges(track: Track, room: np.ndarray) -> None:
     room[:, low] = np.minimum(room[:, low], half[low] + LEAST_M)
 
 
-def _covers(track: Track, tree: cKDTree, half: np.ndarray, outwards: np.ndarray, side: int) -> bool:
+def _covers(track: Track, tree: cKDTree, half: np.ndarray, side: int) -> bool:
     """Return whether a verge of full width lies on another part of the road."""
-    bend = -track.curvature * side
-    reach = np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
+    reach = inner_reach(track.curvature, side)
     for away in TRIED_M:
         far = np.minimum(away + half, reach)
-        points = track.xyz[:, :2] + far[:, None] * outwards
-        apart, _ = tree.query(points)
-        least = half + CLEAR_M
-        if (apart < np.minimum(least, far - 1.5))[~track.bridge].any():
+        apart, _ = tree.query(track.xyz[:, :2] + far[:, None] * (side * track.rightwards))
+        if (apart < np.minimum(half + CLEAR_M, far - 1.5))[~track.bridge].any():
             return True
     return False
+
+
+def inner_reach(curvature: np.ndarray, side: int) -> np.ndarray:
+    """Return the metres from the centreline at which a verge ends inside of bends, else inf.
+
+    A wide verge would fold over itself there, so it ends before the bend's centre.
+    """
+    bend = -curvature * side
+    return np.where(bend > 0, 0.85 / np.maximum(bend, 1e-9), np.inf)
