@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from simulator.autonomous_mode import START, Client, Socket
-from simulator.command_options import ClientOptions, check_options
+from simulator.command_options import ClientOptions
 from simulator.film import Film
 from simulator.legacy_socket import HandshakeRefusedError, HandshakeSilentError, LegacySocket
 from simulator.weather import read_weather
@@ -23,7 +23,7 @@ def run_client(options: ClientOptions, console: Console) -> Client:
     Raises:
         InputError: an option is wrong, no renderer opens, or the film cannot be written.
     """
-    check_options(options)
+    options.check()
     world = open_world(renderer=options.renderer, **options.place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
     client = Client(world, options, console)

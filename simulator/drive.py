@@ -13,12 +13,11 @@ from simulator.command_options import DriveOptions
 from simulator.drive_screen import HELP, DriveScreen
 from simulator.hand_control import Gamepads, HandControl, Hands
 from simulator.record import Driven, print_report
-from simulator.recorder import Recorder, check_free, split_pedals
+from simulator.recorder import Recorder, check_free
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.weather import read_weather
 from simulator.window import Window
 from simulator.world import Start, World, open_world
-from zoo.base.errors import InputError
 
 SHOWN_PER_S = 60.0
 LONGEST_S = 0.1  # longest step of real time; on slower machines the world slows down
@@ -47,7 +46,7 @@ class Drive:
         self.driven = Driven(world.track.length)
         self.recorder: Recorder | None = None
         self.is_recording = False
-        self._began_s = self._lap_began_s = self._next_row_s = 0.0
+        self._began_s = self._next_row_s = 0.0
         self._before = world.pose()
 
     def run(self, recorders: ExitStack, seconds: float = 0.0) -> None:
@@ -81,17 +80,15 @@ class Drive:
     def _step(self, hands: Hands) -> None:
         """Record a row if one is due, then drive for 0.02 s."""
         world = self.world
-        steering, throttle = self.control.step(PHYSICS_STEP_S, hands)
+        command = self.control.step(PHYSICS_STEP_S, hands)
         if world.time >= self._next_row_s - 1e-6:
             self._next_row_s += self.row_s
-            self._take_row(steering, throttle)
-        self._before, lap = world.pose(), world.lap
-        world.step(steering, throttle)
-        if world.lap > lap:
-            self.driven.lap_s.append(world.time - self._lap_began_s)
-            self._lap_began_s = world.time
+            self._take_row(command)
+        self._before = world.pose()
+        world.step(*command)
+        self.driven.note_lap(world)
 
-    def _take_row(self, steering: float, throttle: float) -> None:
+    def _take_row(self, command: tuple[float, float]) -> None:
         """Show the centre camera's frame; record all cameras' frames while recording."""
         world, self.driven.frames = self.world, self.driven.frames + 1
         is_recorded = self.is_recording and not world.at_end
@@ -99,12 +96,8 @@ class Drive:
         frames = {camera: world.frame(camera) for camera in cameras}
         self.screen.show_frame(frames[CAMERAS[0]])
         if is_recorded:
-            pedals = split_pedals(throttle)
             seconds = world.time - self._began_s
-            self.recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
-            self.driven.cte.append(world.cte)
-            self.driven.steering.append(steering)
-            self.driven.off_road += world.off_road
+            self.driven.add_row(self.recorder, world, frames, command, seconds)
 
     def _draw(self, part: float) -> bool:
         """Draw the world at a fraction between its last two steps, for smooth motion."""
@@ -195,12 +188,6 @@ def drive(options: DriveOptions, console: Console | None = None) -> tuple[Path, 
 
 def _open(options: DriveOptions) -> World:
     options.check()
-    if options.renderer == "none":
-        raise InputError("renderer=none: a recording needs images; use renderer=auto")
-    if not 320 <= options.width <= 7680:
-        raise InputError(f"width={options.width}: must be in 320..7680 pixels")
-    if not 0 <= options.seconds < float("inf"):
-        raise InputError(f"seconds={options.seconds:g}: must be 0 or more")
     check_free(_folder(options.out))
     place = options.place | {"frame_rate": 1 / PHYSICS_STEP_S}
     world = open_world(renderer=options.renderer, **place)

@@ -1,28 +1,25 @@
 """The command `drivezoo simulator record track=lake laps=2 out=FOLDER`."""
 
-import difflib
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
-from functools import partial
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from simulator.command_options import RecordOptions
 from simulator.expert import Expert, ExpertSettings
 from simulator.human_control import REACTION_S, HumanControl
-from simulator.parallel_record import ParallelRecorder, Requests, Scene, renderer_name
+from simulator.parallel_record import ParallelRecorder, Requests
 from simulator.recorder import Recorder, split_pedals
 from simulator.rig import CAMERAS, PHYSICS_STEP_S
 from simulator.track_file import read_track
 from simulator.weather import read_weather
 from simulator.world import Start, World, open_world
-from simulator.world_settings import WorldSettings
 from zoo.base.errors import InputError
 from zoo.base.terminal import command_line
 
@@ -30,8 +27,6 @@ FIRST_TRY = ("drivezoo", "train", "experiment=first_try")  # docs/recipes.md
 BARS = " ▁▂▃▄▅▆▇█"
 BINS = 41
 STUCK_S = 10.0  # a driver that gains less than a metre in this time is stuck
-MOST_JOBS = 64
-CONTROLS = ("expert", *REACTION_S)
 
 
 @dataclass
@@ -43,7 +38,7 @@ class Driven:
         metres: metres driven along the lap.
         seconds: simulated seconds driven.
         frames: frames driven, recorded or not.
-        lap_s: simulated seconds of each whole lap.
+        lap_ends_s: simulated time at the end of each whole lap.
         cte: cross-track error of each recorded row in metres.
         steering: steering of each recorded row, -1..1.
         off_road: number of recorded rows in which the car was off the road.
@@ -53,10 +48,44 @@ class Driven:
     metres: float = 0.0
     seconds: float = 0.0
     frames: int = 0
-    lap_s: list[float] = field(default_factory=list)
+    lap_ends_s: list[float] = field(default_factory=list)
     cte: list[float] = field(default_factory=list)
     steering: list[float] = field(default_factory=list)
     off_road: int = 0
+
+    @property
+    def lap_s(self) -> list[float]:
+        """Return the simulated seconds of each whole lap."""
+        return np.diff([0.0, *self.lap_ends_s]).tolist()
+
+    def add_row(
+        self,
+        recorder: Recorder | ParallelRecorder,
+        world: World,
+        frames: dict[str, np.ndarray],
+        command: tuple[float, float],
+        seconds: float,
+    ) -> None:
+        """Record a row.
+
+        Args:
+            recorder: recorder of the row.
+            world: world in which the car drives.
+            frames: frame of each camera.
+            command: steering and throttle, -1..1.
+            seconds: simulated seconds since the pass began.
+        """
+        steering, throttle = command
+        pedals = split_pedals(throttle)
+        recorder.add(frames, steering, *pedals, world.car.speed_mph, seconds)
+        self.cte.append(world.cte)
+        self.steering.append(steering)
+        self.off_road += world.off_road
+
+    def note_lap(self, world: World) -> None:
+        """Note the end of a lap, if the car has just completed one."""
+        if world.lap > len(self.lap_ends_s):
+            self.lap_ends_s.append(world.time)
 
 
 def print_report(
@@ -120,10 +149,10 @@ def record(
     driver: Expert | HumanControl,
     recorder: Recorder | ParallelRecorder,
     laps: float,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[float], None] = lambda metres: None,
     row_s: float = 0.0,
 ) -> Driven:
-    """Drive and record laps from the car's present position.
+    """Drive and record laps in a world that was just reset.
 
     Args:
         world: world with a renderer.
@@ -137,33 +166,29 @@ def record(
         InputError: the driver left the road or got stuck, or the disk is full.
     """
     driven = Driven(world.track.length)
-    begin_m, begin_s, lap, lap_began_s = world.travelled, world.time, world.lap, world.time
-    farthest, farthest_s, begin_steps = 0.0, world.time, world.steps
+    farthest = farthest_s = 0.0
     recorder.begin_pass()
-    while driven.metres < world.drive_m(laps) and not world.at_end:
-        steering, throttle = driver(world)
+    while not world.is_complete(laps):
+        command = driver(world)
         # Rounded as in World.step, so that at equal rates each frame is a row.
-        is_row = world.steps - begin_steps >= round(driven.frames * row_s / PHYSICS_STEP_S)
+        is_row = world.steps >= round(driven.frames * row_s / PHYSICS_STEP_S)
         if is_row and driver.recording:
             frames = {camera: world.frame(camera) for camera in CAMERAS}
-            pedals = split_pedals(throttle)
-            recorder.add(frames, steering, *pedals, world.car.speed_mph, world.time - begin_s)
-            driven.cte.append(world.cte)
-            driven.steering.append(steering)
-        world.step(steering, throttle)
+            driven.add_row(recorder, world, frames, command, world.time)
+        world.step(*command)
         driven.frames += is_row
-        driven.metres = world.travelled - begin_m
-        if driven.metres > farthest + 1:
-            farthest, farthest_s = driven.metres, world.time
+        if world.travelled > farthest + 1:
+            farthest, farthest_s = world.travelled, world.time
         if world.off_road or world.time - farthest_s > STUCK_S:
-            raise InputError(_failure(world, recorder))
-        if world.lap > lap:
-            lap = world.lap
-            driven.lap_s.append(world.time - lap_began_s)
-            lap_began_s = world.time
-        if progress:
-            progress(driven.metres)
-    driven.seconds = world.time - begin_s
+            what = f"left the road, {world.cte:+.1f} m" if world.off_road else "got stuck"
+            raise InputError(
+                f"the driver {what} at {world.place.distance:.0f} m of {world.track.name}; the "
+                f"first {recorder.rows} rows are kept in {recorder.folder}; try another seed= or "
+                "a lower speed="
+            )
+        driven.note_lap(world)
+        progress(world.travelled)
+    driven.metres, driven.seconds = world.travelled, world.time
     return driven
 
 
@@ -180,14 +205,17 @@ def record_laps(
     """
     console = console or Console()
     given = [passes] if isinstance(passes, RecordOptions) else list(passes)
-    runs = [(one, way) for one in given for way in _directions(one)]
-    began = time.perf_counter()
-    first = given[0]
-    if not 1 <= first.jobs <= MOST_JOBS:
-        raise InputError(f"jobs={first.jobs}: must be in 1..{MOST_JOBS}")
+    for options in given:
+        options.check()
+    runs = [
+        replace(options, direction=way)
+        for options in given
+        for way in ((1, -1) if options.direction == "both" else (options.direction,))
+    ]
+    began, first = time.perf_counter(), given[0]
     # Opened before the folder is created, so that a wrong option leaves no folder.
-    world, driver = _open(*runs[0], first.jobs)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[metres]}"))
+    world, driver = _open(runs[0], first.jobs)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn())
     with (
         Recorder(first.out, first.header, first.relative) as recorder,
         Progress(
@@ -197,81 +225,42 @@ def record_laps(
             transient=True,
             disable=not console.is_terminal,
         ) as progress,
-        _parallel(recorder, first.jobs, len(runs)) as rows,  # at its end it waits for images
+        # At its end it draws and waits for images.
+        nullcontext(recorder)
+        if first.jobs == 1
+        else ParallelRecorder(recorder, first.jobs, progress) as rows,
     ):
         all_driven = []
-        for number, (options, way) in enumerate(runs):
+        for number, options in enumerate(runs):
             if number:
-                world, driver = _open(options, way, first.jobs)
-            name = options.track if way > 0 else f"{options.track}, backward"
-            total = world.drive_m(options.laps)
-            task = progress.add_task(name, total=total, metres="")
+                world, driver = _open(options, first.jobs)
+            name = options.track if options.direction == 1 else f"{options.track}, backward"
+            task = progress.add_task(name, total=world.drive_m(options.laps))
 
-            def show(metres: float, task: int = task, total: float = total) -> None:
-                text = f"{min(metres, total):,.0f} of {total:,.0f} m"
-                progress.update(task, completed=metres, metres=text)
+            def show(metres: float, task: int = task) -> None:
+                progress.update(task, completed=metres)
 
             row_s = 1 / options.frame_rate
-            if isinstance(rows, ParallelRecorder):
-                show = partial(rows.show_drawn, show)
             all_driven.append(record(world, driver, rows, options.laps, show, row_s))
             world.renderer.close()
     print_report(console, recorder, all_driven, time.perf_counter() - began, world.renderer.name)
     return recorder.folder
 
 
-def _directions(options: RecordOptions) -> tuple[int, ...]:
-    if options.direction == "both":
-        return (1, -1)
-    if options.direction not in (1, -1):
-        raise InputError(f"direction={options.direction}: must be forward, backward or both")
-    return (options.direction,)
-
-
-def _parallel(
-    recorder: Recorder, jobs: int, passes: int
-) -> AbstractContextManager[Recorder | ParallelRecorder]:
-    """Return what rows are added to: the recorder itself if one process records."""
-    if jobs == 1:
-        return nullcontext(recorder)
-    return ParallelRecorder(recorder, jobs, whole_passes=passes >= 2 * jobs)
-
-
-def _open(options: RecordOptions, direction: int, jobs: int) -> tuple[World, Expert | HumanControl]:
+def _open(options: RecordOptions, jobs: int) -> tuple[World, Expert | HumanControl]:
     """Open the world and the driver of a pass; with several jobs, a world that draws nothing."""
-    if options.control not in CONTROLS:
-        near = difflib.get_close_matches(options.control, CONTROLS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"must be {', '.join(CONTROLS)}"
-        raise InputError(f"control={options.control}: unknown control; {hint}")
-    WorldSettings(**options.place | {"direction": direction}, weather=options.weather).check()
-    if not 0 < options.laps <= 1000:
-        raise InputError(f"laps={options.laps:g}: must be above 0, up to 1000")
-    if options.renderer == "none":
-        raise InputError("renderer=none: a recording needs images; use renderer=auto")
-    is_person = options.control in REACTION_S
-    settings = ExpertSettings(
-        speed_mph=options.speed,
-        noise=options.noise,
-        reaction_s=REACTION_S.get(options.control, 0.0),
-        seed=options.seed,
-    )
-    place = options.place | {"direction": direction}
+    place, is_person = options.place, options.control in REACTION_S
     if is_person:
         place["frame_rate"] = 1 / PHYSICS_STEP_S
     if jobs == 1:
         world = open_world(renderer=options.renderer, **place)
     else:
-        scene = Scene(place.pop("track"), options.renderer, place.pop("quality"))
-        requests = Requests(scene, renderer_name(options.renderer))
-        world = World(read_track(scene.track), requests, **place)
+        requests = Requests(place.pop("track"), options.renderer, place.pop("quality"))
+        world = World(read_track(options.track), requests, **place)
     world.reset(options.seed, Start(options.start), read_weather(options.weather))
+    reaction_s = REACTION_S.get(options.control, 0.0)
+    settings = ExpertSettings(
+        options.speed, noise=options.noise, reaction_s=reaction_s, seed=options.seed
+    )
     expert = Expert(world.track, settings)
     return world, HumanControl(options.control, expert, options.seed) if is_person else expert
-
-
-def _failure(world: World, recorder: Recorder | ParallelRecorder) -> str:
-    what = f"left the road, {world.cte:+.1f} m" if world.off_road else "got stuck"
-    return (
-        f"the driver {what} at {world.place.distance:.0f} m of {world.track.name}; the first "
-        f"{recorder.rows} rows are kept in {recorder.folder}; try another seed= or a lower speed="
-    )

@@ -84,7 +84,7 @@ class Recorder:
 
     def add(
         self,
-        frames: dict[str, np.ndarray],
+        frames: dict[str, np.ndarray] | dict[str, bytes],
         steering: float,
         throttle: float,
         brake: float,
@@ -94,7 +94,7 @@ class Recorder:
         """Write a row.
 
         Args:
-            frames: frame of each camera, uint8 [160, 320, 3], RGB.
+            frames: frame of each camera, uint8 [160, 320, 3], RGB, or its image of `encode`.
             steering: -1..1, right positive.
             throttle: 0..1.
             brake: 0..1.
@@ -104,19 +104,6 @@ class Recorder:
         Raises:
             InputError: the disk is full, or the folder was deleted.
         """
-        images = {camera: encode(frames[camera]) for camera in CAMERAS}
-        self.add_encoded(images, steering, throttle, brake, speed_mph, time)
-
-    def add_encoded(
-        self,
-        images: dict[str, bytes],
-        steering: float,
-        throttle: float,
-        brake: float,
-        speed_mph: float,
-        time: float,
-    ) -> None:
-        """Write a row whose images are encoded already; see `add` and `encode`."""
         seconds = round(self._pass_begin_s + time, 3)
         if seconds <= self._last_s:
             raise ValueError(f"time={time}: not after the last row; call begin_pass() first")
@@ -126,7 +113,8 @@ class Recorder:
         written: list[Path] = []
         try:
             for camera, path in zip(CAMERAS, paths, strict=True):
-                write_new(path, images[camera])
+                frame = frames[camera]
+                write_new(path, frame if isinstance(frame, bytes) else encode(frame))
                 written.append(path)
             self._append(self._line(paths, (steering, throttle, brake, speed_mph)))
         except OSError as error:

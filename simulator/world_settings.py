@@ -1,17 +1,17 @@
 """Settings that are the same in every command that opens a world."""
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
 
 from simulator.rig import PHYSICS_STEP_S
 from simulator.track_names import recorded_name
 from simulator.weather import read_weather
+from zoo.base.command_keys import bounds, convert, keys_of
 from zoo.base.errors import InputError
 
-QUALITIES = ("full", "simple")
 DIRECTIONS = {"forward": 1, "1": 1, "backward": -1, "-1": -1}
-LONGEST_DELAY_S = 2.0
-LEAST_FRAME_RATE = 0.1  # a lower one drives for hours of simulated time between two frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +27,15 @@ class WorldSettings:
         quality: full, or simple images, which are faster.
     """
 
+    directions: ClassVar[tuple[int | str, ...]] = (1, -1)
+
     track: str = "lake"
     direction: int | str = "forward"
     weather: str = "clear"
-    frame_rate: float = 15.0
-    delay_s: float = 0.0
-    quality: str = "full"
+    # A lower frame rate drives for hours of simulated time between two frames.
+    frame_rate: Annotated[float, Field(ge=0.1, le=1 / PHYSICS_STEP_S)] = 15.0
+    delay_s: Annotated[float, Field(ge=0, le=2)] = 0.0
+    quality: Literal["full", "simple"] = "full"
 
     def __post_init__(self) -> None:
         """Replace the direction's name by 1 or -1, and tracks' names by those in records."""
@@ -49,13 +52,11 @@ class WorldSettings:
 
     def check(self) -> None:
         """Raise InputError for a value that is not allowed."""
-        if not LEAST_FRAME_RATE <= self.frame_rate <= 1 / PHYSICS_STEP_S:
-            raise InputError(f"frame_rate={self.frame_rate:g}: must be in 0.1..50")
-        if not 0 <= self.delay_s <= LONGEST_DELAY_S:
-            raise InputError(f"delay_s={self.delay_s:g}: must be in 0..2 seconds")
-        if self.direction not in (1, -1):
-            raise InputError(f"direction={self.direction}: must be forward or backward")
-        if self.quality not in QUALITIES:
-            raise InputError(f"quality={self.quality}: must be {' or '.join(QUALITIES)}")
+        for key in keys_of(type(self)):
+            if bounds(key.kind):
+                convert(key.name, key.kind, getattr(self, key.name))
+        if self.direction not in self.directions:
+            allowed = " or ".join(("forward", "backward", *map(str, self.directions[2:])))
+            raise InputError(f"direction={self.direction}: must be {allowed}")
         if isinstance(self.weather, str):
             read_weather(self.weather)

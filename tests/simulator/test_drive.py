@@ -189,9 +189,9 @@ def test_without_a_display_the_error_is_one_line(tmp_path, monkeypatch, display)
     ("argument", "words"),
     [
         ("directoin=1", "directoin: no such key; did you mean direction?"),
-        ("width=10", "width=10: must be in 320..7680 pixels"),
-        ("seconds=-1", "seconds=-1: must be 0 or more"),
-        ("renderer=none", "renderer=none: a recording needs images"),
+        ("width=10", "width=10: must be a whole number in 320..7680"),
+        ("seconds=-1", "seconds=-1: must be a number of 0 or more"),
+        ("renderer=none", "renderer=none: must be auto, software or opengl"),
         ("out=held", "held: has a driving_log.csv already; give another folder with out="),
     ],
     ids=lambda one: one.partition(":")[0],

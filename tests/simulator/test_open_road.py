@@ -124,7 +124,8 @@ def test_an_episode_terminates_at_the_end(road_file, way):
 def test_recording_both_ways_covers_the_road_twice(road_file, tmp_path, console):
     out = tmp_path / "laps"
     record_laps(
-        RecordOptions(str(out), laps=3, track=road_file, direction="both", frame_rate=4), console
+        RecordOptions(out=str(out), laps=3, track=road_file, direction="both", frame_rate=4),
+        console,
     )
     text = console.file.getvalue()
     assert "laps        2.00 (" in text
