@@ -222,7 +222,7 @@ def test_control_chooses_who_drives(tmp_path, console):
     steering = {}
     for control in ("expert", *REACTION_S):
         out = str(tmp_path / control)
-        options = RecordOptions(out, laps=0.01, control=control, start=320, quality="simple")
+        options = RecordOptions(out=out, laps=0.01, control=control, start=320, quality="simple")
         steering[control] = read_recordings(str(record_laps(options, console))).steering
     assert np.mean(steering["keyboard"] == 0) > np.mean(steering["mouse"] == 0)
     assert not np.array_equal(steering["expert"][:20], steering["mouse"][:20])
