@@ -129,13 +129,11 @@ def test_a_killed_process_is_named_and_the_rows_before_are_kept(tmp_path):
         def __reduce__(self):
             return os._exit, (1,)
 
-    with (
-        Recorder(tmp_path) as recorder,
-        pytest.raises(InputError, match=r"jobs=2: .*killed.* 0 rows"),
-        ParallelRecorder(recorder, 2, Progress()) as rows,
-    ):
+    with Recorder(tmp_path) as recorder:
+        rows = ParallelRecorder(recorder, 2, Progress())
         rows.begin_pass()
-        rows.add({"center": Killed()}, 0, 0, 0, 0, 0.0)
+        with pytest.raises(InputError, match=r"jobs=2: .*killed.* 0 rows"), rows:
+            rows.add({"center": Killed()}, 0, 0, 0, 0, 0.0)
 
 
 def test_the_bar_is_shown_until_the_last_image_is_written(tmp_path, console, monkeypatch):
