@@ -1,25 +1,15 @@
-"""Drivers of the benchmark: checkpoints, and the baselines that need no frames."""
+"""Drivers of an entry of the benchmark: a baseline, or checkpoints."""
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from simulator.expert import Expert
 from zoo.base.errors import InputError, UsageError
 from zoo.base.regular_file import hash_file
 from zoo.benchmark.baselines import BASELINES
 from zoo.benchmark.result import Driver
 from zoo.benchmark.suite import Suite
 from zoo.checkpoints.checkpoint_path import find_checkpoint
-from zoo.checkpoints.command import Policy, as_policy
-from zoo.worlds.run_drives import PolicyMaker, load_kept
-from zoo.worlds.scenario import Scenario
-from zoo.worlds.world import World
-
-LATE_S = 0.4  # delay of the late expert's commands, in seconds
+from zoo.worlds.run_drives import load_kept
 
 
 def find_drivers(names: Sequence[str], suite: Suite) -> list[Driver]:
@@ -72,32 +62,3 @@ def read_driver(path: Path) -> Driver:
         training_seed=seed if isinstance(seed, int) else None,
         data=str(policy.data.get("fingerprint") or ""),
     )
-
-
-@dataclass(frozen=True)
-class Baseline(PolicyMaker):
-    """What makes the policy of a baseline, which looks at no frames.
-
-    Args:
-        name: name of the baseline.
-        mean_steering: steering of the baseline `mean`, -1..1.
-    """
-
-    name: str
-    mean_steering: float | None
-
-    def policy(self, world: World, scenario: Scenario) -> Policy:
-        """Return the policy of the baseline in the embedded world."""
-        if self.name in ("zero", "mean"):
-            steering = 0.0 if self.name == "zero" else float(self.mean_steering or 0.0)
-            return as_policy(lambda frame, mph: (steering, None))
-        simulated = world.simulated
-        expert = Expert(simulated.track)
-        frames = round(LATE_S / simulated.frame_s) if self.name == "expert_late" else 0
-        waiting = deque([0.0] * frames)
-
-        def drive(frame: np.ndarray | None, mph: float) -> tuple[float, None]:
-            waiting.append(expert(simulated)[0])
-            return waiting.popleft(), None
-
-        return as_policy(drive)

@@ -13,13 +13,13 @@ from zoo.base.bounded_files import MOST_JSON_BYTES, parse_json, read_text
 from zoo.base.errors import InputError
 from zoo.base.whole_file import write_whole
 from zoo.benchmark.baselines import BASELINES
-from zoo.benchmark.drivers import Baseline
 from zoo.benchmark.result import Driver, DriveRecord
 from zoo.benchmark.suite import LAPS, Suite, SuiteDrive
 from zoo.drives.drive_record import Drive
 from zoo.drives.metrics import measure
 from zoo.runs.code_fingerprint import code_fingerprint
 from zoo.runs.record_fields import check_fields
+from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.run_drives import run_drives
 

@@ -3,9 +3,13 @@
 import sys
 from typing import TYPE_CHECKING
 
+from rich.console import Console
+
 from zoo.base.command import command, is_help
 from zoo.base.errors import UsageError
 from zoo.base.run_command import run_command
+from zoo.checkpoints.checkpoint_path import find_driver
+from zoo.cli.console_progress import loading
 from zoo.evaluate.evaluate_options import EvaluateOptions, ReplayOptions
 
 if TYPE_CHECKING:
@@ -34,11 +38,10 @@ def evaluate(ckpt: str, *, options: EvaluateOptions) -> "Evaluation":
     """
     if options.replay is not None:
         raise UsageError("replay: call drivezoo.replay(driver, recording)")
-    from rich.console import Console
-
-    from zoo.evaluate.score_driver import score_driver
-
-    return score_driver(ckpt, options, Console(emoji=False))
+    driver = find_driver(ckpt)  # reports a wrong path before torch is imported
+    with loading():
+        from zoo.evaluate.evaluation import score_driver
+    return score_driver(driver, options, Console(emoji=False))
 
 
 @command
@@ -57,11 +60,10 @@ def replay(ckpt: str, recording: str, *, options: ReplayOptions) -> "Replay":
         InputError: the checkpoint or the recording cannot be used; or the network steered NaN,
             after all files are written.
     """
-    from rich.console import Console
-
-    from zoo.evaluate.replay_score import replay_recording
-
-    return replay_recording(ckpt, recording, options, Console(emoji=False))
+    driver = find_driver(ckpt)
+    with loading():
+        from zoo.evaluate.replay_score import replay_recording
+    return replay_recording(driver, recording, options, Console(emoji=False))
 
 
 def evaluate_or_replay(arguments: list[str]) -> None:

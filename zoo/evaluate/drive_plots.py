@@ -99,33 +99,24 @@ def degradation_curves(
     """
     columns = min(4, len(curves))
     rows = -(-len(curves) // columns)
-    figure = NotebookFigure(
-        figsize=(max(4.5, 3.4 * columns), 2.7 * rows + 0.6), layout="constrained"
-    )
+    size = max(4.5, 3.4 * columns), 2.7 * rows + 0.6
+    figure = NotebookFigure(figsize=size, layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True)).ravel()
-    worst = max(one["cte_mean_m"] for by_value in curves.values() for one in by_value.values())
+    worst = max(drive["cte_mean_m"] for by_value in curves.values() for drive in by_value.values())
     for axis in axes[len(curves) :]:
         axis.axis("off")
-    for number, (axis, (label, by_value)) in enumerate(zip(axes, curves.items(), strict=False)):
-        values = list(by_value)
-        share = [100 * one["autonomy"] for one in by_value.values()]
-        error = [one["cte_mean_m"] for one in by_value.values()]
+    for axis, (label, by_value) in zip(axes, curves.items(), strict=False):
+        share = [100 * drive["autonomy"] for drive in by_value.values()]
+        error = [drive["cte_mean_m"] for drive in by_value.values()]
         axis.axvline(usual[label], color=GREY, ls=":", lw=1)
-        other = axis.twinx()
-        other.plot(values, error, color=ORANGE, marker=".", lw=1.2)
-        other.set_ylim(0, max(1.0, 1.1 * worst))
-        axis.plot(values, share, color=BLUE, marker="o", lw=2)
+        axis.plot(list(by_value), share, color=BLUE, marker="o", lw=2)
         axis.set(xlabel=label, ylim=(-4, 104))
-        axis.set_zorder(other.get_zorder() + 1)  # autonomy is in front
-        axis.patch.set_visible(False)
-        first, last = number % columns == 0, number % columns == columns - 1
-        if first:
-            axis.set_ylabel("autonomy (%)", color=BLUE)
-        if last or number == len(curves) - 1:
-            other.set_ylabel("mean cross-track error (m)", color=ORANGE)
-        else:
-            other.tick_params(right=False, labelright=False)
-        for each in (axis, other):
+        axis.set_ylabel("autonomy (%)", color=BLUE)
+        right = axis.twinx()
+        right.plot(list(by_value), error, color=ORANGE, marker=".", lw=1.2)
+        right.set_ylim(0, max(1.0, 1.1 * worst))
+        right.set_ylabel("mean cross-track error (m)", color=ORANGE)
+        for each in (axis, right):
             each.spines["top"].set_visible(False)
     figure.suptitle(title)
     return figure

@@ -1,12 +1,13 @@
 """Robustness: drives with one perturbation at a time, over a range of values."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from simulator.rig import CameraOffset
 from simulator.weather import Weather, random_weather
 from zoo.base.errors import InputError, UsageError
 from zoo.base.nearest import hint
@@ -33,57 +34,44 @@ class Perturbation:
     usual: Callable[[Scenario], float]
 
 
-def _of_scenario(label: str, name: str, *values: float) -> Perturbation:
+def _of(label: str, path: str, *values: float) -> Perturbation:
+    """Return the perturbation of a scenario's attribute, such as `weather.camera.right_m`."""
+
+    def change(part: Any, names: Sequence[str], value: float) -> Any:
+        name, *below = names
+        return replace(
+            part, **{name: change(getattr(part, name), below, value) if below else value}
+        )
+
     return Perturbation(
         label,
         values,
-        lambda scenario, value: replace(scenario, **{name: value}),
-        lambda scenario: float(getattr(scenario, name)),
+        lambda scenario, value: change(_drawn(scenario, path), path.split("."), value),
+        lambda scenario: float(attrgetter(path)(_drawn(scenario, path))),
     )
 
 
-def _of_weather(label: str, name: str, *values: float) -> Perturbation:
-    def change(scenario: Scenario, value: float) -> Scenario:
-        return replace(scenario, weather=replace(_weather(scenario), **{name: value}))
-
-    return Perturbation(
-        label, values, change, lambda scenario: float(getattr(_weather(scenario), name))
-    )
+def _drawn(scenario: Scenario, path: str) -> Scenario:
+    """Return a scenario whose random weather, if it changes, is drawn as the world draws it."""
+    if isinstance(scenario.weather, Weather) or not path.startswith("weather."):
+        return scenario
+    return replace(scenario, weather=random_weather(np.random.default_rng(scenario.seed)))
 
 
-def _of_camera(label: str, name: str, *values: float) -> Perturbation:
-    def move(scenario: Scenario, value: float) -> Scenario:
-        weather = _weather(scenario)
-        camera: CameraOffset = replace(weather.camera, **{name: value})
-        return replace(scenario, weather=replace(weather, camera=camera))
-
-    return Perturbation(
-        label, values, move, lambda scenario: float(getattr(_weather(scenario).camera, name))
-    )
-
-
-def _weather(scenario: Scenario) -> Weather:
-    """Return the weather of a scenario; `random` is drawn as the world draws it."""
-    if isinstance(scenario.weather, Weather):
-        return scenario.weather
-    return random_weather(np.random.default_rng(scenario.seed))
-
-
+LOW_SUN = "sun's elevation, deg (low: long shadows)"
 _OWN = {
-    "brightness": _of_weather("brightness, factor", "brightness", 0.3, 0.6, 1.0, 1.5, 2.0),
-    "fog": _of_weather("fog, 0..1", "fog", 0.0, 0.25, 0.5, 0.75, 1.0),
-    "blur": _of_weather("blur, sigma in pixels", "blur", 0.0, 1.0, 2.0, 4.0, 8.0),
-    "noise": _of_weather("noise, sigma of 255", "noise", 0.0, 5.0, 10.0, 20.0, 40.0),
-    "shadow": _of_weather(
-        "sun's elevation, deg (low: long shadows)", "sun_elevation_deg", 8.0, 15.0, 25.0, 42.0, 80.0
-    ),
-    "shift": _of_camera("camera to the right, m", "right_m", -0.6, -0.3, 0.0, 0.3, 0.6),
-    "tilt": _of_camera("camera tilted up, deg", "pitch_deg", -4.0, -2.0, 0.0, 2.0, 4.0),
-    "latency": _of_scenario("added latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
-    "frame_rate": _of_scenario("frames per second", "frame_rate", 5.0, 10.0, 15.0, 20.0, 30.0),
-    "speed": _of_scenario("speed, mph", "speed", 10.0, 15.0, 20.0, 25.0, 30.0),
-    "offset": _of_scenario("start to the right, m", "offset", -2.0, -1.0, 0.0, 1.0, 2.0),
-    "heading": _of_scenario("start pointing right, deg", "heading", -20.0, -10.0, 0.0, 10.0, 20.0),
+    "brightness": _of("brightness, factor", "weather.brightness", 0.3, 0.6, 1.0, 1.5, 2.0),
+    "fog": _of("fog, 0..1", "weather.fog", 0.0, 0.25, 0.5, 0.75, 1.0),
+    "blur": _of("blur, sigma in pixels", "weather.blur", 0.0, 1.0, 2.0, 4.0, 8.0),
+    "noise": _of("noise, sigma of 255", "weather.noise", 0.0, 5.0, 10.0, 20.0, 40.0),
+    "shadow": _of(LOW_SUN, "weather.sun_elevation_deg", 8.0, 15.0, 25.0, 42.0, 80.0),
+    "shift": _of("camera to the right, m", "weather.camera.right_m", -0.6, -0.3, 0.0, 0.3, 0.6),
+    "tilt": _of("camera tilted up, deg", "weather.camera.pitch_deg", -4.0, -2.0, 0.0, 2.0, 4.0),
+    "latency": _of("added latency, s", "delay_s", 0.0, 0.1, 0.2, 0.4, 0.6),
+    "frame_rate": _of("frames per second", "frame_rate", 5.0, 10.0, 15.0, 20.0, 30.0),
+    "speed": _of("speed, mph", "speed", 10.0, 15.0, 20.0, 25.0, 30.0),
+    "offset": _of("start to the right, m", "offset", -2.0, -1.0, 0.0, 1.0, 2.0),
+    "heading": _of("start pointing right, deg", "heading", -20.0, -10.0, 0.0, 10.0, 20.0),
 }
 PERTURBATIONS: Registry[Perturbation] = Registry("perturbation")
 for _name, _perturbation in _OWN.items():

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,14 +13,12 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import Field
 from rich.console import Console
 
-from simulator.expert import Expert
 from simulator.track_names import file_name
 from simulator.weather import CLEAR
-from zoo.base.command_keys import constructed
+from zoo.base.command_keys import check_keys, constructed, keys_of
 from zoo.base.errors import InputError
-from zoo.base.nearest import hint
 from zoo.base.written_files import remove_written
-from zoo.checkpoints.command import Policy, as_policy
+from zoo.checkpoints.command import Policy
 from zoo.cli.console_progress import working
 from zoo.drives.drive_film import DriveFilm, WorstMoments
 from zoo.drives.drive_log import summarize, write_drive
@@ -30,9 +28,10 @@ from zoo.evaluate.drive_plots import birds_eye, error_over_distance
 from zoo.evaluate.drives_table import mean_and_spread, nan_line, with_deviation
 from zoo.evaluate.evaluate_options import EvaluateOptions, check_world
 from zoo.runs.plots import save_figure
+from zoo.worlds.baseline import Baseline
 from zoo.worlds.cluster_pool import Executor
 from zoo.worlds.embedded_world import EmbeddedWorld
-from zoo.worlds.run_drives import Keep, PolicyMaker, all_drives
+from zoo.worlds.run_drives import Keep, all_drives
 from zoo.worlds.scenario import Scenario
 from zoo.worlds.world import World
 
@@ -96,13 +95,6 @@ class KeptDrive(Keep):
         }
 
 
-class _ExpertMaker(PolicyMaker):
-    def policy(self, world: World, scenario: Scenario) -> Policy:
-        """Return the expert as a policy, which needs no frames."""
-        expert = Expert(world.simulated.track)
-        return as_policy(lambda _, mph: expert(world.simulated))
-
-
 def expert_steering_per_s(scenario: Scenario) -> float:
     """Return the expert's steering change per second on a lap of the embedded world."""
     return _expert_lap(replace(scenario, seed=0, laps=1.0, weather=CLEAR, margin=None, guard=None))
@@ -110,7 +102,7 @@ def expert_steering_per_s(scenario: Scenario) -> float:
 
 @lru_cache
 def _expert_lap(scenario: Scenario) -> float:
-    (lap,) = all_drives(_ExpertMaker(), [scenario], renderer="none")
+    (lap,) = all_drives(Baseline("expert"), [scenario], renderer="none")
     return steering_per_s(lap)
 
 
@@ -185,6 +177,9 @@ def driving_line(scenarios: Sequence[Scenario]) -> str:
     return f"driving {len(scenarios)} x {laps:g} lap{'' if laps == 1 else 's'}"
 
 
+NOT_OF_RUNS = ("out", "perturb", "replay", "guard", "table", "columns", "plot", "executor")
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunScore(EvaluateOptions):
     """Options of a run's `score`: those of an evaluation, and of the choice of `best.ckpt`.
@@ -205,22 +200,8 @@ def run_options(score: DictConfig | None) -> RunScore | None:
     settings = OmegaConf.to_container(score, resolve=True) if score else {}
     if not settings:
         return None
-    known = {field.name for field in fields(RunScore)} - {
-        "out",
-        "perturb",
-        "replay",
-        "guard",
-        "table",
-        "plot",
-    }
-    unknown = sorted(set(settings) - known)
-    if unknown:
-        raise InputError(f"score.{unknown[0]}: no such key; {hint(unknown[0], sorted(known))}")
-    if not isinstance(settings.get("track", ""), str):
-        settings["track"] = ",".join(settings["track"])
-    if isinstance(settings.get("weather"), dict):
-        settings["weather"] = str(settings["weather"])
     try:
+        check_keys(settings, [key for key in keys_of(RunScore) if key.name not in NOT_OF_RUNS])
         options = RunScore(**constructed(RunScore, settings))
         check_world(options)
     except InputError as error:
@@ -260,8 +241,8 @@ def score_run(options: EvaluateOptions | None, folder: Path, console: Console) -
         return None
     for track, figures in found.tracks.items():
         console.print(
-            f"drove {figures['laps'][0]:.2f} laps of the {track} {_at(options, figures)}: "
-            f"{how_well(figures)}",
+            f"drove {figures['laps'][0]:.2f} laps of the {track} at "
+            f"{figures['speed_mph'][0]:.1f} mph: {how_well(figures)}",
             highlight=False,
             markup=False,
         )
@@ -286,9 +267,3 @@ def how_well(figures: dict) -> str:
         f"cross-track error {with_deviation(figures['cte_mean_m'], '{:.2f}', count)} m on average, "
         f"{figures['cte_max_m'][0]:.2f} m at most"
     )
-
-
-def _at(options: EvaluateOptions, figures: dict) -> str:
-    if options.throttle == "network":
-        return f"with its own throttle, at {figures['speed_mph'][0]:.1f} mph"
-    return f"at {options.speed:g} mph"

@@ -76,12 +76,9 @@ def test_the_speed_is_not_swept_where_none_is_held() -> None:
         perturbations_named("fog,speed", "network")
 
 
-@pytest.mark.parametrize(
-    ("throttle", "said", "mph"),
-    [("hold", " at 20 mph: ", 20), ("network", " with its own throttle, at 14.5 mph: ", None)],
-)
+@pytest.mark.parametrize(("throttle", "mph"), [("hold", 20), ("network", None)])
 def test_a_run_says_how_fast_it_was_driven(
-    throttle: str, said: str, mph: float | None, tmp_path: Path, console, monkeypatch
+    throttle: str, mph: float | None, tmp_path: Path, console, monkeypatch
 ) -> None:
     keys = ("laps", "autonomy", "interventions", "cte_mean_m", "cte_max_m")
     figures = dict.fromkeys(keys, (1.0, None)) | {"speed_mph": (14.5, None)}
@@ -90,7 +87,7 @@ def test_a_run_says_how_fast_it_was_driven(
     monkeypatch.setattr(track_scores, "score_on_tracks", lambda *_: scores)
     options = read_options(EvaluateOptions, [f"throttle={throttle}", "speed=20"])
     found = track_scores.score_run(options, tmp_path, console)
-    assert said in console.file.getvalue()
+    assert " at 14.5 mph: " in console.file.getvalue()
     assert (found["speed_mph"], found["throttle"]) == (mph, throttle)
 
 
