@@ -1,22 +1,20 @@
 """Rank correlations of open-loop metrics with driving, the texts of the study offline_metrics."""
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.measuring import markdown_table
-from benchmarks.study_lines import Row, Rows, grouped
+from benchmarks.study_csv import Row, Rows, grouped
 
+# Metrics on a network's own test rows and on the recording of recoveries, and the sign with which a
+# larger value is worse.
 METRICS = {
-    "test_mse": "MSE",
-    "test_mae": "MAE",
-    "test_balanced_mae": "balanced MAE",
-    "test_bias": "absolute bias",
-}
-# Metrics on the recording of recoveries, and the sign with which a larger value is worse.
-RECOVERIES = {
+    "test_mse": ("MSE", 1),
+    "test_mae": ("MAE", 1),
+    "test_balanced_mae": ("balanced MAE", 1),
+    "test_bias": ("absolute bias", 1),
     "recoveries_mse": ("MSE", 1),
     "recoveries_mae": ("MAE", 1),
     "recoveries_balanced_mae": ("balanced MAE", 1),
@@ -38,7 +36,8 @@ def networks(rows: Rows) -> list[Row]:
     If the first epoch was the best, a longer training has the same network.
     """
     driven = [row for row in rows if row["lake_autonomy"]]
-    return list({tuple(abs_of(row, key) for key in METRICS): row for row in driven}.values())
+    own = [key for key in METRICS if key.startswith("test_")]
+    return list({tuple(abs_of(row, key) for key in own): row for row in driven}.values())
 
 
 def abs_of(row: Row, key: str) -> float:
@@ -70,42 +69,26 @@ def by_split(rows: Rows) -> dict[str, list[Row]]:
     return {name: group for name, group in groups.items() if len(group) >= FEWEST}
 
 
-def correlation_table(name: str, lines: Iterable[tuple[list[str], Rows, str, int]]) -> str:
-    """Return a Markdown table of rank correlations.
-
-    Args:
-        name: heading of the metrics.
-        lines: first cells of each line, its networks, its metric and the metric's sign.
-    """
-    cells = []
-    for first, rows, metric, sign in lines:
-        found = [
-            rank_correlation(column(rows, metric, sign), column(rows, key, worse))
-            for key, (_, worse) in DRIVEN.items()
-        ]
-        shown = [f"{value:+.2f} ({low:+.2f} to {high:+.2f})" for value, low, high in found]
-        cells.append([*first, str(len(rows)), *shown])
+def correlation_table(rows: Rows, where: str, head: list[str]) -> str:
+    """Return a Markdown table with a line for each metric on some rows, and split of those."""
+    lines = []
+    groups = by_split(rows) if "split" in head else {"": networks(rows)}
+    for metric, (label, sign) in METRICS.items():
+        for split, own in groups.items() if metric.startswith(where) else ():
+            cells = [label, split, str(len(own))] if split else [label, str(len(own))]
+            for key, (_, worse) in DRIVEN.items():
+                found = rank_correlation(column(own, metric, sign), column(own, key, worse))
+                cells.append("{:+.2f} ({:+.2f} to {:+.2f})".format(*found))
+            lines.append(cells)
     labels = [label for label, _ in DRIVEN.values()]
-    more = ["split"] * (len(cells[0]) - len(labels) - 2)
-    head = [name, *more, "networks", *labels]
-    return markdown_table(head, cells, left=1 + len(more))
+    return markdown_table([*head, "networks", *labels], lines, left=len(head))
 
 
 def test_rows(rows: Rows) -> str:
     """Return a line for each metric of a network's own test rows, and split."""
-    return correlation_table(
-        "metric on the test rows",
-        (
-            ([label, split], own, metric, 1)
-            for metric, label in METRICS.items()
-            for split, own in by_split(rows).items()
-        ),
-    )
+    return correlation_table(rows, "test_", ["metric on the test rows", "split"])
 
 
 def recoveries(rows: Rows) -> str:
     """Return a line for each metric of the recoveries, over all networks."""
-    return correlation_table(
-        "metric on the recoveries",
-        (([label], networks(rows), metric, sign) for metric, (label, sign) in RECOVERIES.items()),
-    )
+    return correlation_table(rows, "recoveries_", ["metric on the recoveries"])

@@ -10,13 +10,11 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
-from benchmarks.study_cells import packaged
+from benchmarks.measuring import print_table
+from benchmarks.study_csv import merge, read_csv, write_csv
 from benchmarks.study_grid import FOLDER, Entry, Study
 from benchmarks.study_plots import PLOTS
-from benchmarks.study_tables import merge, read_csv, write_csv, write_tables
+from benchmarks.study_tables import packaged, write_tables
 from zoo.base.errors import InputError, UsageError
 
 READERS = {"packaged": packaged}
@@ -76,10 +74,7 @@ def write_results(study: Study) -> list[Path]:
     for path, name in zip(plots, config.get("plots", {}).values(), strict=True):
         PLOTS[name](rows, path)
     if rows and not pages:
-        table = Table(*rows[0])
-        for row in rows:
-            table.add_row(*row.values())
-        Console().print(table)
+        print_table(list(rows[0]), [list(row.values()) for row in rows])
     return [*map(Path, [config["csv"]] if "csv" in config else []), *pages, *plots]
 
 

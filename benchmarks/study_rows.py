@@ -9,13 +9,12 @@ import hashlib
 import itertools
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
-os.environ.setdefault(
-    "NO_ALBUMENTATIONS_UPDATE", "1"
-)  # it would look for its newest version online
+# It would look for its newest version online.
+os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")
 
 import numpy as np
 from omegaconf import OmegaConf
@@ -111,37 +110,50 @@ def student_laps(study: Study) -> dict[str, str]:
     return {}
 
 
-def result_rows(study: Study, entry: Entry) -> list[Row]:
-    """Return a row for each run: its test rows, its laps of lake and mountain, and recoveries."""
-    rows = []
-    for run in entry.finished:
-        metrics = read_metrics_file(run)
-        test, zero = metrics["open_loop"]["test"], metrics["baselines"]["test"]["always zero"]
-        row: Row = {
-            "model": entry.labels["model"],
-            "setting": entry.labels["setting"],
-            "split": OmegaConf.load(run / ".hydra" / "config.yaml").data.split,
-            "seed": run.name,
-            "in_table": entry.labels["in_table"],
-            "parameters": metrics["parameters"],
-            "epochs": metrics["epochs"],
-            "train_s": round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1),
-            "samples_per_second": round(metrics["samples_per_second"] or 0),
-        }
-        row |= {
-            f"test_{key}": round(test[key], 6) for key in ("mse", "mae", "balanced_mae", "bias")
-        }
-        row["test_zero_mse"] = round(zero["mse"], 6)
-        for track in ("lake", "mountain"):
-            driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
-            for key in ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms"):
-                row[f"{track}_{key}"] = round(driven[key][0], 4) if driven else ""
-        checkpoint = run / "checkpoints" / "best.ckpt"
-        figures = kept(run / "recoveries.json", lambda path=checkpoint: recovery_figures(path))
-        row |= {f"recoveries_{key}": round(value, 6) for key, value in figures.items()}
-        words = ["drivezoo", "train", *entry.words, f"seed={run.name}"]
-        rows.append(row | {"command": shlex.join(words)})
-    return rows
+def per_run(measure: Callable[[Study, Entry, Path], Iterable[Row]]) -> Callable:
+    """Return a function of all rows of an entry, from one of the rows of a run."""
+    return lambda study, entry: [
+        {**entry.labels, "seed": run.name, **row}
+        for run in entry.finished
+        for row in measure(study, entry, run)
+    ]
+
+
+def columns(figures: Mapping | None, prefix: str, names: Iterable[str], digits: int = 4) -> Row:
+    """Return rounded figures, means of several drives; empty cells where there are none."""
+    row: Row = {}
+    for name in names:
+        value = (figures or {}).get(name, "")
+        value = value[0] if isinstance(value, list | tuple) else value
+        row[f"{prefix}{name}"] = value if value == "" else round(value, digits)
+    return row
+
+
+def command(study: Study, entry: Entry, run: Path) -> Row:
+    """Return the column with the command of a run."""
+    words = ["drivezoo", "train", *study.command(entry), f"seed={run.name}"]
+    return {"command": shlex.join(words)}
+
+
+def result_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
+    """Return a run's row: its test rows, its laps of lake and mountain, and recoveries."""
+    metrics, checkpoint = read_metrics_file(run), run / "checkpoints" / "best.ckpt"
+    row: Row = {
+        "split": OmegaConf.load(run / ".hydra" / "config.yaml").data.split,
+        "parameters": metrics["parameters"],
+        "epochs": metrics["epochs"],
+        "train_s": round((metrics["seconds_per_epoch"] or 0) * metrics["epochs"], 1),
+        "samples_per_second": round(metrics["samples_per_second"] or 0),
+    }
+    errors = ("mse", "mae", "balanced_mae", "bias")
+    row |= columns(metrics["open_loop"]["test"], "test_", errors, 6)
+    row |= columns(metrics["baselines"]["test"]["always zero"], "test_zero_", ("mse",), 6)
+    for track in ("lake", "mountain"):
+        driven = (metrics["drive"] or {}).get("tracks", {}).get(track)
+        names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "latency_ms")
+        row |= columns(driven, f"{track}_", names)
+    figures = kept(run / "recoveries.json", lambda: recovery_figures(checkpoint))
+    yield row | columns(figures, "recoveries_", figures, 6) | command(study, entry, run)
 
 
 @cache
@@ -233,47 +245,43 @@ def driven(
     return list(zip(settings, map(read_json, paths), strict=True))
 
 
-def claim_rows(study: Study, entry: Entry) -> list[Row]:
-    """Return a row for each drive of each run."""
+def claim_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
+    """Return a row for each drive of a run."""
     names = ("autonomy", "interventions", "cte_mean_m", "cte_max_m", "speed_mph", "stalled_m")
-    return [
-        {
-            "recipe": entry.labels["recipe"],
+    for settings, figures in driven(study, entry, run):
+        yield {
             "experiment": entry.words[0].partition("=")[2],
-            "data": entry.labels["data"],
             "training": "quick" if study.options.quick else "published",
             "weights": "imagenet" if entry.labels["recipe"] == "E" else "",
-            "seed": run.name,
             **settings,
-            **{key: round(float(figures[key]), 4) if key in figures else "" for key in names},
+            **columns(figures, "", names),
         }
-        for run in entry.finished
-        for settings, figures in driven(study, entry, run)
-    ]
 
 
-def transfer_rows(study: Study, entry: Entry) -> list[Row]:
-    """Return a row for each run: errors on held-out rows, and its drives."""
-    rows = []
-    for run in entry.finished:
-        metrics, options = read_metrics_file(run), study.options
-        with (run / "split.csv").open(newline="") as file:
-            train_rows = sum(line["part"] == "train" for line in csv.DictReader(file))
-        row: Row = {**entry.labels, "seed": run.name, "samples": options.samples}
-        row |= {"size": "x".join(map(str, options.size)), "train_rows": train_rows}
-        for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
-            row[f"{part}_{name}"] = round(metrics["open_loop"][part][name], 6)
-            zero = metrics["baselines"][part]["always zero"]
-            row[f"{part}_zero_{name}"] = round(zero[name], 6)
-        laps = driven(study, entry, run, laps=options.laps) if options.laps else []
-        row["laps"] = f"{options.laps:g}" if laps else ""
-        tracks = study.config["drives"][0]["axes"]["track"]
-        figures = {place["track"]: lap for place, lap in laps}
-        for track, name in itertools.product(tracks, ("autonomy", "interventions", "cte_mean_m")):
-            row[f"{track}_{name}"] = round(figures[track][name], 4) if laps else ""
-        words = ["drivezoo", "train", *study.command(entry), f"seed={run.name}"]
-        rows.append(row | {"command": shlex.join(words)})
-    return rows
+def transfer_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
+    """Return a run's row: errors on held-out rows, and its drives."""
+    metrics, options = read_metrics_file(run), study.options
+    with (run / "split.csv").open(newline="") as file:
+        train_rows = sum(line["part"] == "train" for line in csv.DictReader(file))
+    row: Row = {"samples": options.samples, "size": "x".join(map(str, options.size))}
+    row["train_rows"] = train_rows
+    for part, name in itertools.product(("val", "test"), ("mse", "balanced_mae")):
+        row |= columns(metrics["open_loop"][part], f"{part}_", (name,), 6)
+        row |= columns(metrics["baselines"][part]["always zero"], f"{part}_zero_", (name,), 6)
+    laps = driven(study, entry, run, laps=options.laps) if options.laps else []
+    row["laps"] = f"{options.laps:g}" if laps else ""
+    figures = {settings["track"]: lap for settings, lap in laps}
+    for track in study.config["drives"][0]["axes"]["track"]:
+        names = ("autonomy", "interventions", "cte_mean_m")
+        row |= columns(figures.get(track), f"{track}_", names)
+    yield row | command(study, entry, run)
+
+
+def first_try_rows(study: Study, entry: Entry, run: Path) -> Iterable[Row]:
+    """Return a run's row: its seconds, and its lap."""
+    lake = read_metrics_file(run)["drive"]["tracks"]["lake"]
+    seconds = columns(read_json(run / "log_seconds.json"), "", ("wall_s", "cpu_s"), 0)
+    yield seconds | columns(lake, "", ("autonomy", "interventions"))
 
 
 def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
@@ -297,19 +305,11 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
         write_whole(packaged, data)
         sha256, laps = hashlib.sha256(data).hexdigest(), study.config["laps"]
         folder, workers = entry.folder / sha256[:8], f"workers={study.options.threads}"
-        jobs = {
-            "lake": ["zoo.evaluate", str(packaged), "track=lake", f"seeds={laps}", workers],
-            "quick": [
-                "zoo.benchmark",
-                str(packaged),
-                "suite=quick",
-                f"entry={entry.name}",
-                workers,
-            ],
-        }
-        for name, words in jobs.items():
+        evaluate = ["zoo.evaluate", str(packaged), "track=lake", f"seeds={laps}"]
+        benchmark = ["zoo.benchmark", str(packaged), "suite=quick", f"entry={entry.name}"]
+        for name, words in (("lake", evaluate), ("quick", benchmark)):
             if not list((folder / name).glob("*.json")):
-                run_logged(folder / f"{name}.txt", [*words, f"out={folder / name}"], 1)
+                run_logged(folder / f"{name}.txt", [*words, workers, f"out={folder / name}"], 1)
         figures = read_metrics_file(folder / "lake")["tracks"]["lake"]
         result = read_result(folder / "quick")
         facts = {
@@ -344,36 +344,16 @@ def pretrained_rows(study: Study, entry: Entry) -> list[Row]:
     return []
 
 
-def first_try_rows(study: Study, entry: Entry) -> list[Row]:
-    """Return a row for each run: its seconds, and the laps of its best and last checkpoint."""
-    rows = []
-    for run in entry.finished:
-        metrics, seconds = read_metrics_file(run), read_json(run / "log_seconds.json")
-        best = last = metrics["drive"]["tracks"]["lake"]
-        if metrics["best_epoch"] != metrics["epochs"]:
-            words = [str(run / "checkpoints" / "last.ckpt"), "track=lake", "speed=15", "seeds=1"]
-            if not (run / "last" / "metrics.json").is_file():
-                words += [f"out={run / 'last'}"]
-                run_logged(run / "last.txt", ["zoo.evaluate", *words], study.options.threads)
-            last = read_metrics_file(run / "last")["tracks"]["lake"]
-        row: Row = {**entry.labels, "seed": run.name}
-        row |= {name: round(seconds[name]) for name in ("wall_s", "cpu_s")}
-        for name, score in (("best", best), ("last", last)):
-            row[name] = f"{score['autonomy'][0]:.1%}, {score['interventions'][0]:g}"
-        rows.append(row | {"best_epoch": f"{metrics['best_epoch']} of {metrics['epochs']}"})
-    return rows
-
-
 PREPARE: dict[str, Callable[[Study], dict]] = {
     "bench_v1": suite_root,
     "shares": shares,
     "student_laps": student_laps,
 }
 ROWS: dict[str, Callable[[Study, Entry], list[Row]]] = {
-    "results": result_rows,
+    "results": per_run(result_rows),
     "board": board_rows,
-    "claims": claim_rows,
-    "transfer": transfer_rows,
+    "claims": per_run(claim_rows),
+    "transfer": per_run(transfer_rows),
     "pretrained": pretrained_rows,
-    "first_try": first_try_rows,
+    "first_try": per_run(first_try_rows),
 }

@@ -1,50 +1,229 @@
-"""The tables of a study: rows of its CSV file, and tables between two markers of a page."""
+"""The tables of the studies: their cells and texts, which a study's YAML names.
 
-import csv
-from collections.abc import Mapping, Sequence
+A function of `CELLS` receives the rows of a line's group, all as text, and its arguments.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.measuring import markdown_table, write_between
-from benchmarks.study_cells import CELLS, CHOICES, LARGEST, NOT_MEASURED, TEXTS
-from benchmarks.study_lines import Row, Rows, grouped
+from benchmarks.rank_correlations import recoveries, test_rows
+from benchmarks.study_csv import Rows, grouped
+from zoo.drives.bootstrap import mean_over_seeds
+from zoo.drives.intervals import count_with_interval
+
+NOT_MEASURED = "Not measured yet."
 
 
-def read_csv(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a CSV file, all as text; none where it does not exist."""
-    if not path.is_file():
-        return []
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+def floats(rows: Rows, key: str) -> list[float]:
+    """Return the numbers of a column; empty cells are left out."""
+    return [float(row[key]) for row in rows if row[key] != ""]
 
 
-def write_csv(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows with the same keys as a CSV file; the keys of the first are its header."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+def figures(rows: Rows, form: str, *keys: str) -> str:
+    """Return figures in a form: means of columns, or `least KEY`, `most KEY`; `-` without all.
 
-
-def merge(
-    old: Rows, new: Rows, key: Sequence[str], same: Sequence[str] = (), sort: Sequence[str] = ()
-) -> list[Row]:
-    """Return rows with new ones in place of those with the same key, and further ones at the end.
-
-    Args:
-        old: rows of the file.
-        new: rows that were measured, with values of any type.
-        key: columns that tell rows apart.
-        same: columns in which all rows must agree; others of `old` are left out.
-        sort: columns by whose text the rows are sorted.
+    >>> figures([{"x": "0.5"}, {"x": "1"}], "{:.0%} ({:.0%})", "x", "least x")
+    '75% (50%)'
     """
-    rows = {
-        tuple(row[name] for name in key): row
-        for row in old
-        if all(row[name] == str(new[0][name]) for name in same)
-    }
-    rows |= {tuple(str(row[name]) for name in key): row for row in new}
-    return sorted(rows.values(), key=lambda row: [str(row[name]) for name in sort])
+    values = []
+    for key in keys:
+        ends, _, name = key.rpartition(" ")
+        if len(column := floats(rows, name)) < len(rows):
+            return "-"
+        values.append({"": np.mean, "least": min, "most": max}[ends](column))
+    return form.format(*values)
+
+
+def duration(rows: Rows, key: str) -> str:
+    """Return the mean duration; `-` for runs that were resumed after their last epoch."""
+    seconds = float(np.mean(floats(rows, key)))
+    if not seconds:
+        return "-"
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def clean_laps(rows: Rows, key: str, label: str = "") -> str:
+    """Return how many laps had no intervention, with Wilson's interval and its label."""
+    clean = sum(row[key] != "" and not float(row[key]) for row in rows)
+    return count_with_interval(clean, len(rows)).replace("95 %: ", label)
+
+
+def mean_with_interval(rows: Rows, key: str) -> str:
+    """Return a mean share and its 95 % interval by Student's t, in percent within 0..100.
+
+    >>> mean_with_interval([{"x": "0.9"}, {"x": "1"}, {"x": "0.95"}], "x")
+    '95.0 % (82.6 to 100.0)'
+    >>> mean_with_interval([{"x": "0.9"}], "x"), mean_with_interval([{"x": ""}], "x")
+    ('90.0 %', '-')
+    """
+    percents = [100 * share for share in floats(rows, key)]
+    if not percents:
+        return "-"
+    mean, count = float(np.mean(percents)), len(percents)
+    if count < 2:
+        return f"{mean:.1f} %"
+    interval = mean_over_seeds(mean, float(np.std(percents, ddof=1)), count, (0, 100))
+    low, high = (mean, mean) if math.isnan(interval.low) else (interval.low, interval.high)
+    return f"{mean:.1f} % ({low:.1f} to {high:.1f})"
+
+
+# Cells of the board, whose entries have a row for each group of roads.
+
+
+def of_group(rows: Rows, group: str, figure: str) -> list[str]:
+    """Return a figure of a group of roads, and its lower and upper bound; empty without one."""
+    found = [row for row in rows if row["group"] == group]
+    return [found[0][figure + bound] if found else "" for bound in ("", "_low", "_high")]
+
+
+def trained(rows: Rows, key: str) -> str:
+    """Return a whole number; `-` for a baseline, which is not trained."""
+    return f"{int(rows[0][key]):,}" if rows[0]["training"] else "-"
+
+
+def number(rows: Rows, group: str, figure: str, form: str = "", scale: int = 1) -> str:
+    """Return a figure with its 95 % interval; a lower bound alone where there is no value.
+
+    >>> number([{"group": "like", "x": "", "x_low": "812.4", "x_high": ""}], "like", "x")
+    '812 or more'
+    >>> number([{"group": "like", "x": "0.25", "x_low": "0.2", "x_high": "0.31"}], "like", "x")
+    '0.25 (0.20 to 0.31)'
+    """
+    value, low, high = (
+        cell and f"{scale * float(cell):{form or (',.0f' if abs(float(cell)) >= 10 else ',.2f')}}"
+        for cell in of_group(rows, group, figure)
+    )
+    if not value:
+        return f"{low} or more" if low else "-"
+    unit = " %" if scale == 100 else ""
+    return f"{value}{unit} ({low} to {high})" if low and high else f"{value}{unit}"
+
+
+def percent(rows: Rows, group: str, figure: str) -> str:
+    """Return a share with its 95 % interval, in percent.
+
+    >>> percent([{"group": "like", "x": "0.9", "x_low": "0.85", "x_high": "1.0"}], "like", "x")
+    '90.0 % (85.0 to 100.0)'
+    """
+    return number(rows, group, figure, ".1f", 100)
+
+
+def clean_drives(rows: Rows) -> str:
+    """Return how many of an entry's drives had no intervention, with Wilson's interval."""
+    counts = [
+        (float(row["without_intervention"]), int(row["drives"]))
+        for row in rows
+        if row["group"] != "headline"
+    ]
+    clean = sum(round(share * drives) for share, drives in counts)
+    return count_with_interval(clean, sum(drives for _, drives in counts)).replace("95 %: ", "")
+
+
+def headline(rows: Rows) -> float:
+    """Return an entry's interquartile mean of the autonomy."""
+    return float(of_group(rows, "headline", "autonomy")[0])
+
+
+def best_of_network(entries: Sequence[Rows]) -> list[Rows]:
+    """Return the first entry of each network."""
+    best: dict[str, Rows] = {}
+    for entry in entries:
+        best.setdefault(entry[0]["network"], entry)
+    return list(best.values())
+
+
+def longest(entries: Sequence[Rows]) -> list[Rows]:
+    """Return the trainings with the most samples; others are not compared."""
+    most = max((int(rows[0]["samples"]) for rows in entries), default=0)
+    return [rows for rows in entries if int(rows[0]["samples"]) == most]
+
+
+# Cells of the write-ups' claims.
+
+DATA = {"expert": "expert, `udacity_lake`", "real": "real recording"}
+# What the write-ups say of a track; nothing is claimed of the others.
+CLAIMS = {
+    ("A", "udacity_lake"): "drives, a little rough in the first sharp turn",
+    ("A", "udacity_jungle"): "drives without a fault, not trained on it",
+    ("B", "udacity_lake"): "drives a lap",
+    ("C", "udacity_lake", "throttle 0.2"): "drives",
+    ("C", "udacity_jungle", "throttle 0.3"): "drives, not trained on it",
+}
+
+
+def claim(rows: Rows) -> str:
+    """Return what the write-up says of a track and, if it names one, a speed control."""
+    place = rows[0]["recipe"], rows[0]["track"]
+    return CLAIMS.get((*place, rows[0]["control"])) or CLAIMS.get(place, "-")
+
+
+def stalls_or_autonomy(rows: Rows) -> str:
+    """Return where drives stalled, or else the mean autonomy with its interval."""
+    stalls = floats(rows, "stalled_m")
+    if not stalls:
+        return mean_with_interval(rows, "autonomy")
+    places = " to ".join(dict.fromkeys(f"{ends(stalls):.0f}" for ends in (min, max)))
+    moved = floats(rows, "autonomy")
+    others = f"; the others {100 * np.mean(moved):.1f} %" if moved else ""
+    return f"{len(stalls)} of {len(rows)} stall, at {places} m{others}"
+
+
+def commands(rows: Rows) -> str:
+    """Return the commands that train the recipes of a table, as a block."""
+    lines = [
+        f"# {group[0]['setting']}\n{group[0]['command'].removesuffix(' seed=1')}"
+        for group in grouped(rows, ["setting"])
+    ]
+    return "\n".join(["```bash", *lines, "```"])
+
+
+def packaged() -> list[dict]:
+    """Return the facts of the networks that come trained, the smallest first."""
+    from zoo.checkpoints.checkpoint_path import packaged_names, read_facts
+
+    rows = []
+    for name in packaged_names():
+        facts = read_facts(name)
+        unseen = facts["drives"]["unseen"]
+        row = {**facts, **facts["drives"], "name": name, "kB": facts["bytes"] / 1000}
+        row["kept"] = count_with_interval(unseen["kept"], unseen["drives"])
+        row["percent"] = {key: 100 * value for key, value in unseen["headline"].items()}
+        rows.append(row)
+    return sorted(rows, key=lambda row: row["parameters"])
+
+
+CELLS: dict[str, Callable[..., str]] = {
+    "claim": claim,
+    "claim_data": lambda rows: DATA[rows[0]["data"]],
+    "clean_drives": clean_drives,
+    "clean_laps": clean_laps,
+    "count": lambda rows: str(len(rows)),
+    "duration": duration,
+    "figures": figures,
+    "mean_with_interval": mean_with_interval,
+    "number": number,
+    "percent": percent,
+    "ratio": lambda rows, key, to: f"{np.mean(np.divide(floats(rows, key), floats(rows, to))):.2f}",
+    "share": lambda *cell: percent(*cell).partition(" (")[0],
+    "stalls_or_autonomy": stalls_or_autonomy,
+    "text": lambda rows, form: form.format(**rows[0]) or "-",
+    "trained": trained,
+}
+CHOICES: dict[str, Callable[[Sequence[Rows]], list[Rows]]] = {
+    "best_of_network": best_of_network,
+    "by_frame_rate": lambda entries: sorted(entries, key=lambda rows: floats(rows, "frame_rate")),
+    "by_headline": lambda entries: sorted(entries, key=lambda rows: -headline(rows)),
+    "longest": longest,
+}
+TEXTS: dict[str, Callable[[Rows], str]] = {
+    "commands": commands,
+    "recoveries": recoveries,
+    "test_rows": test_rows,
+}
 
 
 def table(spec: Mapping, rows: Rows) -> str:
@@ -80,7 +259,6 @@ def write_tables(specs: Sequence[Mapping], rows: Rows) -> list[Path]:
             if all(row[key] == value for key, value in spec.get("where", {}).items())
             and ("needs" not in spec or row[spec["needs"]])
         ]
-        shown = LARGEST[spec["rows"]](shown) if "rows" in spec else shown
         if "each" not in spec:
             write_between(Path(spec["page"]), spec["marker"], table(spec, shown))
             pages.append(Path(spec["page"]))
