@@ -65,7 +65,7 @@ def offline_metrics(rows: Rows, path: Path) -> None:
 
 def board_page(rows: Rows, path: Path) -> None:
     """Write the board as one self-contained HTML page whose columns sort."""
-    from zoo.leaderboard.ranking_page import render_page
+    from zoo.leaderboard.ranking_page import PAGE
 
     # Heading, cell, and its arguments.
     cells = [(name, "text", f"{{{name}}}") for name in ("entry", "training", "network")]
@@ -92,7 +92,7 @@ def board_page(rows: Rows, path: Path) -> None:
         {"key": group, "heading": group, "kind": "figure", "less": False, "share": True}
         for group in ("headline", *GROUPS)
     ]
-    page = render_page(
+    page = PAGE.render(
         title="drivezoo-bench v1",
         where="docs/benchmark.csv",
         lead="Autonomy by group of roads, with 95 % intervals over roads and training seeds. "
@@ -100,6 +100,7 @@ def board_page(rows: Rows, path: Path) -> None:
         heads=[(heading, cell == "text") for heading, cell, *_ in cells],
         rows=lines,
         data={"axes": axes, "entries": scripted, "curves": []},
+        unranked=[],
     )
     path.write_text(page)
 

@@ -8,9 +8,7 @@ import pytest
 
 from tests.zoo.drive.browser import CHROMIUM, Browser
 from tests.zoo.sweeps import change_status, write_run
-from zoo.leaderboard.ranking import rank
-from zoo.leaderboard.ranking_page import write_page
-from zoo.leaderboard.scored import read_scored
+from zoo.leaderboard.ranking_page import Ranking
 from zoo.report.write_up import write_report
 
 IMAGE = "<img src=x onerror=hacked=1>"
@@ -68,8 +66,7 @@ def check_harmless(page: Path, images: int, scripts: int, profile: Path) -> str:
 
 @needs_chromium
 def test_the_ranking_shows_hostile_names_as_text(runs: list[Path], tmp_path: Path) -> None:
-    found, unranked = read_scored(runs)
-    page = write_page(tmp_path / "page.html", HOSTILE, rank(found), unranked, tmp_path)
+    page = Ranking.read(runs, tmp_path).write_page(tmp_path / "page.html", HOSTILE)
     shown = check_harmless(page, 0, 2, tmp_path / "profile")
     for text in (HOSTILE, IMAGE, NAME):
         assert text in shown
@@ -86,7 +83,7 @@ def test_the_report_shows_hostile_names_as_text(
 
 
 def test_each_page_allows_only_its_own_content(runs: list[Path], tmp_path: Path) -> None:
-    ranking = write_page(tmp_path / "page.html", "x", rank(read_scored(runs)[0]), [], tmp_path)
+    ranking = Ranking.read(runs, tmp_path).write_page(tmp_path / "page.html", "x")
     for page in (ranking, write_report(runs[0])):
         text = page.read_text()
         policy = html.unescape(text.split('Content-Security-Policy" content="')[1].split('"')[0])

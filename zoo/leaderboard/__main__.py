@@ -1,5 +1,6 @@
 """`drivezoo leaderboard`: rank all runs, the best driver first."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,13 +31,8 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
     Raises:
         InputError: a folder does not exist, or contains neither runs nor drives.
     """
-    from zoo.leaderboard.ranking_page import Ranking, write_page
-    from zoo.leaderboard.run_folders import (
-        common_folder,
-        drive_folders,
-        remedy_without_runs,
-        run_folders,
-    )
+    from zoo.leaderboard.ranking_page import Ranking
+    from zoo.leaderboard.scored import drive_folders, run_folders
     from zoo.runs.table_files import check_table, write_asked
 
     check_table(tables.table, tables.columns)
@@ -45,18 +41,21 @@ def leaderboard(*folder: str | Path, tables: TableFiles) -> "Ranking":
     for root in roots:
         if not root.is_dir():
             raise InputError(f"{root}: no such folder; usage: {leaderboard.usage}")
-    folders = sorted(set(run_folders(roots)))
+    folders = sorted({path for root in roots for path in run_folders(root)})
     drives = sorted({path for root in named for path in drive_folders(root)})
     if not folders and not drives:
         raise InputError(
-            f"{', '.join(map(str, roots))}: no runs found; {remedy_without_runs(roots)}"
+            f"{', '.join(map(str, roots))}: no runs found; train one: drivezoo train, or score a "
+            "checkpoint: drivezoo evaluate CKPT out=FOLDER"
         )
     title = f"leaderboard of {', '.join(map(str, roots))}: {len(folders)} runs"
     title += f", {len(drives)} evaluations, benchmarks or drives" if drives else ""
-    ranking = Ranking.read(folders, common_folder(roots), drives, title)
-    ranking.written.append(
-        write_page(roots[0] / PAGE, "Leaderboard", ranking.entries, ranking.unranked, ranking.under)
-    )
+    try:
+        under = Path(os.path.commonpath([root.resolve() for root in roots]))
+    except ValueError:  # on different drives of Windows
+        under = roots[0]
+    ranking = Ranking.read(folders, under, drives, title)
+    ranking.written.append(ranking.write_page(roots[0] / PAGE, "Leaderboard"))
     ranking.written.extend(write_asked(ranking, tables.table, columns=tables.columns))
     return ranking
 

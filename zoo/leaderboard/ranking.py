@@ -4,14 +4,12 @@ Sweeps and the leaderboard use it. Runs without a drive rank below all runs with
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
-from zoo.drives.drive_record import REPLAY, SOCKET
-from zoo.drives.metrics import leaderboard_metrics
 from zoo.evaluate.drives_table import mean_and_deviation
-from zoo.leaderboard.scored import BENCHMARK, LENGTHS, Count, Scored
+from zoo.leaderboard.scored import Scored
 from zoo.runs.record_fields import Spread
 
 LAST = float("inf")  # sorts after every figure
@@ -24,35 +22,39 @@ class Entry:
     """A row of the ranking: a run, or several that differ only in their training seed.
 
     Attributes:
-        figures: by `autonomy`, `cte_m`, `val_mse`, ..., mean and sample deviation over the training
-            seeds; by `TRACK/drives`, the `Count` of all drives. None where a run lacks the figure.
+        figures: by `autonomy`, `cte_m`, `val_mse`, ..., and by `TRACK/autonomy`, ..., mean and
+            sample deviation over the training seeds; by `TRACK/drives`, share of the drives without
+            an intervention. None where a run lacks the figure.
+        counts: by track, number of drives without an intervention and of drives.
     """
 
     runs: tuple[Scored, ...]
-    figures: dict[str, Spread | Count | None]
+    figures: dict[str, Spread | None]
+    counts: dict[str, tuple[int, int]]
 
     @property
     def first(self) -> Scored:
         """Return the run with the lowest training seed."""
         return self.runs[0]
 
-    def short_drive(self, track: str | None = None) -> str:
+    def short_drive(self, track: str = "") -> str:
         """Return the length of the shortest drives of less than a lap, such as `0.1 laps`.
 
         Args:
-            track: track of the drives; None for any.
+            track: track of the drives; empty for any.
 
         Returns:
             The length; empty if all drives are as long as a lap, or their length is unknown.
         """
-        driven = [
-            one for run in self.runs for name, one in run.tracks.items() if track in (None, name)
-        ]
-        laps = [one["laps"] for one in driven if "laps" in one]
-        metres = [one["driven_m"] for one in driven if "laps" not in one and "driven_m" in one]
-        if laps and min(laps) < WHOLE_LAP:
-            return f"{min(laps):.2g} laps"
-        return f"{min(metres):.0f} m" if metres and min(metres) < LAP_M else ""
+        tracks = [pair for run in self.runs for pair in run.tracks.items()]
+        driven = [figures for name, figures in tracks if track in ("", name)]
+        laps = min((one["laps"] for one in driven if "laps" in one), default=LAST)
+        if laps < WHOLE_LAP:
+            return f"{laps:.2g} laps"
+        metres = min(
+            (one.get("driven_m", LAST) for one in driven if "laps" not in one), default=LAST
+        )
+        return f"{metres:.0f} m" if metres < LAP_M else ""
 
 
 def rank(runs: Sequence[Scored]) -> list[Entry]:
@@ -65,67 +67,43 @@ def rank(runs: Sequence[Scored]) -> list[Entry]:
     groups: dict[str, list[Scored]] = {}
     for run in runs:
         groups.setdefault(run.settings, []).append(run)
-    shared = shared_tracks(runs)
-    entries = [_entry(group, shared) for group in groups.values()]
-    return sorted(entries, key=_order)
-
-
-def shared_tracks(runs: Sequence[Scored]) -> list[str]:
-    """Return the tracks on which every run with a drive was driven."""
     driven = [run.tracks for run in runs if run.tracks]
-    return [name for name in (driven[0] if driven else {}) if all(name in one for one in driven)]
+    shared = set(driven[0]).intersection(*driven) if driven else set()
+    return sorted((_entry(group, shared) for group in groups.values()), key=_order)
 
 
 def protocols(runs: Sequence[Scored]) -> list[str]:
-    """Return descriptions of how the runs were driven; none where it is the same for all."""
-    found = {f"{', '.join(run.tracks)} {_conditions(run)}" for run in runs if run.tracks}
+    """Return tracks, world and speed of the runs' drives; none where they are the same for all."""
+    found = {
+        f"{', '.join(run.tracks)} ({run.source}{f', {run.mph:g} mph' if run.mph else ''})"
+        for run in runs
+        if run.tracks
+    }
     return sorted(found) if len(found) > 1 else []
 
 
-def _conditions(run: Scored) -> str:
-    """Return where a run was driven, and at what speed."""
-    if run.source == REPLAY:
-        return "in a replay"
-    if run.source == BENCHMARK:
-        return "in the benchmark"
-    how = f"at {run.mph:g} mph" if run.mph else "with its own throttle"
-    if not run.mph and run.val_mse is None:
-        how = "at a speed that its file does not name"  # an evaluation
-    return f"on a socket {how}" if run.source == SOCKET else how
-
-
-def _entry(runs: Sequence[Scored], shared: Sequence[str]) -> Entry:
+def _entry(runs: Sequence[Scored], shared: set[str]) -> Entry:
     runs = sorted(runs, key=lambda run: (run.seed is None, run.seed))
     figures = {
         key: _spread([getattr(run, key) for run in runs])
         for key in ("val_mse", "test_mse", "wall_s")
     }
-    for key, track_key in (("autonomy", "autonomy"), ("cte_m", "cte_mean_m")):
-        values = [_over_tracks(run, shared, track_key) for run in runs]
-        figures[key] = _spread(values)
-    shown = [one.name for one in leaderboard_metrics()]
+    figures["autonomy"] = _spread([run.mean("autonomy", shared) for run in runs])
+    figures["cte_m"] = _spread([run.mean("cte_mean_m", shared) for run in runs])
+    counts = {}
     for track in dict.fromkeys(name for run in runs for name in run.tracks):
-        for key in (*shown, *LENGTHS[:2]):
-            values = [run.tracks.get(track, {}).get(key) for run in runs]
-            figures[f"{track}/{key}"] = _spread(values)
-        counts = [run.counts.get(track) for run in runs]
-        figures[f"{track}/drives"] = None
-        if all(counts):
-            totals = (sum(column) for column in zip(*map(astuple, counts), strict=True))
-            figures[f"{track}/drives"] = Count(*totals)
-    return Entry(tuple(runs), figures)
-
-
-def _over_tracks(run: Scored, shared: Sequence[str], key: str) -> float | None:
-    tracks = [one for name, one in run.tracks.items() if not shared or name in shared]
-    values = [one[key] for one in tracks if key in one]  # null where nothing was driven
-    return float(np.mean(values)) if values and len(values) == len(tracks) else None
+        own = [run.tracks.get(track, {}) for run in runs]
+        for key in dict.fromkeys(key for one in own for key in one):
+            figures[f"{track}/{key}"] = _spread([one.get(key) for one in own])
+        if all(track in run.counts for run in runs):
+            clean, drives = np.sum([run.counts[track] for run in runs], axis=0).tolist()
+            counts[track] = clean, drives
+            figures[f"{track}/drives"] = (clean / drives, None) if drives else None
+    return Entry(tuple(runs), figures, counts)
 
 
 def _spread(values: Sequence[float | None]) -> Spread | None:
-    if not values or any(value is None for value in values):
-        return None
-    return mean_and_deviation(values)
+    return None if None in values else mean_and_deviation(values)
 
 
 def _order(entry: Entry) -> tuple:

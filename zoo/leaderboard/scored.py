@@ -1,34 +1,31 @@
-"""What is ranked, read from its folder: a run, evaluation, result of the benchmark or drive."""
+"""What is ranked, found and read: a run, an evaluation, a result of the benchmark or a drive."""
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from zoo.base.errors import InputError
+from zoo.benchmark.result import NAME as RESULT_NAME
 from zoo.drives.drive_log import LOG_NAME, SUMMARY_NAME, read_drive, read_summary
 from zoo.drives.drive_record import EMBEDDED
-from zoo.drives.metrics import METRICS, leaderboard_metrics, measure
+from zoo.drives.metrics import leaderboard_metrics, measure
 from zoo.runs.metrics_file import NAME as METRICS_NAME
 from zoo.runs.metrics_file import read_metrics_file
 from zoo.runs.run import Run, TrainedOn
 
 BENCHMARK = "benchmark"  # source of drives on the roads of a suite
 UNKNOWN = "unknown track"
+CLEAN = "drives_without_intervention"
 LENGTHS = ("laps", "driven_m", "driven_s")  # figures beside the leaderboard's metrics
 CURVES = ("train/loss", "val/mse", "drive/autonomy", "drive/cte_mean", "drive/score")
 IGNORED_KEYS = ("seed",)  # runs whose configs differ only here are repeats
-
-
-@dataclass(frozen=True)
-class Count:
-    """A number of drives, and how many of them had no intervention."""
-
-    without_intervention: int
-    drives: int
+# Folders without runs inside; a recording would be slow to search.
+SKIPPED = {"checkpoints", "plots", "drives", "recordings", "cache", "IMG", "report", "evaluation"}
+OF_DRIVES = {"drives", "evaluation"}
 
 
 @dataclass(frozen=True)
@@ -38,11 +35,10 @@ class Scored:
     Attributes:
         name: name of the experiment, of the model or of the checkpoint.
         settings: config and recordings as text, without the training seed; equal for repeats.
-        autonomy, cte_m: means over the tracks (0..1, metres); None without a drive.
         tracks: by track, the leaderboard's metrics and `LENGTHS`, each a mean over the drives.
-        counts: by track, number of drives and of those without an intervention, where known.
+        counts: by track, number of drives without an intervention and of drives, where known.
         source: source of the drives, as in `Drive`, or BENCHMARK; empty without a drive.
-        mph: speed that the controller held; None for the network's own throttle, or no drive.
+        mph: speed that the controller held; None for the network's own throttle, or if unknown.
         overrides: overrides that the user typed, by key, without those of Hydra itself.
         seed: training seed.
         trained_on: recordings of the training.
@@ -53,10 +49,8 @@ class Scored:
     folder: Path
     name: str
     settings: str
-    autonomy: float | None
-    cte_m: float | None
     tracks: dict[str, dict[str, float]]
-    counts: dict[str, Count]
+    counts: dict[str, tuple[int, int]]
     source: str
     mph: float | None = None
     overrides: dict[str, str] = field(default_factory=dict)
@@ -66,6 +60,22 @@ class Scored:
     test_mse: float | None = None
     wall_s: float | None = None
     curves: dict[str, dict[int, float]] = field(default_factory=dict, repr=False)
+
+    @property
+    def autonomy(self) -> float | None:
+        """Return the mean autonomy over the tracks."""
+        return self.mean("autonomy")
+
+    @property
+    def cte_m(self) -> float | None:
+        """Return the mean cross-track error over the tracks, in metres."""
+        return self.mean("cte_mean_m")
+
+    def mean(self, key: str, tracks: Collection[str] = ()) -> float | None:
+        """Return the mean of a figure over tracks, all if none is named; None if one lacks it."""
+        driven = [one for name, one in self.tracks.items() if not tracks or name in tracks]
+        values = [one[key] for one in driven if key in one]
+        return float(np.mean(values)) if values and len(values) == len(driven) else None
 
 
 @dataclass(frozen=True)
@@ -82,6 +92,32 @@ class Unranked:
     reason: str = ""
 
 
+def run_folders(root: Path) -> Iterator[Path]:
+    """Yield each run's folder: one with `status.json`, or with `metrics.json` and `.hydra`."""
+
+    def is_run(folder: Path) -> bool:
+        has_metrics = (folder / METRICS_NAME).is_file() and (folder / ".hydra").is_dir()
+        return has_metrics or (folder / "status.json").is_file()
+
+    return _folders(root, is_run, SKIPPED)
+
+
+def drive_folders(root: Path) -> Iterator[Path]:
+    """Yield the folders of evaluations, benchmarks and drives below a folder without runs."""
+    if any(run_folders(root)):
+        return iter(())
+    return _folders(root, lambda folder: _reader(folder) is not None, SKIPPED - OF_DRIVES)
+
+
+def _folders(root: Path, is_found: Callable[[Path], bool], skipped: set[str]) -> Iterator[Path]:
+    if is_found(root):
+        yield root
+        return
+    for path in root.iterdir():
+        if path.is_dir() and path.name not in skipped and not path.name.startswith("."):
+            yield from _folders(path, is_found, skipped)
+
+
 def read_scored(
     runs: Iterable[Path], drives: Iterable[Path] = ()
 ) -> tuple[list[Scored], list[Unranked]]:
@@ -93,7 +129,7 @@ def read_scored(
     """
     scored, unranked = [], []
     jobs = [(folder, _ranked_run) for folder in runs]
-    jobs += [(folder, load_scored) for folder in drives]
+    jobs += [(folder, _reader(folder) or load_evaluation) for folder in drives]
     for folder, load in jobs:
         try:
             found = load(folder)
@@ -109,10 +145,8 @@ def _ranked_run(folder: Path) -> Scored | Unranked:
     has_figures = run.state == "finished" or "finished_epochs" in run.status
     if has_figures and (scored := load_run(folder)) is not None:
         return scored
-    if run.state in ("running", "stopped", "failed", "pruned"):
-        reason = run.status.get("reason") if run.state in ("failed", "pruned") else ""
-        return Unranked(folder, run.state, str(reason or ""))
-    return Unranked(folder, "older")
+    is_known = run.state in ("running", "stopped", "failed", "pruned")
+    return Unranked(folder, run.state if is_known else "older", str(run.status.get("reason") or ""))
 
 
 def finished_run(folder: Path) -> Scored | None:
@@ -134,8 +168,7 @@ def load_run(folder: Path) -> Scored | None:
     if open_loop is None:
         return None
     run, drive = Run(folder), metrics.get("drive") or {}
-    tracks = run.tracks
-    for name, one in tracks.items():
+    for name, one in run.tracks.items():
         for key in ("autonomy", "cte_mean_m"):
             if key not in one:
                 raise InputError(f"metrics.json: drive.tracks.{name}.{key}: is missing")
@@ -143,9 +176,9 @@ def load_run(folder: Path) -> Scored | None:
         folder=folder,
         name=run.choices["experiment"] or metrics.get("model") or "?",
         settings=_settings(run),
-        source=EMBEDDED if tracks else "",
-        **_of_tracks(tracks),
-        mph=drive.get("speed_mph") if tracks else None,
+        source=EMBEDDED if run.tracks else "",
+        **_of_tracks(run.tracks),
+        mph=drive.get("speed_mph") if run.tracks else None,
         overrides=_typed(run),
         seed=metrics.get("seed"),
         trained_on=run.trained_on,
@@ -154,17 +187,6 @@ def load_run(folder: Path) -> Scored | None:
         wall_s=float(metrics.get("wall_s") or 0),
         curves=run.curves(CURVES),
     )
-
-
-def load_scored(folder: Path) -> Scored:
-    """Return a drive, a result of the benchmark or an evaluation.
-
-    Raises:
-        InputError: a file of the folder cannot be read.
-    """
-    if is_drive(folder):
-        return load_drive(folder)
-    return load_benchmark(folder) if is_benchmark(folder) else load_evaluation(folder)
 
 
 def load_drive(folder: Path) -> Scored:
@@ -177,26 +199,21 @@ def load_drive(folder: Path) -> Scored:
     """
     path = folder / SUMMARY_NAME
     summary = read_summary(path) if path.is_file() else {}
-    shown = _shown()
-    if any(name not in summary for name in shown):
+    if any(name not in summary for name in _shown()):
         summary = measure(read_drive(folder)) | summary
     figures = {
         name: float(summary[name])
-        for name in METRICS
-        if name in shown and summary.get(name) is not None and math.isfinite(summary[name])
+        for name in _shown()
+        if summary.get(name) is not None and math.isfinite(summary[name])
     }
     track = summary.get("track") or ", ".join(summary.get("recording") or []) or UNKNOWN
-    counts = {}
-    if "autonomy" in figures:
-        counts[track] = Count(int(not figures["interventions"]), 1)
+    is_clean = int(not figures.get("interventions"))
     return Scored(
         folder=folder,
         name=str(summary.get("checkpoint") or "-"),
         settings=f"the drive in {folder.resolve()}",  # unique: no other drive repeats it
-        autonomy=figures.get("autonomy"),
-        cte_m=figures.get("cte_mean_m"),
         tracks={track: figures},
-        counts=counts,
+        counts={track: (is_clean, 1)} if "autonomy" in figures else {},
         source=summary.get("drive") or "",
         mph=summary.get("set_mph"),
     )
@@ -206,10 +223,12 @@ def load_evaluation(folder: Path) -> Scored:
     """Return the means over an evaluation's drives.
 
     Raises:
-        InputError: `metrics.json` cannot be read.
+        InputError: `metrics.json` cannot be read, or is not that of an evaluation.
     """
     metrics = read_metrics_file(folder)
     tracks = {name: one for name, one in (metrics.get("tracks") or {}).items() if one}
+    if not tracks:
+        raise InputError(f"{folder / METRICS_NAME}: tracks: is missing; name an evaluation")
     return Scored(
         folder=folder,
         name=str(metrics.get("checkpoint") or "-"),
@@ -246,32 +265,18 @@ def load_benchmark(folder: Path) -> Scored:
         folder=folder,
         name=result.entry,
         settings=f"the benchmark in {folder.resolve()}",  # unique: no other one repeats it
-        autonomy=figures.get("autonomy"),
-        cte_m=figures["cte_mean_m"],
         tracks={suite: figures},
-        counts={suite: Count(clean, len(drives))},
+        counts={suite: (clean, len(drives))},
         source=BENCHMARK,
     )
 
 
-def is_benchmark(folder: Path) -> bool:
-    """Return whether `drivezoo benchmark` wrote a folder."""
-    return (folder / "result.json").is_file()
+# By the file that a folder has; the first counts.
+READERS = {LOG_NAME: load_drive, RESULT_NAME: load_benchmark, METRICS_NAME: load_evaluation}
 
 
-def is_evaluation(folder: Path) -> bool:
-    """Return whether `drivezoo evaluate` wrote a folder; True if its figures are damaged."""
-    if not (folder / METRICS_NAME).is_file():
-        return False
-    try:
-        return bool(read_metrics_file(folder).get("tracks"))
-    except InputError:
-        return True
-
-
-def is_drive(folder: Path) -> bool:
-    """Return whether a folder holds a drive."""
-    return (folder / LOG_NAME).is_file()
+def _reader(folder: Path) -> Callable[[Path], Scored] | None:
+    return next((read for name, read in READERS.items() if (folder / name).is_file()), None)
 
 
 def _shown() -> list[str]:
@@ -285,16 +290,11 @@ def _of_tracks(tracks: dict[str, dict]) -> dict:
         name: {key: float(one[key][0]) for key in _shown() if one.get(key)}
         for name, one in tracks.items()
     }
-    counts = {
-        name: Count(one["drives_without_intervention"], one["drives"])
-        for name, one in tracks.items()
-        if one.get("drives_without_intervention") is not None and one.get("drives") is not None
+    pairs = {name: (one.get(CLEAN), one.get("drives")) for name, one in tracks.items()}
+    return {
+        "tracks": means,
+        "counts": {name: pair for name, pair in pairs.items() if None not in pair},
     }
-    overall = {}
-    for field_name, key in (("autonomy", "autonomy"), ("cte_m", "cte_mean_m")):
-        values = [one[key] for one in means.values() if key in one]
-        overall[field_name] = float(np.mean(values)) if values else None
-    return {"tracks": means, "counts": counts, **overall}
 
 
 def _settings(run: Run) -> str:

@@ -16,10 +16,8 @@ from zoo.base.parts import typed_parts
 from zoo.base.terminal import command_line
 from zoo.base.whole_file import refuse_links_out
 from zoo.base.written_files import note_files
-from zoo.cli.closing_lines import print_written
 from zoo.cli.compose import conf_folder, quote, quote_paths
-from zoo.leaderboard.ranking_page import Ranking, following, print_ranking, write_page
-from zoo.leaderboard.ranking_table import wide_console
+from zoo.leaderboard.ranking_page import Ranking, wide_console
 from zoo.runs.run_folder import check_name
 from zoo.runs.saved_config import split_trust
 from zoo.runs.status import read_status
@@ -140,12 +138,10 @@ def conclude(folder: Path, console: Console) -> None:
     """
     folders = records.job_folders(folder)
     title = f"{len(folders)} jobs, the best driver first"
-    ranking = Ranking.read(folders, folder)
-    entries, unranked = ranking.entries, ranking.unranked
-    print_ranking(ranking, title, console, PAGE)
-    page = write_page(folder / PAGE, f"Sweep {folder.name}", entries, unranked, folder)
-    print_written([page], following(entries), console)
-    failed = [run for run in unranked if run.why in ("failed", "stopped")]
+    ranking = Ranking.read(folders, folder, title=title)
+    ranking.written.append(ranking.write_page(folder / PAGE, f"Sweep {folder.name}"))
+    ranking.show(console)
+    failed = [run for run in ranking.unranked if run.why in ("failed", "stopped")]
     if failed:
         reasons = "; ".join(f"{run.folder.name}: {run.reason or 'it was killed'}" for run in failed)
         raise InputError(
