@@ -1,25 +1,59 @@
-"""Augmentations: transforms that albumentations lacks, and their use on a batch.
+"""Augmentations: changes that albumentations lacks, and their use on a batch.
 
-A transform changes a view's image and may change the steering. A new one is a class of
-albumentations, or a class here, and a YAML in `conf/augment`.
+An augmentation is a class of albumentations, or a `Change`, and a YAML file in `conf/augment`.
 
-Our transforms also change a whole batch in place: `draw_batch` draws for all images, and
-`change_one` calls the same OpenCV functions as albumentations, without its checks and copies, which
-cost ten times as much as the change: 50 us per image of 66 x 200 for all three, against 600.
+A `Change` draws for a whole batch. On the CPU it changes each image in place with OpenCV, without
+the checks and copies of albumentations, which cost ten times as much as the change: 50 us per image
+of 66 x 200 for all three, against 600. On the device that trains it changes the batch at once.
 """
 
 import os
+from collections.abc import Iterator
 
 os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # disables its version check online
 
 import albumentations
 import cv2
 import numpy as np
+import torch
+from torch import Tensor
 
+from datamodules.device_augment import darkened, from_rgb, lit, moved, to_rgb
+from datamodules.image import FRAME_WIDTH
 from datamodules.view import CODES
 
+Place = tuple[int, int]  # first index of a shard in its batch, and the batch's size
 
-class Brightness(albumentations.ImageOnlyTransform):
+
+class Change:
+    """Base of augmentations that change a batch by the same draws on the CPU and on a device.
+
+    Attributes:
+        p: probability that a sample is changed, 0..1.
+        lighting: whether it changes the light alone, which saturation does not show.
+    """
+
+    p: float
+    lighting = False
+
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+        """Return random values, float64 [n, K], of the images of a batch of `shape`."""
+        raise NotImplementedError
+
+    def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
+        """Change an image, uint8 [H, W, C], in place by its values, float64 [K]."""
+        raise NotImplementedError
+
+    def change_all(self, images: Tensor, drawn: Tensor) -> Tensor:
+        """Return images, float32 [n, C, H, W], 0..255, changed by values, float32 [n, K]."""
+        raise NotImplementedError
+
+    def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        """Return the corrected steering, -1..1 [n, targets], by values [n, K]."""
+        return steering
+
+
+class Brightness(Change):
     """Scale the V channel of HSV by a random factor, as the course's solutions do.
 
     Red, green and blue are scaled equally, but never beyond white: hue and saturation do not
@@ -33,61 +67,60 @@ class Brightness(albumentations.ImageOnlyTransform):
     lighting = True
 
     def __init__(self, scale: tuple[float, float] = (0.25, 1.25), p: float = 1.0) -> None:
-        super().__init__(p=p)
-        self.scale = tuple(scale)
+        self.scale, self.p = tuple(scale), p
 
-    def get_params(self) -> dict:
-        """Draw the factor."""
-        return {"factor": self.py_random.uniform(*self.scale)}
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+        """Return factors."""
+        return rng.uniform(*self.scale, (shape[0], 1))
 
-    def apply(self, img: np.ndarray, factor: float, **_: object) -> np.ndarray:
-        """Return the image with another brightness."""
-        lit = img.copy()
-        _light(lit, factor)
-        return lit
+    def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
+        """Scale an image in place."""
+        factor = float(drawn[0])
+        if factor <= 1 or image.shape[2] == 1:
+            cv2.convertScaleAbs(image, image, alpha=factor)
+            return
+        hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
+        hsv[:, :, 2] = cv2.convertScaleAbs(hsv[:, :, 2], alpha=factor)
+        cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB, image)
 
-    def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """Return `apply`'s arguments for each image of a batch of `shape`."""
-        low, high = self.scale
-        return [{"factor": factor} for factor in rng.uniform(low, high, shape[0])]
-
-    def change_one(self, image: np.ndarray, factor: float) -> None:
-        """Change one image in place, as `apply`."""
-        _light(image, factor)
+    def change_all(self, images: Tensor, drawn: Tensor) -> Tensor:
+        """Return scaled images."""
+        return lit(images, drawn[:, 0])
 
 
-class Shadow(albumentations.RandomShadow):
-    """The shadow of albumentations, marked as a change of light."""
+class Shadow(Change, albumentations.RandomShadow):
+    """The shadow of albumentations, within half a grey level."""
 
     lighting = True
 
-    def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """Return `apply`'s arguments for each image of a batch of `shape`."""
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+        """Return each shadow's corners (column, row) and intensity, which is 0 without a shadow."""
         left, top, right, bottom = self.shadow_roi
         low = np.array([left * shape[2], top * shape[1]], int)
         high = np.array([right * shape[2], bottom * shape[1]], int)
         fewest, most = self.num_shadows_limit
-        faintest, darkest = self.shadow_intensity_range
         corners = rng.integers(low, high, (shape[0], most, self.shadow_dimension, 2))
-        intensities = rng.uniform(faintest, darkest, (shape[0], most))
+        intensities = rng.uniform(*self.shadow_intensity_range, (shape[0], most))
         counts = rng.integers(fewest, most + 1, shape[0])
-        return [
-            {"vertices_list": corners[at, :count], "intensities": intensities[at, :count]}
-            for at, count in enumerate(counts)
-        ]
+        intensities[np.arange(most) >= counts[:, None]] = 0
+        values = [corners.reshape(shape[0], most, -1), intensities[:, :, None]]
+        return np.concatenate(values, 2).reshape(shape[0], -1)
 
-    def change_one(
-        self, image: np.ndarray, vertices_list: np.ndarray, intensities: np.ndarray
-    ) -> None:
-        """Change one image in place, as `apply` within half a grey level."""
-        for vertices, intensity in zip(vertices_list, intensities, strict=True):
+    def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
+        """Darken an image in place."""
+        for *corners, intensity in drawn.reshape(-1, 2 * self.shadow_dimension + 1):
             mask = np.zeros(image.shape[:2], np.uint8)
-            cv2.fillPoly(mask, [vertices.astype(np.int32)], 255)
-            dark = cv2.convertScaleAbs(image, alpha=1 - intensity)
-            cv2.copyTo(dark, mask, image)
+            cv2.fillPoly(mask, [np.array(corners, np.int32).reshape(-1, 2)], 255)
+            cv2.copyTo(cv2.convertScaleAbs(image, alpha=1 - intensity), mask, image)
+
+    def change_all(self, images: Tensor, drawn: Tensor) -> Tensor:
+        """Return darkened images."""
+        for shadow in drawn.unflatten(1, (-1, 2 * self.shadow_dimension + 1)).unbind(1):
+            images = darkened(images, shadow[:, :-1].unflatten(1, (-1, 2)), shadow[:, -1])
+        return images
 
 
-class Shift(albumentations.ImageOnlyTransform):
+class Shift(Change):
     """Shift sideways, with the steering corrected per pixel, and up or down, as on slopes.
 
     A car that is too far left sees the scenery moved to the right, and must steer right.
@@ -108,72 +141,70 @@ class Shift(albumentations.ImageOnlyTransform):
         steering_per_pixel: float = 0.004,
         p: float = 0.5,
     ) -> None:
-        super().__init__(p=p)
-        self.pixels, self.rows, self.steering_per_pixel = pixels, rows, steering_per_pixel
+        self.pixels, self.rows, self.steering_per_pixel, self.p = (
+            pixels,
+            rows,
+            steering_per_pixel,
+            p,
+        )
 
-    @property
-    def targets(self) -> dict:
-        """Return functions by target: images as usual, and `steering`."""
-        return {**super().targets, "steering": self.apply_to_steering}
-
-    def get_params(self) -> dict:
-        """Draw the shift."""
-        return {
-            "right": self.py_random.uniform(-self.pixels, self.pixels),
-            "down": self.py_random.uniform(-self.rows, self.rows),
-        }
-
-    def apply(self, img: np.ndarray, right: float, down: float, **_: object) -> np.ndarray:
-        """Return the shifted image."""
-        height, width = img.shape[:2]
-        # It repeats the edge. The result is within a grey level of warpAffine's, in half the time.
-        center = (width - 1) / 2 - right * width / 320, (height - 1) / 2 - down
-        return _shape_like(cv2.getRectSubPix(img, (width, height), center), img)
-
-    def apply_to_steering(self, steering: float, right: float, **_: object) -> float:
-        """Return the corrected steering, -1..1."""
-        return float(np.clip(steering + right * self.steering_per_pixel, -1, 1))
-
-    def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """Return `apply`'s arguments for each image of a batch of `shape`."""
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+        """Return shifts to the right and down."""
         right = rng.uniform(-self.pixels, self.pixels, shape[0])
-        down = rng.uniform(-self.rows, self.rows, shape[0])
-        return [{"right": x, "down": y} for x, y in zip(right, down, strict=True)]
+        return np.stack([right, rng.uniform(-self.rows, self.rows, shape[0])], 1)
 
-    def change_one(self, image: np.ndarray, right: float, down: float) -> None:
-        """Change one image in place, as `apply`."""
-        image[:] = self.apply(image, right, down)
+    def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
+        """Shift an image in place; its edges are repeated."""
+        height, width = image.shape[:2]
+        # The result is within a grey level of warpAffine's, in half the time.
+        center = (width - 1) / 2 - drawn[0] * width / FRAME_WIDTH, (height - 1) / 2 - drawn[1]
+        image[:] = cv2.getRectSubPix(image, (width, height), center).reshape(image.shape)
+
+    def change_all(self, images: Tensor, drawn: Tensor) -> Tensor:
+        """Return shifted images."""
+        return moved(images, drawn[:, :1] * (images.shape[3] / FRAME_WIDTH), drawn[:, 1])
+
+    def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        """Return the steering corrected by the columns of the shift."""
+        return np.clip(steering + drawn[:, :1] * self.steering_per_pixel, -1, 1)
 
 
 class Augment:
-    """A sequence of transforms for images of one colour.
+    """A sequence of augmentations for images of one colour.
 
     They apply to RGB: a `bgr`, `yuv`, `yuv_old` or `hsv` image is converted to RGB and back.
     Changes of light are left out for saturation (`hsv_s`).
+
+    Args:
+        transforms: changes of ours, and transforms of albumentations.
+        colour: colour of the view.
+
+    Attributes:
+        cpu_only: names of the transforms that a device does not have.
     """
 
-    def __init__(self, transforms: list[albumentations.BasicTransform], colour: str) -> None:
+    def __init__(
+        self, transforms: list[Change | albumentations.BasicTransform], colour: str
+    ) -> None:
         if colour == "hsv_s":
             transforms = [one for one in transforms if not getattr(one, "lighting", False)]
         self.transforms, self.colour = transforms, colour
-        self.changes = [_change_of(one) for one in transforms]
+        self.cpu_only = [type(one).__name__ for one in transforms if not isinstance(one, Change)]
+        self._composed = [
+            None if isinstance(one, Change) else albumentations.Compose([one], seed=0)
+            for one in transforms
+        ]
 
     def __call__(
         self, images: np.ndarray, steering: np.ndarray, seed: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return uint8 [N, H, W, C] images and float32 [N] steering, changed by `seed`."""
-        if not self.changes:
-            return images, steering
         changed, corrected = images.copy(), steering.copy()
         self.in_place(changed, corrected, seed)
         return changed, corrected
 
     def in_place(
-        self,
-        images: np.ndarray,
-        steering: np.ndarray,
-        seed: int,
-        place: tuple[int, int] | None = None,
+        self, images: np.ndarray, steering: np.ndarray, seed: int, place: Place | None = None
     ) -> None:
         """Change images and steering in place; all of a window's images and steering alike.
 
@@ -184,98 +215,85 @@ class Augment:
             place: first index of a shard in its batch, and the batch's size; a shard is changed
                 exactly as within the whole batch. None for a whole batch.
         """
-        if not self.changes or not len(images):
+        if not self.transforms or not len(images):
             return
         place = place or (0, len(images))
-        from_rgb, to_rgb = CODES.get(self.colour, (None, None))
+        from_rgb_code, to_rgb_code = CODES.get(self.colour, (None, None))
         if images.ndim == 4:
             images, steering = images[:, None], steering[:, None]
-        if to_rgb is not None:
-            _convert(images, to_rgb)
-        # Each transform has its own random stream. With one stream for all, as in albumentations,
-        # every shifted image would also be blurred.
-        streams = np.random.SeedSequence(seed).spawn(len(self.changes))
-        for change, stream in zip(self.changes, streams, strict=True):
-            change(images, steering, np.random.default_rng(stream), place)
-        if from_rgb is not None:
-            _convert(images, from_rgb)
+        if to_rgb_code is not None:
+            _convert(images, to_rgb_code)
+        streams = self._streams(seed)
+        for transform, compose, rng in zip(self.transforms, self._composed, streams, strict=True):
+            if compose is None:
+                chosen, drawn = _draw(transform, images.shape[2:], len(images), rng, place)
+                # One thread: with several, Python's lock lets only one run between OpenCV's calls.
+                for frames, values in zip(chosen.tolist(), drawn, strict=True):
+                    for image in images[frames]:
+                        transform.change_one(image, values)
+                steering[chosen] = transform.steer(steering[chosen], drawn)
+                continue
+            first, whole = place
+            seeds = rng.integers(2**31, size=whole)[first : first + len(images)]
+            for window, own in zip(images, seeds.tolist(), strict=True):
+                for image in window:
+                    transform.set_random_seed(own)  # the same draws for the whole window
+                    image[:] = compose(image=image)["image"].reshape(image.shape)
+        if from_rgb_code is not None:
+            _convert(images, from_rgb_code)
+
+    def on_device(
+        self, images: Tensor, steering: np.ndarray, seed: int, place: Place | None = None
+    ) -> tuple[Tensor, np.ndarray]:
+        """Return images on a device, and steering, changed as by `in_place` but for rounding."""
+        if not self.transforms or not len(images):
+            return images, steering
+        place, shape, whole_shape = place or (0, len(images)), images.shape[-3:], steering.shape
+        steering, sequence = steering.reshape(len(images), -1), images.shape[:-3].numel()
+        sequence //= len(images)
+        changed = to_rgb(images.reshape(-1, *shape).permute(0, 3, 1, 2).float(), self.colour)
+        for change, rng in zip(self.transforms, self._streams(seed), strict=True):
+            chosen, drawn = _draw(change, shape, len(images), rng, place)
+            if not len(chosen):
+                continue
+            each = np.repeat(drawn.astype(np.float32), sequence, axis=0)  # a window's change alike
+            values = torch.from_numpy(each).to(images.device, non_blocking=True)
+            if len(chosen) == len(images):
+                changed = change.change_all(changed, values)
+            else:
+                frames = (chosen[:, None] * sequence + np.arange(sequence)).ravel()
+                at = torch.from_numpy(frames).to(images.device, non_blocking=True)
+                changed = changed.index_copy(0, at, change.change_all(changed[at], values))
+            steering = steering.copy()
+            steering[chosen] = change.steer(steering[chosen], drawn)
+        changed = from_rgb(changed, self.colour).round().clamp(0, 255)
+        rounded = changed.to(torch.uint8, memory_format=torch.channels_last)
+        return rounded.permute(0, 2, 3, 1).reshape(images.shape), steering.reshape(whole_shape)
+
+    def _streams(self, seed: int) -> Iterator[np.random.Generator]:
+        """Yield a random stream for each transform.
+
+        With one stream for all, as in albumentations, every shifted image would also be blurred.
+        """
+        return map(np.random.default_rng, np.random.SeedSequence(seed).spawn(len(self.transforms)))
 
 
-class _OneByOne:
-    """A transform of albumentations, applied to a batch of windows in place."""
-
-    def __init__(self, transform: albumentations.BasicTransform) -> None:
-        self.transform = transform
-        self.compose = albumentations.Compose([transform], seed=0)
-
-    def __call__(
-        self,
-        images: np.ndarray,
-        steering: np.ndarray,
-        rng: np.random.Generator,
-        place: tuple[int, int],
-    ) -> None:
-        first, whole = place
-        seeds = rng.integers(2**31, size=whole)[first : first + len(images)]
-        steers = "steering" in self.transform.targets
-        for frames, angles, seed in zip(images, steering, seeds.tolist(), strict=True):
-            # Angles without a frame first, with the last frame before it changes.
-            for at in reversed(range(len(angles) if steers else len(frames))):
-                self.transform.set_random_seed(seed)  # the same draws for the whole window
-                image = frames[min(at, len(frames) - 1)]
-                result = self.compose(image=image, steering=float(angles[at]))
-                if at < len(frames):
-                    image[:] = result["image"].reshape(image.shape)
-                angles[at] = result["steering"]
-
-
-class _AllAtOnce:
-    """One of our transforms, applied to a batch of windows in place."""
-
-    def __init__(self, transform: albumentations.BasicTransform) -> None:
-        self.transform = transform
-        self.steers = hasattr(transform, "apply_to_steering")
-
-    def __call__(
-        self,
-        images: np.ndarray,
-        steering: np.ndarray,
-        rng: np.random.Generator,
-        place: tuple[int, int],
-    ) -> None:
-        first, whole = place
-        chosen = np.flatnonzero(rng.random(whole) < self.transform.p)
-        draws = self.transform.draw_batch((len(chosen), *images.shape[2:]), rng)
-        ours = slice(*np.searchsorted(chosen, [first, first + len(images)]))
-        # One thread: with several, Python's lock lets only one run between OpenCV's calls.
-        for index, drawn in zip((chosen[ours] - first).tolist(), draws[ours], strict=True):
-            for image in images[index]:
-                self.transform.change_one(image, **drawn)
-            if self.steers:
-                for at, angle in enumerate(steering[index]):
-                    steering[index, at] = self.transform.apply_to_steering(angle, **drawn)
-
-
-def _change_of(transform: albumentations.BasicTransform) -> "_OneByOne | _AllAtOnce":
-    return (_AllAtOnce if hasattr(transform, "change_one") else _OneByOne)(transform)
-
-
-def _light(image: np.ndarray, factor: float) -> None:
-    """Scale V of HSV in place."""
-    if factor <= 1 or image.shape[2] == 1:
-        cv2.convertScaleAbs(image, image, alpha=factor)
-        return
-    hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
-    hsv[:, :, 2] = cv2.convertScaleAbs(hsv[:, :, 2], alpha=factor)
-    cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB, image)
+def _draw(
+    change: Change,
+    shape: tuple[int, ...],
+    count: int,
+    rng: np.random.Generator,
+    place: Place,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the changed samples of a shard, int64 [n], and their values, float64 [n, K]."""
+    first, whole = place
+    chosen = np.flatnonzero(rng.random(whole) < change.p)
+    drawn = change.draw((len(chosen), *shape), rng)
+    ours = slice(*np.searchsorted(chosen, [first, first + count]))
+    return chosen[ours] - first, drawn[ours]
 
 
 def _convert(images: np.ndarray, code: int) -> None:
     """Convert the colours of images uint8 [..., H, W, 3] in place, all as one tall image."""
     tall = images.reshape(-1, *images.shape[-2:])
     cv2.cvtColor(tall, code, tall)
-
-
-def _shape_like(image: np.ndarray, original: np.ndarray) -> np.ndarray:
-    """Restore a last axis of one, which OpenCV drops."""
-    return image.reshape(original.shape)

@@ -4,14 +4,13 @@ A recording holds only the bends of its own track; a network has to steer throug
 camera's geometry follows how a flat road looks when it bends more, or the other way.
 """
 
-import os
-
-os.environ.setdefault("NO_ALBUMENTATIONS_UPDATE", "1")  # disables its version check online
-
-import albumentations
 import cv2
 import numpy as np
+import torch
+from torch import Tensor
 
+from datamodules.augment import Change
+from datamodules.device_augment import moved
 from datamodules.image import FRAME_HEIGHT, FRAME_WIDTH
 from zoo.base.rig import UDACITY
 
@@ -45,7 +44,7 @@ def added_steering(curvature: np.ndarray | float, begin: np.ndarray | float) -> 
     return due * np.degrees(np.arctan(UDACITY.wheelbase_m * curvature)) / UDACITY.steering_deg
 
 
-class Bend(albumentations.ImageOnlyTransform):
+class Bend(Change):
     """Bend the road ahead as if it lay on flat ground, and steer accordingly.
 
     A ground point s metres beyond the bend's start moves sideways by curvature * s^2 / 2, and
@@ -74,67 +73,50 @@ class Bend(albumentations.ImageOnlyTransform):
         begun: float = 0.5,
         p: float = 0.5,
     ) -> None:
-        super().__init__(p=p)
         self.curvature, self.length_m, self.ahead_m = curvature, tuple(length_m), ahead_m
-        self.begun = begun
+        self.begun, self.p = begun, p
         self.crop = (0, 0)
 
-    @property
-    def targets(self) -> dict:
-        """Return functions by target: images as usual, and `steering`."""
-        return {**super().targets, "steering": self.apply_to_steering}
-
-    def get_params(self) -> dict:
-        """Draw a bend."""
-        return self.draw_batch((1,), np.random.default_rng(self.py_random.getrandbits(64)))[0]
-
-    def apply(
-        self, img: np.ndarray, curvature: float, begin: float, length: float, **_: object
-    ) -> np.ndarray:
-        """Return the bent image."""
-        height, width = img.shape[:2]
-        aside = self.columns_aside(height, curvature, begin, length) * width / FRAME_WIDTH
-        source = np.arange(width, dtype=np.float32) - aside[:, None].astype(np.float32)
-        rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
-        bent = cv2.remap(img, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
-        return bent.reshape(img.shape)  # OpenCV drops a last axis of one
-
-    def apply_to_steering(
-        self, steering: float, curvature: float, begin: float, **_: object
-    ) -> float:
-        """Return the corrected steering, -1..1."""
-        return float(np.clip(steering + added_steering(curvature, begin), -1, 1))
+    def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+        """Return the added steering, and each row's move to the right in columns of the view."""
+        count = shape[0]
+        curvature = rng.uniform(-self.curvature, self.curvature, count)
+        length = rng.uniform(*self.length_m, count)
+        ahead = rng.uniform(-UDACITY.rear_axle_m, self.ahead_m, count)
+        begin = np.where(rng.random(count) < self.begun, -UDACITY.rear_axle_m, ahead)
+        aside = self.columns_aside(shape[1], curvature, begin, length)
+        added = added_steering(curvature, begin)
+        return np.column_stack([added, aside * shape[2] / FRAME_WIDTH])
 
     def columns_aside(
-        self, height: int, curvature: float, begin: float, length: float
+        self, height: int, curvature: np.ndarray, begin: np.ndarray, length: np.ndarray
     ) -> np.ndarray:
-        """Return how far each of a view's rows moves to the right, float64 [height].
+        """Return how far each of a view's rows moves to the right in bends, float64 [n, height].
 
         The unit is a column of the recording's 320.
         """
         top, bottom = self.crop
         rows = top + (np.arange(height) + 0.5) * (FRAME_HEIGHT - top - bottom) / height - 0.5
         ahead = metres_ahead(rows)  # rows above the horizon move with the farthest ground
-        along = np.maximum(ahead + CAMERA.ahead_m - begin, 0)
-        bent = np.minimum(along, length)
-        metres = curvature * (bent**2 / 2 + bent * (along - bent))
+        along = np.maximum(ahead + CAMERA.ahead_m - begin[:, None], 0)
+        bent = np.minimum(along, length[:, None])
+        metres = curvature[:, None] * (bent**2 / 2 + bent * (along - bent))
         return np.clip(
             CAMERA.focal_px * metres / depth_of(ahead), -FRAME_WIDTH / 2, FRAME_WIDTH / 2
         )
 
-    def draw_batch(self, shape: tuple[int, ...], rng: np.random.Generator) -> list[dict]:
-        """Return `apply`'s arguments for each image of a batch of `shape`."""
-        count = shape[0]
-        curvature = rng.uniform(-self.curvature, self.curvature, count)
-        shortest, longest = self.length_m
-        length = rng.uniform(shortest, longest, count)
-        ahead = rng.uniform(-UDACITY.rear_axle_m, self.ahead_m, count)
-        begin = np.where(rng.random(count) < self.begun, -UDACITY.rear_axle_m, ahead)
-        return [
-            {"curvature": one, "begin": start, "length": metres}
-            for one, start, metres in zip(curvature, begin, length, strict=True)
-        ]
+    def change_one(self, image: np.ndarray, drawn: np.ndarray) -> None:
+        """Bend an image in place."""
+        height, width = image.shape[:2]
+        source = np.arange(width, dtype=np.float32) - drawn[1:, None].astype(np.float32)
+        rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
+        bent = cv2.remap(image, source, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        image[:] = bent.reshape(image.shape)  # OpenCV drops a last axis of one
 
-    def change_one(self, image: np.ndarray, curvature: float, begin: float, length: float) -> None:
-        """Change one image in place, as `apply`."""
-        image[:] = self.apply(image, curvature, begin, length)
+    def change_all(self, images: Tensor, drawn: Tensor) -> Tensor:
+        """Return bent images."""
+        return moved(images, drawn[:, 1:], torch.zeros_like(drawn[:, 0]), beyond="reflection")
+
+    def steer(self, steering: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+        """Return the steering with that of the bend."""
+        return np.clip(steering + drawn[:, :1], -1, 1)

@@ -10,7 +10,6 @@ from torch.utils.data import Dataset
 
 from datamodules.balance import BatchKey
 from datamodules.batches import Batch, TrainingBatches, make_targets
-from datamodules.device_augment import DeviceAugment
 from datamodules.row_views import RowViews
 
 RESIDENT_SHARE = 0.5  # of the memory that is free when training begins
@@ -26,16 +25,12 @@ class DeviceBatches(Dataset):
         batches: batches by key, which draw the random values.
         device: device that trains.
         room: most bytes that the views may take; None for half of the free memory.
-
-    Raises:
-        InputError: a transform has no equivalent on a device.
     """
 
     def __init__(
         self, batches: TrainingBatches, device: torch.device, room: int | None = None
     ) -> None:
         self.batches, self.device = batches, device
-        self.augment = DeviceAugment(batches.augment.transforms, batches.augment.colour)
         views = batches.views
         room = int(RESIDENT_SHARE * _free_bytes(device)) if room is None else room
         self.resident: Tensor | None = None
@@ -51,7 +46,7 @@ class DeviceBatches(Dataset):
             flips = self._copy(mirrored).reshape(-1, *[1] * (images.ndim - 1))
             images = torch.where(flips, images.flip(-2), images)
         place = (key.share.start, len(key.samples))
-        images, steering = self.augment(images, steering, seed, place)
+        images, steering = self.batches.augment.on_device(images, steering, seed, place)
         targets = make_targets(steering, throttle)
         flat = targets.reshape(len(own), math.prod(targets.shape[1:]))
         labels = self._copy(np.column_stack([flat, samples.speed_mph[own]]))

@@ -22,7 +22,6 @@ from datamodules.batches import (
     TrainingBatches,
     unchanged,
 )
-from datamodules.device_augment import DeviceAugment, without_equivalent
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving_log import CAMERAS
 from datamodules.features import FeatureBatches
@@ -264,15 +263,16 @@ class DrivingData(lightning.LightningDataModule):
         """
         if self.augment_on == "cpu" or (self.augment_on == "auto" and device.type == "cpu"):
             return None
-        missing = without_equivalent(self.augment.transforms)
-        if missing and self.augment_on == "auto":
-            console.print(
-                f"augmented on the CPU: the device has no equivalent of {', '.join(missing)}",
-                highlight=False,
+        missing = ", ".join(self.augment.cpu_only)
+        if missing and self.augment_on == "device":
+            raise InputError(
+                f"data.augment_on=device: {missing} has no equivalent on the device; leave it out "
+                "of augment=[...], or set data.augment_on=cpu"
             )
-            return None
-        DeviceAugment(self.augment.transforms, self.augment.colour)
-        return device
+        if missing:
+            line = f"augmented on the CPU: the device has no equivalent of {missing}"
+            console.print(line, highlight=False)
+        return None if missing else device
 
     def with_feed(
         self,

@@ -9,10 +9,10 @@ import pytest
 import torch
 from rich.console import Console
 
-from datamodules.augment import Augment, Brightness, Shadow, Shift
+from datamodules.augment import Augment, Brightness, Change, Shadow, Shift
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
-from datamodules.device_augment import EQUIVALENTS, DeviceAugment, polygons
+from datamodules.device_augment import polygons
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.image import decode_image
@@ -38,7 +38,7 @@ TRANSFORMS = {
 }
 
 
-def make(kind: type) -> albumentations.BasicTransform:
+def make(kind: type) -> Change:
     transform = kind(**TRANSFORMS[kind])
     if hasattr(transform, "crop"):
         transform.crop = (40, 20)
@@ -59,15 +59,11 @@ def as_rgb(hsv: np.ndarray) -> np.ndarray:
     return np.stack([view_to_rgb(image, "hsv") for image in hsv])
 
 
-def on_device(augment: DeviceAugment, images: np.ndarray, steering: np.ndarray, seed: int):
-    changed, steering = augment(torch.from_numpy(images), steering, seed)
+def on_device(augment: Augment, images: np.ndarray, steering: np.ndarray, seed: int):
+    changed, steering = augment.on_device(torch.from_numpy(images), steering, seed)
     assert changed.dtype == torch.uint8
     assert changed.is_contiguous()
     return changed.numpy(), steering
-
-
-def test_all_of_ours_have_an_equivalent() -> None:
-    assert set(TRANSFORMS) == set(EQUIVALENTS)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +79,7 @@ def test_with_the_same_seed_it_is_the_same_image_but_for_rounding(kind, colour, 
     images = views(frames, colour)
     steering = np.linspace(-1, 1, len(images), dtype=np.float32)
     one, steered = Augment([make(kind)], colour)(images, steering, seed=3)
-    other, steered_there = on_device(DeviceAugment([make(kind)], colour), images, steering, seed=3)
+    other, steered_there = on_device(Augment([make(kind)], colour), images, steering, seed=3)
     shown = [changed if colour != "hsv" else as_rgb(changed) for changed in (one, other)]
     difference = np.abs(shown[0].astype(int) - shown[1])  # a hue means little where it is grey
     assert difference.mean() < 0.4
@@ -101,7 +97,7 @@ def test_with_other_seeds_it_has_the_same_distribution(colour, frames) -> None:
     steering = np.zeros(len(images), np.float32)
     kinds = [make(kind) for kind in TRANSFORMS]
     one, steered = Augment(kinds, colour)(images, steering, seed=1)
-    other, steered_there = on_device(DeviceAugment(kinds, colour), images, steering, seed=2)
+    other, steered_there = on_device(Augment(kinds, colour), images, steering, seed=2)
     assert not np.array_equal(steered, steered_there)
     quantiles = [0.05, 0.25, 0.5, 0.75, 0.95]
     changes = [np.abs(after.astype(np.float32) - images).mean((1, 2, 3)) for after in (one, other)]
@@ -135,11 +131,12 @@ def test_polygons_are_filled_as_opencv_fills_them(size) -> None:
 @pytest.mark.parametrize("world", [2, 3])
 def test_shares_are_changed_as_within_the_whole(world, frames) -> None:
     images, steering = torch.from_numpy(views(frames, "rgb")), np.zeros(60, np.float32)
-    augment = DeviceAugment([make(kind) for kind in TRANSFORMS], "rgb")
-    whole, steered = augment(images, steering, 5)
+    augment = Augment([make(kind) for kind in TRANSFORMS], "rgb")
+    whole, steered = augment.on_device(images, steering, 5)
     for rank in range(world):
         share = BatchKey(0, 0, np.arange(60), rank, world).share
-        changed, corrected = augment(images[share], steering[share], 5, (share.start, 60))
+        place = share.start, 60
+        changed, corrected = augment.on_device(images[share], steering[share], 5, place)
         assert (changed.int() - whole[share].int()).abs().max() <= 1
         assert corrected.tolist() == steered[share].tolist()
 
@@ -201,9 +198,11 @@ def test_where_batches_are_made(data, monkeypatch, setting, device, augment, mad
         assert printed == ""
 
 
-def test_what_only_the_cpu_can_do_is_refused_on_a_device() -> None:
+def test_what_only_the_cpu_can_do_is_refused_on_a_device(data, monkeypatch) -> None:
+    monkeypatch.setattr(data, "augment_on", "device")
+    monkeypatch.setattr(data, "augment", Augment([Shift(), albumentations.GaussNoise()], "rgb"))
     with pytest.raises(InputError, match=r"GaussNoise has no equivalent .*; leave it out"):
-        DeviceAugment([Shift(), albumentations.GaussNoise()], "rgb")
+        data.choose_batch_device(CPU, Console(quiet=True))
 
 
 def test_another_place_to_augment_on_is_refused(recorded) -> None:

@@ -8,7 +8,6 @@ import torch
 from datamodules.augment import Augment, Brightness, Shadow, Shift
 from datamodules.balance import BatchKey
 from datamodules.bend import Bend
-from datamodules.device_augment import DeviceAugment
 from datamodules.device_batches import DeviceBatches
 from datamodules.driving import DrivingData
 from datamodules.samples import (
@@ -180,13 +179,13 @@ def test_a_window_is_augmented_as_one(name):
 
 @pytest.mark.parametrize("name", ["brightness", "shadow", "shift", "bend"])
 def test_a_window_on_the_device_is_augmented_as_one(name):
-    augment = DeviceAugment([TRANSFORMS[name]()], "yuv")
+    augment = Augment([TRANSFORMS[name]()], "yuv")
     images, steering = random_windows()
-    changed, turned = augment(torch.from_numpy(images), steering, seed=3)
+    changed, turned = augment.on_device(torch.from_numpy(images), steering, seed=3)
     assert changed.shape == images.shape
     for at in range(5):
         frame = torch.from_numpy(images[:, min(at, 2)].copy())
-        alone, angle = augment(frame, steering[:, at], seed=3)
+        alone, angle = augment.on_device(frame, steering[:, at], seed=3)
         if at < 3:
             assert torch.equal(changed[:, at], alone)
         np.testing.assert_array_equal(turned[:, at], angle)
